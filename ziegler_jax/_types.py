@@ -1,0 +1,91 @@
+"""Numbers that enter the library, and the names that annotations use.
+
+A number is concrete (Python, NumPy) or belongs to JAX (an array, a tracer). Concrete
+numbers stay NumPy float64 in a module, so that a scene built in a 32-bit session loses
+no digits in a 64-bit sweep; they are validated where they enter. Traced numbers cannot
+be validated then: they are checked inside the program and end a lane as `invalid`.
+"""
+
+import math
+from typing import Any
+
+import jax
+import numpy as np
+
+Scalar = Any  # a number, shape ()
+Pair = tuple[Scalar, Scalar]  # one number a joint, or one a rod
+Vector4 = tuple[Scalar, Scalar, Scalar, Scalar]  # phi1, phi2, omega1, omega2
+
+
+def is_concrete(x: Any) -> bool:
+    """Whether the value of `x` is known now, without JAX."""
+    return not isinstance(x, jax.Array)
+
+
+def equals(x: Any, value: float) -> bool:
+    """Whether `x` is known now to be `value`: then a term can be left out."""
+    return x is not None and is_concrete(x) and float(x) == value
+
+
+def number(name: str, x: Any, rule: str = "finite") -> Any:
+    """A scalar as a module keeps it: concrete ones as validated NumPy float64.
+
+    **Arguments:**
+
+    - `name`: the argument's name, for the sentence of the error.
+    - `x`: the value.
+    - `rule`: `finite`, `nonnegative` or `positive`.
+
+    **Raises:** `ValueError` if `x` is no scalar, or is concrete and breaks the rule.
+    """
+    if isinstance(x, jax.Array):
+        if x.shape != ():
+            raise ValueError(
+                f"Argument `{name}` must be a single number, but has shape {x.shape}; "
+                "use `jax.vmap` or `sweep` for many."
+            )
+        return x
+    if isinstance(x, (str, bytes)) or x is None:
+        raise ValueError(f"Argument `{name}` must be a number, but is {x!r}.")
+    try:
+        x = np.asarray(x, dtype=np.float64)[()]
+    except (TypeError, ValueError):
+        raise ValueError(f"Argument `{name}` must be a number, but is {x!r}.") from None
+    if np.ndim(x) != 0:
+        raise ValueError(
+            f"Argument `{name}` must be a single number, but has shape {np.shape(x)}; "
+            "use `jax.vmap` or `sweep` for many."
+        )
+    value = float(x)
+    good = math.isfinite(value)
+    if rule == "nonnegative":
+        good = good and value >= 0
+    elif rule == "positive":
+        good = good and value > 0
+    if not good:
+        rule = "finite" if rule == "finite" else f"finite and {rule}"
+        raise ValueError(f"Argument `{name}` must be {rule}, but is {value:g}.")
+    return x
+
+
+def pair(name: str, x: Any, rule: str = "finite") -> Pair:
+    """Two numbers, from a sequence or an array of length 2."""
+    try:
+        first, second = x
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"Argument `{name}` must be two numbers, but is {x!r}."
+        ) from None
+    return number(f"{name}[0]", first, rule), number(f"{name}[1]", second, rule)
+
+
+def number_or_pair(name: str, x: Any, rule: str = "finite") -> Any:
+    """One number for both joints, or a tuple with one a joint."""
+    if isinstance(x, (tuple, list)) or np.ndim(x) == 1:
+        return pair(name, x, rule)
+    return number(name, x, rule)
+
+
+def both(x: Any) -> Pair:
+    """A number or a pair, as a pair."""
+    return x if isinstance(x, tuple) else (x, x)

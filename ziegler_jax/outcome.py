@@ -1,0 +1,58 @@
+"""Why a lane ended, and which regime a linear column is in: one small integer each.
+
+A sweep runs thousands of lanes at once and cannot stop at one that fails; every lane
+therefore carries a code, and every code a sentence.
+"""
+
+import enum
+
+
+class _Coded(enum.IntEnum):
+    """An integer code with a sentence."""
+
+    sentence: str
+
+    def __new__(cls, value: int, sentence: str):
+        """Attach the sentence to the code."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.sentence = sentence
+        return member
+
+
+class OUTCOME(_Coded):
+    """How the motion of a lane ended, in order of precedence.
+
+    Everything below `unsettled` is a failure: the lane's numbers are NaN in a sweep.
+    """
+
+    not_computed = 0, "the point was left out or has not been computed yet"
+    invalid = 1, "the scene's numbers break a rule, e.g. mu_k > mu_s"
+    not_finite = 2, "the motion or its derivative is not a finite number"
+    step_vanished = 3, "no step, however small, met the tolerances"
+    budget_spent = 4, "the step budget was spent before the span was over"
+    escaped = 5, "a rod's angle passed the named bound, e.g. it turned over"
+    unsettled = 6, "no two consecutive windows agreed within the budget"
+    stuck = 7, "both joint rates stayed below the cut for a whole window"
+    rest = 8, "the same without friction: the column came to rest"
+    cycle = 9, "two consecutive windows agreed: the motion has settled"
+
+
+class REGIME(_Coded):
+    """The linear column's stability at phi = 0."""
+
+    not_computed = 0, "the point was left out or has not been computed yet"
+    invalid = 1, "the column's numbers break a rule, e.g. indefinite inertia"
+    stable = 2, "every small motion decays"
+    marginal = 3, "small motions neither decay nor grow (undamped, oscillating)"
+    flutter = 4, "a small motion grows oscillating: a complex pair Re s > 0"
+    divergence = 5, "a small motion grows without oscillating: a real s > 0"
+
+
+def flag_attributes(codes: type[_Coded]) -> dict[str, object]:
+    """The CF-convention attributes that explain a variable of such codes."""
+    return {
+        "flag_values": [int(code) for code in codes],
+        "flag_meanings": " ".join(code.name for code in codes),
+        "comment": "; ".join(f"{code.name}: {code.sentence}" for code in codes),
+    }
