@@ -7,7 +7,7 @@ therefore carries a code, and every code a sentence.
 import enum
 
 
-class _Coded(enum.IntEnum):
+class Code(enum.IntEnum):
     """An integer code with a sentence."""
 
     sentence: str
@@ -20,7 +20,7 @@ class _Coded(enum.IntEnum):
         return member
 
 
-class OUTCOME(_Coded):
+class OUTCOME(Code):
     """How the motion of a lane ended, in order of precedence.
 
     Everything below `unsettled` is a failure: the lane's numbers are NaN in a sweep.
@@ -38,7 +38,7 @@ class OUTCOME(_Coded):
     cycle = 9, "two consecutive windows agreed: the motion has settled"
 
 
-class REGIME(_Coded):
+class REGIME(Code):
     """The linear column's stability at phi = 0."""
 
     not_computed = 0, "the point was left out or has not been computed yet"
@@ -49,7 +49,7 @@ class REGIME(_Coded):
     divergence = 5, "a small motion grows without oscillating: a real s > 0"
 
 
-def flag_attributes(codes: type[_Coded]) -> dict[str, object]:
+def flag_attributes(codes: type[Code]) -> dict[str, object]:
     """The CF-convention attributes that explain a variable of such codes."""
     return {
         "flag_values": [int(code) for code in codes],
