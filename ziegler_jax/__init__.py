@@ -1,5 +1,6 @@
 """Flutter of the Ziegler column with dry friction: vectorised maps in JAX."""
 
+from ._cpu import configure_cpu
 from .column import (
     Column,
     State,
@@ -12,22 +13,38 @@ from .column import (
 )
 from .damping import Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
+from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .outcome import OUTCOME, REGIME
+from .simulate import Settled, Trajectory, settle, trajectory
+from .solvers import Explicit
+from .sweep import sweep
 
 __all__ = [
     "OUTCOME",
     "REGIME",
+    "Amplitude",
     "Column",
     "ConstantLoad",
+    "EnergyBalance",
+    "Explicit",
     "FollowerLoad",
     "JointReaction",
+    "Mean",
+    "Period",
+    "Settled",
     "SmoothCoulomb",
     "State",
+    "StickFraction",
+    "Trajectory",
     "Viscous",
+    "configure_cpu",
     "energy",
     "point_masses",
     "power",
     "reactions",
+    "settle",
+    "sweep",
+    "trajectory",
     "uniform_rods",
     "vector_field",
 ]
