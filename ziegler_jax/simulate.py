@@ -235,7 +235,7 @@ def trajectory(
         y0=y0,
         args=_known_tangential(column),
         stepsize_controller=dfx.ClipStepSizeController(
-            StepControl(rtol, atol),  # pyright: ignore[reportArgumentType]
+            StepControl(rtol, atol),  # pyright: ignore[reportCallIssue]
             step_ts=ts,
         ),
         saveat=dfx.SaveAt(ts=ts, solver_state=True),

@@ -10,6 +10,7 @@ from typing import Any
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
+import optimistix as optx
 
 from .._types import Scalar
 
@@ -30,7 +31,7 @@ class Signals(eqx.Module):
     done: Scalar  # 1 to end the lane after this step, if it is accepted; else 0
 
 
-class StepControl(dfx.AbstractStepSizeController):
+class StepControl(dfx.AbstractAdaptiveStepSizeController):
     """An integral controller without `pow`, which XLA calls lane by lane on a CPU.
 
     It ends a lane, with `dt_min_reached`, whose step vanishes or is NaN: such a lane
@@ -43,6 +44,11 @@ class StepControl(dfx.AbstractStepSizeController):
     rtol: Scalar
     atol: Scalar
     stop: Scalar = jnp.inf
+
+    @property
+    def norm(self):  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The root mean square; `adapt_step_size` has its square written out."""
+        return optx.rms_norm
 
     def wrap(self, direction):
         """Nothing to know of the direction: lanes run forward."""
