@@ -1,5 +1,6 @@
 """Lane solvers: diffrax solvers that run fast for thousands of lanes under vmap."""
 
+from ._materialise import if_any_lane
 from .control import ControlState, Signals, StepControl
 from .explicit import Explicit
 from .observed import AbstractFold, Observed, Step
@@ -12,4 +13,5 @@ __all__ = [
     "Signals",
     "Step",
     "StepControl",
+    "if_any_lane",
 ]

@@ -87,19 +87,19 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         signals = y_error if isinstance(y_error, Signals) else None
         error: Any = y_error if signals is None else signals.error
         stop, left = controller_state.stop, controller_state.left - 1
-        square = 0.0
+        square = jnp.zeros_like(y0[0])
         for e, a, b in zip(error, y0, y1_candidate, strict=True):
             scale = self.atol + self.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))
             square += (e / scale) ** 2
         square = square / len(error)
         keep = square <= 1
-        # the largest factor already belongs to square = 1e-10: keep log away from zero
-        power = -0.5 / error_order
-        factor = SAFETY * jnp.exp(power * jnp.log(jnp.maximum(square, 1e-30)))
+        # seven digits are plenty for a factor, and XLA vectorises the float32 logarithm
+        clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
+        factor = SAFETY * jnp.exp(-0.5 / error_order * jnp.log(clipped))
         factor = jnp.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR)
-        # an infinite or NaN error is no measure of the step
-        factor = jnp.where(jnp.isfinite(square), factor, SMALLEST_FACTOR)
-        h = (t1 - t0) * factor
+        # a NaN error is no measure of the step
+        factor = jnp.where(jnp.isnan(square), SMALLEST_FACTOR, factor)
+        h = (t1 - t0) * factor.astype(square.dtype)
         t = jnp.where(keep, t1, t0)
         # an accepted step may be as small as the stop it was cut to
         vanished = ~(keep | (h > SMALLEST_STEP * jnp.abs(t)))
