@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._legs import current_legs
-from ._types import Scalar, Vector4, equals, is_concrete, number
+from ._types import Scalar, Vector4, is_concrete, number
 from ._variables import Variable
 from ._windows import Windows
 from .column import Column, State, vector_field
@@ -142,7 +142,7 @@ def settle(
         rate_cut=_rate_cut(column, rate_cut),
         observers=_with_amplitude(observers, column),
     )
-    args = _known_tangential(column)
+    args = _prepared(column)
     watching = Observed(solver, watch)
     terms = dfx.ODETerm(vector_field)
     control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
@@ -260,7 +260,7 @@ def trajectory(
         t1=jnp.where(good, ts[-1], ts[0]),
         dt0=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
         y0=y0,
-        args=_known_tangential(column),
+        args=_prepared(column),
         stepsize_controller=dfx.ClipStepSizeController(
             StepControl(rtol, atol),  # pyright: ignore[reportCallIssue]
             step_ts=ts,
@@ -320,11 +320,14 @@ def _nan_where(failed: Any, values: Any) -> Any:
     return jax.tree.map(lambda x: jnp.where(failed, jnp.nan, x), values)
 
 
-def _known_tangential(column: Column) -> Column:
-    """Keep out of the program what a load along rod 2 does not need."""
-    if not equals(column.follower, 1.0):
-        return column
-    return eqx.tree_at(lambda c: c.follower, column, None)
+def _prepared(column: Column) -> Column:
+    """The column for one motion: what does not change along it is worked out."""
+    if column.friction is not None:
+        friction = column.friction.prepared(column.q)
+        column = eqx.tree_at(lambda c: c.friction, column, friction)
+    if column.tangential:
+        column = eqx.tree_at(lambda c: c.follower, column, None)
+    return column
 
 
 def _valid(column: Column, y0: Vector4) -> jax.Array:
