@@ -10,24 +10,39 @@ from .column import (
     uniform_rods,
     vector_field,
 )
-from .damping import Viscous
+from .critical import critical_load
+from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
-from .outcome import OUTCOME, REGIME
+from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
+from .outcome import CRITICAL, OUTCOME, REGIME
+from .sensitivity import sensitivity
+from .stabilise import stabilise
 
 __all__ = [
+    "CRITICAL",
     "OUTCOME",
     "REGIME",
+    "Air",
     "Column",
     "ConstantLoad",
     "FollowerLoad",
     "JointReaction",
     "SmoothCoulomb",
     "State",
+    "Sum",
     "Viscous",
+    "critical_load",
     "energy",
+    "linearise",
     "point_masses",
     "power",
     "reactions",
+    "regime",
+    "sensitivity",
+    "spectral_abscissa",
+    "spectrum",
+    "stabilise",
+    "tangent_column",
     "uniform_rods",
     "vector_field",
 ]
