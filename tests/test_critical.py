@@ -6,7 +6,6 @@ than a tenth of their mean, |gap| > 0.01 of the larger of f1^2 and 4 |f0 f2|.
 
 import jax
 import jax.numpy as jnp
-import mpmath as mp
 import numpy as np
 import pytest
 
@@ -56,8 +55,11 @@ def boundary(p, q, kind, damped):
     k = [[k0[i][j] + q * k1[i][j] for j in (0, 1)] for i in (0, 1)]
 
     def mixed(x, y):  # the part of det(x s + y) linear in s
-        return x[0][0] * y[1][1] + x[1][1] * y[0][0] - x[0][1] * y[1][0] - (
-            x[1][0] * y[0][1]
+        return (
+            x[0][0] * y[1][1]
+            + x[1][1] * y[0][0]
+            - x[0][1] * y[1][0]
+            - (x[1][0] * y[0][1])
         )
 
     def det(x):
@@ -73,13 +75,20 @@ def boundary(p, q, kind, damped):
 
 
 def closed_form(p, kind, damped):
-    """The smaller positive root of that quadratic, and its relative gap."""
-    f0, plus, minus = (boundary(p, q, kind, damped) for q in (0.0, 1.0, -1.0))
-    f1, f2 = (plus - minus) / 2, (plus + minus) / 2 - f0
+    """Both roots of that quadratic, and its relative gap."""
+
+    def at(q):
+        return boundary(p, q, kind, damped)
+
+    def slope(q):
+        return jax.jvp(at, (q,), (1.0,))[1]
+
+    f0, f1, f2 = at(0.0), slope(0.0), jax.jvp(slope, (0.0,), (1.0,))[1] / 2
     gap = f1 * f1 - 4 * f0 * f2
     size = jnp.maximum(f1 * f1, 4 * jnp.abs(f0 * f2))
-    # f0 > 0: the root with the larger 1/q; its sign says if there is one
-    return 2 * f0 / (jnp.sqrt(gap) - f1), gap / size
+    side = jnp.sqrt(jnp.where(gap > 0, gap, jnp.nan))
+    large = -(f1 + jnp.where(f1 < 0, -side, side))  # no cancellation
+    return jnp.stack([2 * f0 / large, large / (2 * f2)]), gap / size
 
 
 def close(value, exact, rtol=1e-12):
@@ -173,42 +182,45 @@ def test_the_first_loss_of_stability_is_where_eigenvalues_lose_it(damped):
             assert first[i] > 12 - 0.0201
 
 
+def kept(seed, n, kind, damped):
+    """Random columns with such a load, within the margin; the load; which root."""
+    p = random_parameters(seed, n)
+    found = jax.jit(jax.vmap(lambda p: load(p, kind, damped)))(p)
+    roots, gap = jax.vmap(lambda p: closed_form(p, kind, damped))(p)
+    keep = (np.asarray(found.outcome) >= CRITICAL.preceded) & (np.asarray(gap) > 0.01)
+    keep &= np.asarray(found.q) < 100  # beyond: a load that hardly follows or buckles
+    which = np.abs(roots - found.q[:, None]).argmin(axis=1)
+    return p[keep], np.asarray(found.q)[keep], np.asarray(roots)[keep], which[keep]
+
+
 @pytest.mark.parametrize("damped", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
-def test_derivatives_are_those_of_the_closed_form(kind, damped):
-    p = random_parameters(11, 10_000 if kind == "flutter" else 30_000)
-    found = jax.jit(jax.vmap(lambda p: load(p, kind, damped)))(p)
-    exact, gap = jax.vmap(lambda p: closed_form(p, kind, damped))(p)
-    keep = (np.asarray(found.outcome) >= CRITICAL.preceded) & (np.asarray(gap) > 0.01)
-    keep &= found.q < 100  # beyond, flutter of almost no follower load
-    p, q, exact = p[keep], found.q[keep], exact[keep]
-    assert len(p) > 3000
-    # divergence may be the second root (see _divergence): there the first is wrong
-    first = np.abs(q - exact) < 1e-6 * exact
-    assert first.mean() > 0.95
-    p, q, exact = p[first], q[first], exact[first]
-    np.testing.assert_allclose(q, exact, rtol=WORST["value"])
+def test_loads_and_derivatives_are_those_of_the_closed_form(kind, damped):
+    p, q, roots, which = kept(11, 26_000 if kind == "flutter" else 15_000, kind, damped)
+    p, q, roots, which = (x[:10_000] for x in (p, q, roots, which))
+    assert len(p) == 10_000
+    exact = np.take_along_axis(roots, which[:, None], axis=1)[:, 0]
+    np.testing.assert_allclose(q, exact, rtol=1e-12)  # worst measured 2.5e-13
 
-    def ours(p):
+    def ours(p, which):
         return load(p, kind, damped).q
 
-    def theirs(p):
-        return closed_form(p, kind, damped)[0]
+    def theirs(p, which):
+        return closed_form(p, kind, damped)[0][which]
 
-    want = jax.jit(jax.vmap(jax.grad(theirs)))(p)
+    want = jax.jit(jax.vmap(jax.grad(theirs)))(p, which)
     # an entry is compared to itself, or to a millionth of the largest elasticity
     floor = 1e-6 * jnp.max(jnp.abs(p * want), axis=1, keepdims=True) / jnp.abs(p)
     for way in (jax.grad, jax.jacfwd):
-        got = jax.jit(jax.vmap(way(ours)))(p)
+        got = jax.jit(jax.vmap(way(ours)))(p, which)
         error = jnp.abs(got - want) / (jnp.abs(want) + floor)
-        print(way.__name__, float(error.max()))
+        # worst measured 2e-10, damped: the closed form's own cancellation (against 50
+        # digits it is off by as much, ours by 1e-11)
         assert error.max() < 1e-9
-    p = p[:1000]
-    got = jax.jit(jax.vmap(jax.hessian(ours)))(p)
-    want = jax.jit(jax.vmap(jax.hessian(theirs)))(p)
+    p, which = p[:2000], which[:2000]
+    got = jax.jit(jax.vmap(jax.hessian(ours)))(p, which)
+    want = jax.jit(jax.vmap(jax.hessian(theirs)))(p, which)
     size = jnp.abs(p[:, :, None] * p[:, None, :])
     error = jnp.abs(got - want) * size
     error = error.max(axis=(1, 2)) / (jnp.abs(want) * size).max(axis=(1, 2))
-    print("hessian", float(error.max()))
-    assert error.max() < 1e-8
-WORST = {"value": 1e-9}
+    assert error.max() < 1e-9  # worst measured 2e-12

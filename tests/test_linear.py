@@ -70,7 +70,9 @@ def test_undamped_damping_matrix_is_zero():
 def test_spectrum_is_that_of_the_field():
     p = random_numbers(1, 200)
     ours = np.asarray(jax.vmap(lambda p: zj.spectrum(column_of(p)))(p))
-    fields = np.linalg.eigvals(np.asarray(jax.vmap(lambda p: jacobian(column_of(p)))(p)))
+    fields = np.linalg.eigvals(
+        np.asarray(jax.vmap(lambda p: jacobian(column_of(p)))(p))
+    )
     nearest = np.abs(ours[:, :, None] - fields[:, None, :]).min(axis=2)
     assert nearest.max() < 1e-7  # worst measured 2e-14; 1e-8 at a coalescence
 
@@ -80,7 +82,8 @@ def test_undamped_spectrum_of_the_seed_is_the_closed_form():
     squares = (-3 + np.array([1, -1]) * np.sqrt(9 - 7 / 9)) * 36 / 14
     s = np.asarray(zj.spectrum(zj.uniform_rods()))
     np.testing.assert_allclose(
-        np.sort(s.imag), np.sort(np.concatenate([1, -1] * np.sqrt(-squares)[:, None])),
+        np.sort(s.imag),
+        np.sort(np.concatenate([1, -1] * np.sqrt(-squares)[:, None])),
         rtol=1e-13,
     )
     assert np.abs(s.real).max() < 1e-14

@@ -1,5 +1,6 @@
 """Flutter of the Ziegler column with dry friction: vectorised maps in JAX."""
 
+from ._cpu import configure_cpu
 from .column import (
     Column,
     State,
@@ -14,23 +15,36 @@ from .critical import critical_load
 from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
 from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
+from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .outcome import CRITICAL, OUTCOME, REGIME
 from .sensitivity import sensitivity
+from .simulate import Settled, Trajectory, settle, trajectory
+from .solvers import Explicit
 from .stabilise import stabilise
+from .sweep import sweep
 
 __all__ = [
     "CRITICAL",
     "OUTCOME",
     "REGIME",
     "Air",
+    "Amplitude",
     "Column",
     "ConstantLoad",
+    "EnergyBalance",
+    "Explicit",
     "FollowerLoad",
     "JointReaction",
+    "Mean",
+    "Period",
+    "Settled",
     "SmoothCoulomb",
     "State",
+    "StickFraction",
     "Sum",
+    "Trajectory",
     "Viscous",
+    "configure_cpu",
     "critical_load",
     "energy",
     "linearise",
@@ -39,10 +53,13 @@ __all__ = [
     "reactions",
     "regime",
     "sensitivity",
+    "settle",
     "spectral_abscissa",
     "spectrum",
     "stabilise",
+    "sweep",
     "tangent_column",
+    "trajectory",
     "uniform_rods",
     "vector_field",
 ]

@@ -9,7 +9,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from ._sincos import sincos
-from ._types import Pair, equals
+from ._types import Pair
 
 
 def joint_reactions(column: Any, forces: Any, a1: Any, a2: Any) -> tuple[Pair, Pair]:
@@ -22,7 +22,7 @@ def joint_reactions(column: Any, forces: Any, a1: Any, a2: Any) -> tuple[Pair, P
     m2, b = column.m2, column.b
     along = m2 * along1 + b * along2
     across = m2 * across1 + b * across2
-    if equals(column.follower, 1.0):
+    if column.tangential:
         along = along + column.q
     else:
         sin_f, cos_f = sincos((1 - column.follower) * phi2)

@@ -6,12 +6,19 @@ more than all the rest of the column's field. Here one range reduction serves bo
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jax.typing import ArrayLike
 
-# pi/2 in three parts of at most 33 significant bits, so that their products with a
-# quadrant number below 2**20 are exact (Cody & Waite; the split is fdlibm's).
-_HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11)
-_HALF_PI_REST = 2.02226624879595063154e-21
+# pi/2 in three parts; the first two have at most 33 significant bits, so that their
+# products with a quadrant number below 2**20 are exact (Cody & Waite; the split is
+# fdlibm's).
+_HALF_PI = (
+    1.57079632673412561417e00,
+    6.07710050630396597660e-11,
+    2.02226624879595063154e-21,
+)
+# Added to a whole number, it leaves that number's last bits on view.
+_BITS = 1.5 * 2.0**52
 # Kernels on |r| <= pi/4, highest power first (fdlibm's minimax coefficients).
 _SIN = (
     1.58969099521155010221e-10,
@@ -35,11 +42,11 @@ _COS = (
 def sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]:
     r"""$\sin x$ and $\cos x$.
 
-    float64: the error is below 1 unit in the last place for $|x| \le 10^5$ (measured
-    0.76), and stays there up to $|x| = 2^{20} \pi/2$. Beyond, the reduction's
-    products round and the absolute error is at most $2^{-52} |x|$, what a change of x
-    in its own last place makes; a result that has lost every digit
-    ($|x| > 2^{50}$) is NaN. float32 uses `jnp.sin` and `jnp.cos`.
+    float64: the error is about 1 unit in the last place for $|x| \le 10^5$ (measured
+    1.0), about 6 up to $|x| = 2^{20} \pi/2$. Beyond, the reduction's products
+    round and the absolute error is at most $2^{-52} |x|$, what a change of x in its own
+    last place makes; where every digit is lost ($|x| > 2^{50}$) the result is NaN.
+    float32 uses `jnp.sin` and `jnp.cos`.
 
     **Arguments:** `x`: an angle in radians, any shape.
 
@@ -49,31 +56,29 @@ def sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]:
     if x.dtype != jnp.float64:
         return jnp.sin(x), jnp.cos(x)
     n = jnp.round(x * 0.63661977236758134308)
-    first = x - n * _HALF_PI[0]  # exact: both are multiples of one small power of two
-    second = n * _HALF_PI[1]
+    quadrant = lax.bitcast_convert_type(n + _BITS, jnp.int64)
+    first = x - n * _HALF_PI[0]  # exact
+    second = n * _HALF_PI[1]  # exact
     r = first - second
-    # what the subtraction rounded off (Knuth's two-sum), and the third part of pi/2
-    part = r - first
-    rest = (first - (r - part)) - (second + part) - n * _HALF_PI_REST
-    hi = r + rest
-    lo = (r - hi) + rest
-    z = hi * hi
+    tail = ((first - r) - second) - n * _HALF_PI[2]  # what r rounded off
+    r = jnp.where(jnp.abs(x) <= 2.0**50, r, jnp.nan)
+    z = r * r
     s = jnp.full_like(x, _SIN[0])
     c = jnp.full_like(x, _COS[0])
     for sin_term, cos_term in zip(_SIN[1:], _COS[1:], strict=True):
         s = s * z + sin_term
         c = c * z + cos_term
-    half = 0.5 * z
-    one = 1.0 - half
-    s = hi + (hi * (z * s) + lo * one)
-    c = one + (((1.0 - one) - half) + (z * z * c - hi * lo))
-    turn = n * 0.25 - jnp.floor(n * 0.25)  # 0, 1/4, 1/2, 3/4 of a turn
-    odd = (turn == 0.25) | (turn == 0.75)
+    s = r + (r * (z * s) + tail)
+    c = 1.0 - (0.5 * z - (z * z * c - r * tail))
+    odd = (quadrant & 1) == 1
     s, c = jnp.where(odd, c, s), jnp.where(odd, s, c)
-    s = jnp.where(turn >= 0.5, -s, s)
-    c = jnp.where((turn == 0.25) | (turn == 0.5), -c, c)
-    lost = jnp.abs(x) > 2.0**50
-    return jnp.where(lost, jnp.nan, s), jnp.where(lost, jnp.nan, c)
+    return _negate_if(quadrant & 2, s), _negate_if((quadrant + 1) & 2, c)
+
+
+def _negate_if(two: jax.Array, x: jax.Array) -> jax.Array:
+    """-x where `two` is 2, x where it is 0: its bit moves onto the sign."""
+    bits = lax.bitcast_convert_type(x, jnp.int64) ^ (two << 62)
+    return lax.bitcast_convert_type(bits, jnp.float64)
 
 
 @sincos.defjvp

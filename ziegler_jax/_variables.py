@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from .outcome import Code
+from .outcome import REGIME, Code
 
 
 class Variable(NamedTuple):
@@ -20,3 +20,55 @@ class Variable(NamedTuple):
 
 # The dimensions that results use, with their coordinates.
 DIMENSIONS = {"rod": (1, 2), "joint": (1, 2)}
+
+# Names that scenes give their axes: meaning, units, symbol.
+AXES = {
+    "q": ("follower load F l/k", "1", "$q$"),
+    "mu_s": ("static friction coefficient", "1", r"$\mu_s$"),
+    "mu_k": ("kinetic friction coefficient", "1", r"$\mu_k$"),
+    "mu": ("friction coefficient", "1", r"$\mu$"),
+    "tau": ("friction torque", "k", r"$\tau$"),
+    "pin_radius": ("pin radius", "l", r"$\rho$"),
+    "v_smooth": ("smoothing rate", "sqrt(k/(m l^2))", "$v_{smooth}$"),
+    "v_stribeck": ("Stribeck rate", "sqrt(k/(m l^2))", "$v_{stribeck}$"),
+    "kappa": ("stiffness ratio k1/k2", "1", r"$\kappa$"),
+    "eta": ("follower fraction", "1", r"$\eta$"),
+    "follower": ("follower fraction", "1", r"$\eta$"),
+    "c1": ("damping of joint 1", "sqrt(k m l^2)", "$c_1$"),
+    "c2": ("damping of joint 2", "sqrt(k m l^2)", "$c_2$"),
+}
+
+# Names that scenes give codes which come without a result: flag variables.
+FLAGS = {"regime": REGIME}
+
+
+def named_variables(result: Any) -> dict[str, Variable]:
+    """What a `point` returned, as named variables.
+
+    **Arguments:** `result`: a scalar (its name is `value`), a dict of scalars, or a
+    result of the library.
+
+    **Raises:** `ValueError` that names the entry which is neither.
+    """
+    if hasattr(result, "variables"):
+        return result.variables()
+    if not isinstance(result, dict):
+        result = {"value": result}
+    named = {}
+    for name, value in result.items():
+        shape = getattr(value, "shape", None)
+        if isinstance(value, (bool, int, float)):
+            shape = ()
+        if shape is None:
+            raise ValueError(
+                "`point` must return a scalar, a dict of scalars or a result of the "
+                f"library, but `{name}` is {type(value).__name__}."
+            )
+        if shape != ():
+            raise ValueError(
+                "`point` must return a scalar, a dict of scalars or a result of the "
+                f"library, but `{name}` has shape {tuple(shape)} and no declared "
+                "dimensions."
+            )
+        named[str(name)] = Variable(value, str(name), codes=FLAGS.get(str(name)))
+    return named

@@ -130,6 +130,11 @@ class Column(eqx.Module):
         if friction is not None and isinstance(friction.load_law(), JointReaction):
             _needs_masses(self, "the load `JointReaction()`")
 
+    @property
+    def tangential(self) -> bool:
+        """Whether the load is known to follow rod 2: then terms can be left out."""
+        return self.follower is None or equals(self.follower, 1.0)
+
     def valid(self) -> jax.Array:
         """Whether the numbers keep their rules: for those only known when traced."""
         a, b, d = jnp.asarray(self.a), jnp.asarray(self.b), jnp.asarray(self.d)
@@ -268,7 +273,7 @@ class _Forces:
         self.column, self.y = column, y
         self.sin_d, self.cos_d = sincos(phi1 - phi2)
         q, eta = column.q, column.follower
-        if equals(eta, 1.0):
+        if column.tangential:
             self.load = (q * self.sin_d, None)
         else:
             self.load = (

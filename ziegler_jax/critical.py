@@ -4,8 +4,8 @@ Raised from zero, the load takes the column out of stability where an eigenvalue
 reaches the imaginary axis. On the axis the characteristic polynomial
 $p_0 s^4 + p_1 s^3 + p_2(q) s^2 + p_3(q) s + p_4(q)$ leaves one condition on q:
 
-- flutter, undamped: the two frequencies meet, $p_2 = 2 \sqrt{p_0 p_4}$, the
-  discriminant $p_2^2 - 4 p_0 p_4$ in $s^2$;
+- flutter, undamped: the two frequencies meet, the discriminant $p_2^2 - 4 p_0 p_4$
+  of the polynomial in $s^2$, with $\omega^2 = p_2 / (2 p_0)$;
 - flutter, damped: a pair $\pm i \omega$, Hurwitz' determinant over $p_1^2$,
   $r (p_2 - p_0 r) - p_4$ with $\omega^2 = r(q) = p_3 / p_1$;
 - divergence: s = 0, $p_4 = \det K$.
@@ -50,7 +50,7 @@ class CriticalLoad(eqx.Module):
     def variables(self) -> dict[str, Variable]:
         """The numbers as a sweep labels them."""
         return {
-            "q_cr": Variable(self.q, "critical load", "k/l"),
+            "q_cr": Variable(self.q, "critical load F l/k"),
             "frequency": Variable(
                 self.frequency, "frequency at the critical load", "sqrt(k/(m l^2))"
             ),
@@ -79,9 +79,9 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
     derivatives are NaN: to mask lanes in a sum that is differentiated, mask their
     parameters.
 
-    **Derivatives:** forward and reverse, first and second, in every leaf, by two
-    Newton steps on the boundary function (the implicit function theorem): exact where
-    the eigenvalues' own are infinite. They grow as $1/\sqrt{\cdot}$ towards a double
+    **Derivatives:** forward and reverse, first and second, in every leaf, by the
+    implicit function theorem on the boundary function: exact where the eigenvalues'
+    own are infinite. They grow as $1/\sqrt{\cdot}$ towards a double
     root, where two boundary loads coincide: within 64 rounding errors of it the
     outcome is `double_root`. Where the two kinds exchange (equal loads) each keeps its
     own load and derivative, and only the outcome changes.
@@ -114,112 +114,123 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
     return _first_loss(p, kind)
 
 
-class _Boundary(NamedTuple):
-    """A root of a boundary function: q, omega^2 there, and whether it is one."""
+class _Condition(NamedTuple):
+    """A boundary function at one load: itself, two derivatives in q, and omega^2."""
 
-    q: Scalar
+    value: Scalar
+    slope: Scalar
+    bend: Scalar
     squared: Scalar
-    exists: Scalar
-    double: Scalar
+
+
+def _discriminant(p: Characteristic, q: Scalar) -> _Condition:
+    """p2^2 - 4 p0 p4: undamped, the frequencies meet."""
+    x, dx, dy = value(p.p2, q), p.p2[1], slope(p.p4, q)
+    return _Condition(
+        x * x - 4 * p.p0 * value(p.p4, q),
+        2 * x * dx - 4 * p.p0 * dy,
+        2 * dx * dx - 8 * p.p0 * p.p4[2],
+        x / (2 * p.p0),
+    )
+
+
+def _hurwitz(p: Characteristic, q: Scalar) -> _Condition:
+    """Hurwitz' determinant over p1^2, r (p2 - p0 r) - p4 with r = p3/p1."""
+    assert p.p1 is not None and p.p3 is not None
+    # unit p1 before dividing: derivatives of p3/p1 square p1, and would underflow
+    scale = lax.stop_gradient(1 / jnp.where(p.p1 > 0, p.p1, 1.0))
+    p1 = jnp.where(p.p1 > 0, p.p1 * scale, 1.0)
+    r, dr = value(p.p3, q) * scale / p1, p.p3[1] * scale / p1
+    rest, drest = value(p.p2, q) - p.p0 * r, p.p2[1] - p.p0 * dr
+    return _Condition(
+        r * rest - value(p.p4, q),
+        dr * rest + r * drest - slope(p.p4, q),
+        2 * dr * drest - 2 * p.p4[2],
+        r,
+    )
+
+
+def _flutter(p: Characteristic, none: Any, q: Scalar) -> _Condition:
+    """The condition of flutter; `none`: lanes that have a damping law and yet C = 0."""
+    if none is None:
+        return _discriminant(p, q)
+    both = zip(_discriminant(p, q), _hurwitz(p, q), strict=True)
+    return _Condition(*(jnp.where(none, x, y) for x, y in both))
+
+
+def _static(p: Characteristic, q: Scalar) -> _Condition:
+    """Det K."""
+    return _Condition(value(p.p4, q), slope(p.p4, q), 2 * p.p4[2], jnp.zeros_like(q))
 
 
 @partial(jax.jit, static_argnames="kind")
 def _first_loss(p: Characteristic, kind: Kind) -> CriticalLoad:
-    """The boundary of this kind, what precedes it, and the code."""
-    none = None  # lanes that have a damping law and yet C = 0
-    if p.p1 is None or p.p3 is None:
-        flutter = _undamped_flutter(p)
-    else:
+    """The boundary of this kind, what precedes it, and the code.
+
+    The search is not differentiated: a step of Chebyshev's method on the boundary
+    function, exact for a quadratic to second order, carries both derivatives.
+    """
+    none = None
+    if p.p1 is not None and p.p3 is not None:
         none = (p.p1 == 0) & (p.p3[0] == 0) & (p.p3[1] == 0)
-        flutter = _damped_flutter(p)
-        undamped = _undamped_flutter(p)
-        flutter = jax.tree.map(lambda x, y: jnp.where(none, x, y), undamped, flutter)
-    divergence = _divergence(p, none)
+    at, code = _search(lax.stop_gradient(p), none, kind)
+    stands = code >= int(CRITICAL.preceded)
+    at = jnp.where(stands, at, 0.0)
+    condition = _static(p, at) if kind == "divergence" else _flutter(p, none, at)
+    rate = jnp.where(stands, condition.slope, 1.0)
+    step = condition.value / rate
+    q = at - step - condition.bend / (2 * rate) * step * step
+    mark = jnp.where(stands, 1.0, jnp.nan)
     if kind == "divergence":
-        mine, other = divergence, flutter
-    else:
-        mine, other = flutter, divergence
-    before = other.exists & (other.q < mine.q)
+        return CriticalLoad(q * mark, jnp.zeros_like(q) * mark, code)
+    squared = _flutter(p, none, q).squared
+    oscillates = squared > 0
+    frequency = jnp.sqrt(jnp.where(oscillates, squared, 1.0))
+    return CriticalLoad(q * mark, jnp.where(oscillates, frequency, 0.0) * mark, code)
+
+
+def _search(p: Characteristic, none: Any, kind: Kind) -> tuple[Any, Any]:
+    """The load and its code, from roots of quadratics."""
+    zero = jnp.zeros_like(p.p0)
+    start = _flutter(p, none, zero)
+    f = (start.value, start.slope, start.bend / 2)
+    flutter, is_flutter, double = _root(f)
+    # a root with omega^2 < 0 is a real pair, +-s
+    oscillates = _flutter(p, none, flutter).squared > 0
+    is_flutter, double = is_flutter & oscillates, double & oscillates
+    divergence, is_divergence, touched = _divergence(p, none)
+    found, exists = flutter, is_flutter
+    before = is_divergence & (divergence < flutter)
     if kind == "flutter_end":
-        mine = _flutter_end(p, flutter)
+        found, ends, _ = _root(f, second=True)
+        exists &= ends
+    elif kind == "divergence":
+        found, exists, double = divergence, is_divergence, touched
+        before = is_flutter & (flutter < divergence)
+    # stable at q = 0, or there is no first loss
+    noise = 64 * jnp.finfo(zero.dtype).eps
+    conservative = (p.p4[0] > 0) & (p.p2[0] > 0)
+    one_frequency = start.value <= noise * p.p2[0] ** 2
+    if none is None or p.p1 is None:
+        stable = conservative
+    else:
+        # zero here is a mode that the damping does not reach
+        reached = start.value > noise * start.squared * p.p2[0]
+        stable = conservative & (none | ((p.p1 > 0) & (start.squared > 0) & reached))
+        one_frequency &= none
+    if kind != "divergence":
+        double |= one_frequency
     code = jnp.where(before, int(CRITICAL.preceded), int(CRITICAL.found))
     if none is not None and kind == "flutter":
         code = jnp.where(none & ~before, int(CRITICAL.undamped), code)
-    code = jnp.where(mine.exists, code, int(CRITICAL.none))
-    code = jnp.where(mine.double, int(CRITICAL.double_root), code)
-    stable = _stable_at_zero(p, none)
+    code = jnp.where(exists, code, int(CRITICAL.none))
+    code = jnp.where(double, int(CRITICAL.double_root), code)
     code = jnp.where(stable, code, int(CRITICAL.unstable_at_zero))
-    code = jnp.where(p.valid, code, int(CRITICAL.invalid)).astype(jnp.int32)
-    mark = jnp.where(code >= int(CRITICAL.preceded), 1.0, jnp.nan)
-    squared = jnp.where(mine.squared > 0, mine.squared, 1.0)
-    frequency = jnp.where(mine.squared > 0, jnp.sqrt(squared), 0.0)
-    return CriticalLoad(mine.q * mark, frequency * mark, code)
+    code = jnp.where(p.valid, code, int(CRITICAL.invalid))
+    return found, code.astype(jnp.int32)
 
 
-def _undamped_flutter(p: Characteristic, end: bool = False) -> _Boundary:
-    """The frequencies meet: p2 = 2 sqrt(p0 p4), with omega^2 = p2 / (2 p0)."""
-    p0, (b0, b1), (c0, c1, c2) = p.p0, p.p2, p.p4
-    f = (b0 * b0 - 4 * p0 * c0, 2 * (b0 * b1 - 2 * p0 * c1), b1 * b1 - 4 * p0 * c2)
-    root, exists, double = _quadratic(f, end)
-    # G(0) >= 0 for symmetric M and K: zero means one frequency for both modes
-    noise = 64 * jnp.finfo(f[0].dtype).eps * b0 * b0
-    double |= lax.stop_gradient((f[0] <= noise) & (f[2] != 0))
-    at = lax.stop_gradient(jnp.where(exists | double, root, 0.0))
-    p2, p4 = lax.stop_gradient((value(p.p2, at), value(p.p4, at)))
-    # the eigenvalues that meet must be imaginary; at the end they may be real
-    sign = jnp.where(p2 < 0, -1.0, 1.0)
-    good = (p4 > 0) if end else (p4 > 0) & (p2 > 0)
-    exists, double = exists & good, double & good
-
-    def boundary(q):
-        inside = p0 * value(p.p4, q)
-        side = jnp.sqrt(jnp.where(inside > 0, inside, 1.0))
-        return (
-            value(p.p2, q) - 2 * sign * side,
-            slope(p.p2, q) - sign * p0 * slope(p.p4, q) / side,
-        )
-
-    q = _implicit(boundary, at, exists)
-    return _Boundary(q, value(p.p2, q) / (2 * p0), exists, double)
-
-
-def _flutter_end(p: Characteristic, flutter: _Boundary) -> _Boundary:
-    """The other root of the discriminant, if flutter began at the first."""
-    end = _undamped_flutter(p, end=True)
-    return end._replace(exists=end.exists & flutter.exists)
-
-
-def _damped_flutter(p: Characteristic) -> _Boundary:
-    """Hurwitz' determinant over p1^2, r (p2 - p0 r) - p4, with omega^2 = r."""
-    assert p.p1 is not None and p.p3 is not None
-    p0 = p.p0
-    # unit p1 before dividing: derivatives of p3/p1 square p1, and underflow
-    scale = lax.stop_gradient(1 / jnp.where(p.p1 > 0, p.p1, 1.0))
-    p1 = jnp.where(p.p1 > 0, p.p1 * scale, 1.0)
-    r = (p.p3[0] * scale / p1, p.p3[1] * scale / p1)
-    rest = (p.p2[0] - p0 * r[0], p.p2[1] - p0 * r[1])
-    f = (
-        r[0] * rest[0] - p.p4[0],
-        r[0] * rest[1] + r[1] * rest[0] - p.p4[1],
-        r[1] * rest[1] - p.p4[2],
-    )
-    root, exists, double = _quadratic(f)
-    at = lax.stop_gradient(jnp.where(exists | double, root, 0.0))
-    good = value(r, at) > 0  # else the roots are a real pair, +-sqrt(-r)
-    exists, double = exists & good, double & good
-
-    def boundary(q):
-        left, right = value(r, q), value(rest, q)
-        return (
-            left * right - value(p.p4, q),
-            r[1] * right + left * rest[1] - slope(p.p4, q),
-        )
-
-    q = _implicit(boundary, at, exists)
-    return _Boundary(q, value(r, q), exists, double)
-
-
-def _divergence(p: Characteristic, none: Any) -> _Boundary:
+def _divergence(p: Characteristic, none: Any) -> tuple[Any, Any, Any]:
     """Det K = 0, where a real eigenvalue goes right: s' = -p4'/p3, or s^2' = -p4'/p2.
 
     At the first root p4 falls and p3 (p2) must be positive, else a growing real s
@@ -231,56 +242,27 @@ def _divergence(p: Characteristic, none: Any) -> _Boundary:
             return value(p.p2, q)
         return jnp.where(none, value(p.p2, q), value(p.p3, q))
 
-    first, exists, double = _quadratic(p.p4)
-    second, again, _ = _quadratic(p.p4, end=True)
+    first, exists, double = _root(p.p4)
+    second, again, _ = _root(p.p4, second=True)
     here = exists & (weight(first) > 0)
     again = exists & again & (weight(second) < 0)
-    at = jnp.where(here, first, second)
-    exists = here | again
-    at = lax.stop_gradient(jnp.where(exists, at, 0.0))
-    q = _implicit(lambda q: (value(p.p4, q), slope(p.p4, q)), at, exists)
-    return _Boundary(q, jnp.zeros_like(q), exists, double)
+    return jnp.where(here, first, second), here | again, double
 
 
-def _stable_at_zero(p: Characteristic, none: Any) -> Any:
-    """Hurwitz at q = 0. Without damping: both stiffnesses positive."""
-    conservative = (p.p4[0] > 0) & (p.p2[0] > 0)
-    if p.p1 is None or p.p3 is None:
-        return conservative
-    r = p.p3[0] / jnp.where(p.p1 > 0, p.p1, 1.0)
-    # zero here is a mode that the damping does not reach
-    noise = 64 * jnp.finfo(r.dtype).eps * r * p.p2[0]
-    damped = (p.p1 > 0) & (r > 0) & (r * (p.p2[0] - p.p0 * r) - p.p4[0] > noise)
-    return conservative & (none | damped)
-
-
-def _quadratic(f: tuple[Scalar, Scalar, Scalar], end: bool = False) -> tuple[Any, ...]:
+def _root(f: tuple[Scalar, Scalar, Scalar], second: bool = False) -> tuple[Any, ...]:
     """The first (or second) positive root of f0 + f1 q + f2 q^2 with f0 >= 0.
 
     Returns the root, whether it is one, and whether both positive roots coincide
     within 64 rounding errors of the discriminant.
     """
-    f0, f1, f2 = lax.stop_gradient(f)
+    f0, f1, f2 = f
     square, product = f1 * f1, 4 * f0 * f2
     gap = square - product
     noise = 64 * jnp.finfo(gap.dtype).eps * (square + jnp.abs(product))
     double = (jnp.abs(gap) <= noise) & (f1 * f2 < 0)
     side = jnp.sqrt(jnp.maximum(gap, 0.0))
-    if end:
+    if second:
         root = jnp.where(f1 < 0, (side - f1) / (2 * f2), -1.0)
     else:  # whichever form does not subtract near-equal numbers
         root = jnp.where(f1 > 0, (f1 + side) / (-2 * f2), 2 * f0 / (side - f1))
     return root, (gap > noise) & (root > 0) & jnp.isfinite(root), double
-
-
-def _implicit(boundary: Any, at: Scalar, exists: Any) -> Any:
-    """Two Newton steps from a root known to rounding, whose own gradient is stopped.
-
-    They polish the value; the first makes the first derivative that of the implicit
-    function theorem, the second the second derivative.
-    """
-    q = at
-    for _ in range(2):
-        error, rate = boundary(q)
-        q = q - error / jnp.where(exists, rate, 1.0)
-    return q

@@ -36,6 +36,7 @@ class OUTCOME(Code):
     stuck = 7, "both joint rates stayed below the cut for a whole window"
     rest = 8, "the same without friction: the column came to rest"
     cycle = 9, "two consecutive windows agreed: the motion has settled"
+    complete = 10, "the motion was followed to the last of the given times"
 
 
 class REGIME(Code):

@@ -1,0 +1,129 @@
+"""The watch that `settle` keeps over a lane: windows, their agreement, the verdict."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ._types import Scalar, Vector4, is_concrete
+from .column import Column
+from .observers import AbstractObserver, joint_rates
+from .outcome import OUTCOME
+from .solvers import AbstractFold
+
+
+class Watched(NamedTuple):
+    """The running numbers of a lane."""
+
+    observed: tuple  # one state per observer, the amplitude's first
+    window_end: Scalar
+    windows: Scalar  # completed windows; -1 in the transient
+    previous: tuple  # the amplitudes of the window before
+    drift: Scalar
+    fastest: Scalar  # the largest joint rate of this window
+    outcome: Scalar
+
+
+class Windows(AbstractFold):
+    """A transient, then windows until two agree (see `settle`)."""
+
+    transient: Scalar
+    window: Scalar
+    rtol_settle: Scalar
+    escape: Scalar
+    rate_cut: Scalar
+    max_windows: int
+    observers: tuple[AbstractObserver, ...]
+
+    def first_stop(self) -> Scalar:
+        """The end of the transient, or of the first window where there is none."""
+        if is_concrete(self.transient):
+            return self.transient if self.transient > 0 else self.window
+        return jnp.where(self.transient > 0, self.transient, self.window)
+
+    def integrand(self, column: Column) -> Any:
+        """The integrands of all observers, one after the other."""
+
+        def joint(y: Vector4) -> tuple:
+            return sum((o.integrand(column, y) for o in self.observers), ())
+
+        zero = jax.ShapeDtypeStruct((), jnp.result_type(float))
+        return joint if jax.eval_shape(joint, (zero,) * 4) else None
+
+    def init(self, column, t0, y0):
+        """Nothing seen yet."""
+        zero = 0.0 * y0[0]
+        compares = self.max_windows > 1
+        return Watched(
+            observed=self._fresh(column, t0, y0),
+            window_end=self.first_stop() + zero,
+            windows=jnp.where(jnp.asarray(self.transient) > 0, -1, 0),
+            previous=(zero, zero, zero) if compares else (),
+            drift=zero + jnp.inf,
+            fastest=_fastest(y0),
+            outcome=jnp.asarray(OUTCOME.unsettled, jnp.int32),
+        )
+
+    def step(self, column, state, step):
+        """See a step; at a window's end compare, judge, and begin the next."""
+        observed, used = [], 0
+        for observer, part in zip(self.observers, state.observed, strict=True):
+            count = len(observer.integrand(column, step.y1))
+            mine = step._replace(integrals=step.integrals[used : used + count])
+            observed.append(observer.step(column, part, mine))
+            used += count
+        observed = tuple(observed)
+        fastest = jnp.maximum(state.fastest, _fastest(step.y1))
+
+        ended = step.t1 >= state.window_end
+        windows = state.windows + jnp.where(ended, 1, 0)
+        judged = ended & (windows > 0)
+        at_rest = judged & (fastest < self.rate_cut)
+        amplitudes, drift, agreed = observed[0], state.drift, False
+        if self.max_windows > 1:
+            largest = jnp.maximum(jnp.maximum(*amplitudes[:2]), amplitudes[2])
+            changes = [
+                jnp.abs(new - old)
+                for new, old in zip(amplitudes, state.previous, strict=True)
+            ]
+            change = jnp.maximum(jnp.maximum(*changes[:2]), changes[2])
+            # a motion of no amplitude at all has no drift, and rests
+            relative = change / jnp.maximum(largest, 1e-300)
+            drift = jnp.where(judged & (windows > 1), relative, drift)
+            agreed = judged & (drift <= self.rtol_settle)
+        turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
+        done = turned | at_rest | agreed | (judged & (windows >= self.max_windows))
+
+        resting = OUTCOME.rest if column.friction is None else OUTCOME.stuck
+        outcome = jnp.where(agreed, OUTCOME.cycle, state.outcome)
+        outcome = jnp.where(at_rest, resting, outcome)
+        outcome = jnp.where(turned, OUTCOME.escaped, outcome)
+
+        begins = ended & ~done
+        fresh = self._fresh(column, step.t1, step.y1)
+
+        def where(new, old):
+            return jnp.where(begins, new, old)
+
+        window_end = where(step.t1 + self.window, state.window_end)
+        after = Watched(
+            observed=jax.tree.map(where, fresh, observed),
+            window_end=window_end,
+            windows=windows,
+            previous=tuple(
+                where(new, old)
+                for new, old in zip(amplitudes, state.previous, strict=False)
+            ),
+            drift=drift,
+            fastest=where(_fastest(step.y1), fastest),
+            outcome=outcome.astype(jnp.int32),
+        )
+        return after, window_end, done
+
+    def _fresh(self, column: Column, t: Scalar, y: Vector4) -> tuple:
+        return tuple(observer.init(column, t, y) for observer in self.observers)
+
+
+def _fastest(y: Vector4) -> Any:
+    u1, u2 = joint_rates(y)
+    return jnp.maximum(jnp.abs(u1), jnp.abs(u2))

@@ -1,0 +1,372 @@
+"""Motions of a column: a time history to look at, and the long run as numbers."""
+
+from typing import Any
+
+import diffrax as dfx
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._types import Scalar, Vector4, equals, is_concrete, number
+from ._variables import Variable
+from ._windows import Windows
+from .column import Column, State, vector_field
+from .observers import TIME, AbstractObserver, Amplitude
+from .outcome import OUTCOME
+from .solvers import Explicit, Observed, StepControl
+
+FIRST_STEP = 0.01
+REST_RATE = 1e-6  # without friction there is no rate of the column's own
+FINEST_IN_FLOAT32 = 1e-5
+
+
+class Settled(eqx.Module):
+    """The long-run motion of one lane, as numbers.
+
+    Beside the fields, each observer adds an attribute of its name: `amplitude` always,
+    and `period`, `stick_fraction`, `mean`, `power` where asked for.
+    """
+
+    observed: dict[str, Any]
+    drift: Any  # relative change of the amplitudes between the last two windows
+    final: State  # the state at the end
+    time: Any  # when it ended
+    steps: Any  # attempted steps, rejected ones included
+    windows: Any  # windows observed
+    outcome: Any  # a code of OUTCOME
+    observers: tuple[AbstractObserver, ...]
+    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
+
+    def __getattr__(self, name: str) -> Any:
+        """What an observer of that name found."""
+        observed = self.__dict__.get("observed", {})
+        if name in observed:
+            return observed[name]
+        raise AttributeError(
+            f"`settle` did not observe `{name}`: it was asked for "
+            f"{', '.join(observed)} only."
+        )
+
+    def variables(self) -> dict[str, Variable]:
+        """All numbers with their names, units and dimensions, for `sweep`."""
+        named: dict[str, Variable] = {}
+        for observer in self.observers:
+            named |= observer.variables(self.observed[observer.name])
+        named |= {
+            "drift": Variable(
+                self.drift, "relative change of the amplitudes over the last window"
+            ),
+            "time": Variable(self.time, "time at the end", TIME),
+            "steps": Variable(self.steps, "attempted steps"),
+            "windows": Variable(self.windows, "observed windows"),
+            "outcome": Variable(self.outcome, "how the motion ended", codes=OUTCOME),
+        }
+        return named
+
+    def attributes(self) -> dict[str, Any]:
+        """How it was computed: the options that are the same at every point."""
+        return dict(self.settings)
+
+
+class Trajectory(eqx.Module):
+    """A time history: `ts` (n,), `phi` and `omega` (n, 2), `outcome`.
+
+    Where the motion ended early, times after it are NaN and `outcome` says why;
+    otherwise it is `complete`.
+    """
+
+    ts: Any
+    phi: Any
+    omega: Any
+    steps: Any
+    outcome: Any
+
+
+def settle(
+    column: Column,
+    start: State,
+    *,
+    transient: Any = 100.0,
+    window: Any = 40.0,
+    max_windows: int = 10,
+    rtol_settle: Any = 1e-3,
+    observers: tuple[AbstractObserver, ...] = (),
+    rtol: Any = 1e-6,
+    atol: Any = 1e-6,
+    solver: Explicit | None = None,
+    escape: Any = np.pi,
+    rate_cut: Any = None,
+    max_steps: int = 1_000_000,
+) -> Settled:
+    r"""Kick the column and wait: what its motion settles to.
+
+    After `transient` time units, windows of length `window` follow each other until
+    the amplitudes of two consecutive ones agree,
+    $\max_j |A_j - A_j'| \le$ `rtol_settle` $\max_j A_j$ over the largest
+    $|\phi_1|, |\phi_2|, |\phi_2 - \phi_1|$, until both joint rates stayed below
+    `rate_cut` for a whole window, or until `max_windows` are over. The result is that
+    of the last window.
+
+    **Arguments:** (times in $\sqrt{m l^2/k}$)
+
+    - `column`, `start`: the scene.
+    - `transient`, `window`, `max_windows`, `rtol_settle`: as above. With one window
+        there is nothing to compare: the outcome is `unsettled` or `stuck`.
+    - `observers`: what to watch beside `Amplitude()`, e.g. `(Period(),
+        StickFraction())`. What is not asked for is not in the program.
+    - `rtol`, `atol`: tolerances of each step.
+    - `solver`: `Explicit(tableau)`; None is Tsit5.
+    - `escape`: a rod's angle beyond which the lane ends as `escaped`.
+    - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
+        (`v_smooth`); without friction 1e-6.
+    - `max_steps`: the step budget.
+
+    **Returns:** `Settled`. Where the outcome is a failure (before `unsettled` in
+    `OUTCOME`), observed numbers and `drift` are NaN.
+
+    **Raises:** `ValueError` for arguments that break a rule, and for tolerances finer
+    than 1e-5 in a 32-bit session. `jax.jvp` passes through, `jax.grad` does not (the
+    number of steps is not known beforehand).
+    """
+    _check_scene(column, start)
+    rtol, atol = _tolerances(rtol, atol)
+    solver = Explicit() if solver is None else solver
+    watch = Windows(
+        transient=number("transient", transient, "nonnegative"),
+        window=number("window", window, "positive"),
+        max_windows=_whole("max_windows", max_windows),
+        rtol_settle=number("rtol_settle", rtol_settle, "positive"),
+        escape=number("escape", escape, "positive"),
+        rate_cut=_rate_cut(column, rate_cut),
+        observers=_with_amplitude(observers, column),
+    )
+    y0 = _float_state(start)
+    dtype = y0[0].dtype
+    good = _valid(column, y0)
+    end = watch.transient + watch.window * (watch.max_windows + 1)
+    solution = dfx.diffeqsolve(
+        dfx.ODETerm(vector_field),
+        Observed(solver, watch),
+        t0=jnp.zeros((), dtype),
+        # the watch ends the lane, one window before; an invalid lane does not start
+        t1=jnp.where(good, jnp.asarray(end, dtype), 0.0),
+        dt0=FIRST_STEP,
+        y0=y0,
+        args=_known_tangential(column),
+        stepsize_controller=StepControl(rtol, atol, watch.first_stop()),
+        saveat=dfx.SaveAt(t1=True, solver_state=True),
+        max_steps=_whole("max_steps", max_steps),
+        throw=False,
+        adjoint=dfx.ForwardMode(),
+    )
+    assert solution.ys is not None and solution.ts is not None
+    assert solution.solver_state is not None
+    y1 = tuple(y[-1] for y in solution.ys)
+    last, watched = solution.solver_state
+    outcome = _outcome(good, solution.result, last, watched.outcome)
+    failed = outcome < OUTCOME.unsettled
+    observed = {
+        observer.name: _nan_where(
+            failed, observer.result(column, state, watch.window, y1)
+        )
+        for observer, state in zip(watch.observers, watched.observed, strict=True)
+    }
+    return Settled(
+        observed=observed,
+        drift=_nan_where(failed | ~jnp.isfinite(watched.drift), watched.drift),
+        final=State(y1[:2], y1[2:]),
+        time=solution.ts[-1],
+        steps=solution.stats["num_steps"],
+        windows=watched.windows,
+        outcome=outcome,
+        observers=watch.observers,
+        settings=_settings(
+            solver=solver.name,
+            rtol=rtol,
+            atol=atol,
+            transient=watch.transient,
+            window=watch.window,
+            max_windows=watch.max_windows,
+            rtol_settle=watch.rtol_settle,
+            escape=watch.escape,
+            rate_cut=watch.rate_cut,
+        ),
+    )
+
+
+def trajectory(
+    column: Column,
+    start: State,
+    ts: Any,
+    *,
+    rtol: Any = 1e-8,
+    atol: Any = 1e-8,
+    solver: Explicit | None = None,
+    max_steps: int = 1_000_000,
+) -> Trajectory:
+    r"""The motion at given times.
+
+    Steps end on every one of `ts`: nothing is interpolated.
+
+    **Arguments:**
+
+    - `column`, `start`: the scene; the start is the state at `ts[0]`.
+    - `ts`: increasing times in $\sqrt{m l^2/k}$, shape (n,), at least two.
+    - `rtol`, `atol`: tolerances of each step.
+    - `solver`: `Explicit(tableau)`; None is Dopri8.
+    - `max_steps`: the step budget.
+
+    **Returns:** `Trajectory`.
+
+    **Raises:** `ValueError` as `settle`, and for times that do not increase.
+    """
+    _check_scene(column, start)
+    rtol, atol = _tolerances(rtol, atol)
+    y0 = _float_state(start)
+    ts = _times(ts, y0[0].dtype)
+    good = _valid(column, y0)
+    solution = dfx.diffeqsolve(
+        dfx.ODETerm(vector_field),
+        Explicit(dfx.Dopri8.tableau) if solver is None else solver,
+        t0=ts[0],
+        t1=jnp.where(good, ts[-1], ts[0]),
+        dt0=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
+        y0=y0,
+        args=_known_tangential(column),
+        stepsize_controller=dfx.ClipStepSizeController(
+            StepControl(rtol, atol),  # pyright: ignore[reportCallIssue]
+            step_ts=ts,
+        ),
+        saveat=dfx.SaveAt(ts=ts, solver_state=True),
+        max_steps=_whole("max_steps", max_steps),
+        throw=False,
+        adjoint=dfx.ForwardMode(),
+    )
+    assert solution.ys is not None
+    # diffrax leaves infinity where nothing was saved
+    ys = [jnp.where(jnp.isfinite(y), y, jnp.nan) for y in solution.ys]
+    complete = jnp.asarray(OUTCOME.complete)
+    return Trajectory(
+        ts=ts,
+        phi=jnp.stack(ys[:2], axis=-1),
+        omega=jnp.stack(ys[2:], axis=-1),
+        steps=solution.stats["num_steps"],
+        outcome=_outcome(good, solution.result, solution.solver_state, complete),
+    )
+
+
+def _outcome(good: Any, result: Any, last_slope: Any, otherwise: Any) -> jax.Array:
+    """The code of a lane, in order of precedence."""
+    finite = True
+    for slope in jax.tree.leaves(last_slope):
+        finite &= jnp.isfinite(slope)
+    vanished = result == dfx.RESULTS.dt_min_reached
+    spent = result == dfx.RESULTS.max_steps_reached
+    outcome = jnp.where(spent, OUTCOME.budget_spent, otherwise)
+    outcome = jnp.where(vanished, OUTCOME.step_vanished, outcome)
+    outcome = jnp.where(finite, outcome, OUTCOME.not_finite)
+    return jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8)
+
+
+def _settings(**options: Any) -> tuple[tuple[str, Any], ...]:
+    """Options for the record; what differs from point to point says so."""
+    record = []
+    for name, value in options.items():
+        if isinstance(value, np.floating):
+            value = float(value)
+        elif not isinstance(value, (int, str)):
+            value = "set at each point"
+        record.append((name, value))
+    return tuple(record)
+
+
+def _nan_where(failed: Any, values: Any) -> Any:
+    return jax.tree.map(lambda x: jnp.where(failed, jnp.nan, x), values)
+
+
+def _known_tangential(column: Column) -> Column:
+    """Keep out of the program what a load along rod 2 does not need."""
+    if not equals(column.follower, 1.0):
+        return column
+    return eqx.tree_at(lambda c: c.follower, column, None)
+
+
+def _valid(column: Column, y0: Vector4) -> jax.Array:
+    good = column.valid()
+    for x in y0:
+        good &= jnp.isfinite(x)
+    return good
+
+
+def _float_state(start: State) -> Vector4:
+    dtype = jnp.result_type(float)
+    return tuple(jnp.asarray(x, dtype) for x in start.y)  # type: ignore[return-value]
+
+
+def _check_scene(column: Any, start: Any) -> None:
+    if not isinstance(column, Column):
+        raise ValueError(f"Argument `column` must be a `Column`, but is {column!r}.")
+    if not isinstance(start, State):
+        raise ValueError(f"Argument `start` must be a `State`, but is {start!r}.")
+
+
+def _tolerances(rtol: Any, atol: Any) -> tuple[Scalar, Scalar]:
+    rtol, atol = number("rtol", rtol, "positive"), number("atol", atol, "positive")
+    if jnp.result_type(float) == jnp.float32:
+        for name, tol in (("rtol", rtol), ("atol", atol)):
+            if is_concrete(tol) and tol < FINEST_IN_FLOAT32:
+                raise ValueError(
+                    f"Argument `{name}` must be at least {FINEST_IN_FLOAT32:g} in "
+                    f"32-bit arithmetic, but is {tol:g}; enable 64 bits with "
+                    '`jax.config.update("jax_enable_x64", True)`, or use `sweep`.'
+                )
+    return rtol, atol
+
+
+def _whole(name: str, x: Any) -> int:
+    if isinstance(x, bool) or not isinstance(x, (int, np.integer)) or x < 1:
+        raise ValueError(
+            f"Argument `{name}` must be a whole number of at least 1, but is {x!r}."
+        )
+    return int(x)
+
+
+def _times(ts: Any, dtype: Any) -> jax.Array:
+    if np.ndim(ts) != 1 or np.shape(ts)[0] < 2:
+        raise ValueError(
+            "Argument `ts` must be at least two times in one dimension, but has shape "
+            f"{np.shape(ts)}."
+        )
+    if is_concrete(ts) and not np.all(np.diff(np.asarray(ts, dtype=float)) > 0):
+        raise ValueError("Argument `ts` must increase, but does not.")
+    return jnp.asarray(ts, dtype)
+
+
+def _rate_cut(column: Column, rate_cut: Any) -> Scalar:
+    if rate_cut is not None:
+        return number("rate_cut", rate_cut, "positive")
+    return REST_RATE if column.friction is None else column.friction.rate_cut()
+
+
+def _with_amplitude(observers: Any, column: Column) -> tuple[AbstractObserver, ...]:
+    """The observers, `Amplitude()` first: the windows are compared by it."""
+    try:
+        chosen = [o for o in observers if not isinstance(o, Amplitude)]
+    except TypeError:
+        chosen = [observers]
+    names = set()
+    for observer in chosen:
+        if not isinstance(observer, AbstractObserver):
+            raise ValueError(
+                "Argument `observers` must be a sequence of observers such as "
+                f"`Period()`, but contains {observer!r}."
+            )
+        if observer.name in names:
+            raise ValueError(
+                f"Argument `observers` must name each once, but has `{observer.name}` "
+                "twice."
+            )
+        names.add(observer.name)
+        observer.check(column)
+    return (Amplitude(), *chosen)

@@ -1,0 +1,14 @@
+"""Lane solvers: diffrax solvers that run fast for thousands of lanes under vmap."""
+
+from .control import Signals, StepControl
+from .explicit import Explicit
+from .observed import AbstractFold, Observed, Step
+
+__all__ = [
+    "AbstractFold",
+    "Explicit",
+    "Observed",
+    "Signals",
+    "Step",
+    "StepControl",
+]

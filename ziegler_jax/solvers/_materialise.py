@@ -1,0 +1,50 @@
+"""Keep a function's results as arrays, so that a CPU does not compute them again.
+
+XLA on a CPU fuses a producer into each of its consumers and evaluates it once for
+each: in an unrolled Runge-Kutta step the field of stage 1, which all later stages use,
+would be computed a dozen times. A conditional whose predicate is known only at run time
+ends a fusion; `lax.optimization_barrier` does not, it is dropped before.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+from jax import lax
+from jax.custom_batching import custom_vmap
+
+
+@custom_vmap
+def _always(x: jax.Array) -> jax.Array:
+    """True for every number, NaN included, but the compiler cannot know."""
+    return ~(x * 0 > 1)
+
+
+@_always.def_vmap
+def _always_for_a_batch(axis_size, batched, x):
+    # one answer for all lanes: a batched predicate would become a select of both sides
+    del axis_size, batched
+    return _always(x[0]), False
+
+
+def materialise(at: Any, function: Callable, *args: Any) -> Any:
+    """`function(*args)`, its results kept as arrays.
+
+    **Arguments:**
+
+    - `at`: any traced number of the lane, e.g. its time.
+    - `function`: returns a pytree of arrays.
+
+    On other devices than a CPU this is a plain call.
+    """
+    if jax.default_backend() != "cpu":
+        return function(*args)
+    shapes = jax.eval_shape(function, *args)
+
+    def never():
+        zero = [jax.numpy.zeros(leaf.shape, leaf.dtype) for leaf in leaves]
+        return jax.tree.unflatten(tree, zero)
+
+    leaves, tree = jax.tree.flatten(shapes)
+    predicate = _always(lax.stop_gradient(at))
+    return lax.cond(predicate, lambda: function(*args), never)

@@ -1,0 +1,104 @@
+r"""The step size: one lane's, from its error estimate.
+
+$$h \leftarrow h\,\min\bigl(10, \max(0.2,\; 0.9\, E^{-1/p})\bigr), \qquad
+E^2 = \tfrac14 \sum_i \Bigl(\frac{e_i}{atol + rtol \max(|y_{0,i}|, |y_{1,i}|)}
+\Bigr)^2$$
+"""
+
+from typing import Any
+
+import diffrax as dfx
+import equinox as eqx
+import jax.numpy as jnp
+import optimistix as optx
+
+from .._types import Scalar
+
+SAFETY = 0.9
+SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 10.0
+SMALLEST_STEP = 1e-13  # against |t|: below, t + h hardly moves
+
+
+class Signals(eqx.Module):
+    """What an observing solver tells the controller beside the error.
+
+    It travels in place of the error estimate, over which diffrax only maps. Numbers,
+    not flags, because diffrax looks for NaN in it.
+    """
+
+    error: Any
+    stop: Scalar  # a time on which a step must end; infinity for none
+    done: Scalar  # 1 to end the lane after this step, if it is accepted; else 0
+
+
+class StepControl(dfx.AbstractAdaptiveStepSizeController):
+    """An integral controller without `pow`, which XLA calls lane by lane on a CPU.
+
+    It ends a lane, with `dt_min_reached`, whose step vanishes or is NaN: such a lane
+    would otherwise run for ever and its batch with it.
+
+    **Arguments:** `rtol`, `atol`: tolerances per step; `stop`: the first time on which
+    a step must end, later ones come with `Signals`.
+    """
+
+    rtol: Scalar
+    atol: Scalar
+    stop: Scalar = jnp.inf
+
+    @property
+    def norm(self):  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The root mean square; `adapt_step_size` has its square written out."""
+        return optx.rms_norm
+
+    def wrap(self, direction):
+        """Nothing to know of the direction: lanes run forward."""
+        del direction
+        return self
+
+    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
+        """Start with `dt0`, which must be given."""
+        del terms, t1, y0, args, func, error_order
+        if dt0 is None:
+            raise ValueError("Argument `dt0` must be given, but is None.")
+        stop = jnp.asarray(self.stop, jnp.result_type(t0))
+        return _towards(stop, t0, jnp.asarray(dt0, stop.dtype)), stop
+
+    def adapt_step_size(
+        self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state
+    ):
+        """Accept or reject the step, and choose the next one."""
+        del args
+        signals = y_error if isinstance(y_error, Signals) else None
+        error: Any = y_error if signals is None else signals.error
+        stop = controller_state
+        square = 0.0
+        for e, a, b in zip(error, y0, y1_candidate, strict=True):
+            scale = self.atol + self.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))
+            square += (e / scale) ** 2
+        square = square / len(error)
+        keep = square <= 1
+        # the largest factor already belongs to square = 1e-10: keep log away from zero
+        power = -0.5 / error_order
+        factor = SAFETY * jnp.exp(power * jnp.log(jnp.maximum(square, 1e-30)))
+        factor = jnp.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR)
+        # an infinite or NaN error is no measure of the step
+        factor = jnp.where(jnp.isfinite(square), factor, SMALLEST_FACTOR)
+        h = (t1 - t0) * factor
+        t = jnp.where(keep, t1, t0)
+        result = dfx.RESULTS.where(
+            h > SMALLEST_STEP * jnp.abs(t),
+            dfx.RESULTS.successful,
+            dfx.RESULTS.dt_min_reached,
+        )
+        if signals is not None:
+            stop = jnp.where(keep, signals.stop, stop)
+            done = keep & (signals.done > 0)
+            result = dfx.RESULTS.where(done, dfx.RESULTS.event_occurred, result)
+        return keep, t, _towards(stop, t, h), False, stop, result
+
+
+def _towards(stop: Any, t: Any, h: Any) -> Any:
+    """The end of a step of about h: on `stop` if it is near, and no crumb before it."""
+    left = stop - t
+    shorter = jnp.where(left < 2 * h, 0.5 * left, h)
+    return jnp.where(left <= 1.001 * h, stop, t + shorter)

@@ -1,0 +1,163 @@
+r"""Explicit Runge-Kutta methods, unrolled over a tuple of scalars.
+
+diffrax's own explicit solvers loop over their stages, which serves large states. Here
+the state is four scalars and the lanes are many: the stages are unrolled, each a row of
+the tableau,
+
+$$k_i = f\Bigl(t_0 + c_i h,\; y_0 + h \sum_{j<i} a_{ij} k_j\Bigr), \qquad
+y_1 = y_0 + h \sum_i b_i k_i,$$
+
+zeros of the tableau are left out, and each stage is kept as an array.
+"""
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import diffrax as dfx
+import jax.numpy as jnp
+
+from .._types import Vector4
+from ._materialise import materialise
+
+_Row = tuple[float, ...]
+
+
+class Explicit(dfx.AbstractSolver):
+    """Any explicit `diffrax.ButcherTableau`, for states that are tuples of scalars.
+
+    **Arguments:** `tableau`: e.g. `diffrax.Tsit5.tableau` (the default) or
+    `diffrax.Dopri8.tableau`; its order is read off its number of stages for these, or
+    given as `order`.
+
+    **Raises:** `ValueError` if the tableau is implicit, or its order is not known.
+    """
+
+    a: tuple[_Row, ...]
+    b: _Row
+    b_error: _Row
+    c: _Row
+    last_stage_is_next_first: bool
+    method_order: int
+    name: str
+
+    term_structure: ClassVar = dfx.AbstractTerm
+    interpolation_cls: ClassVar[Callable[..., Any]] = (
+        dfx.ThirdOrderHermitePolynomialInterpolation
+    )
+
+    def __init__(
+        self,
+        tableau: dfx.ButcherTableau = dfx.Tsit5.tableau,
+        order: int | None = None,
+    ):
+        """Turn the tableau into numbers of the program."""
+        if tableau.implicit:
+            raise ValueError("Argument `tableau` must be explicit, but is implicit.")
+        name, known = _KNOWN.get(id(tableau), ("explicit", None))
+        order = known if order is None else order
+        if order is None:
+            raise ValueError(
+                "Argument `order` must be given for a tableau other than "
+                "`diffrax.Tsit5.tableau` and `diffrax.Dopri8.tableau`."
+            )
+        self.a = tuple(tuple(map(float, row)) for row in tableau.a_lower)
+        self.b = tuple(map(float, tableau.b_sol))
+        self.b_error = tuple(map(float, tableau.b_error))
+        self.c = tuple(map(float, tableau.c))
+        self.last_stage_is_next_first = bool(tableau.fsal and tableau.ssal)
+        self.method_order = order
+        self.name = name
+
+    def order(self, terms: Any) -> int:
+        """The order of convergence."""
+        del terms
+        return self.method_order
+
+    def error_order(self, terms: Any) -> int:
+        """The power of h that the error estimate falls with."""
+        return self.order(terms)
+
+    def init(self, terms, t0, t1, y0, args):
+        """The first stage of the first step."""
+        del t1
+        return self.func(terms, t0, y0, args)
+
+    def func(self, terms, t0, y0, args):
+        """The right-hand side."""
+        return terms.vf(t0, y0, args)
+
+    def advance(
+        self,
+        terms: Any,
+        t0: Any,
+        t1: Any,
+        y0: Vector4,
+        args: Any,
+        first: Vector4,
+        integrand: Callable | None = None,
+    ) -> tuple[Vector4, Vector4, Vector4, tuple]:
+        r"""One step from y0, where the right-hand side is `first`.
+
+        **Returns:** y1, the error estimate, the right-hand side at y1, and the
+        integrals $\int_{t_0}^{t_1} g(y)\,dt \approx h \sum_i b_i g(Y_i)$ of
+        `integrand`, a function of the state that returns a tuple; to the order of the
+        method, as if the integrals were part of the state.
+        """
+        h = t1 - t0
+        stages = [first]
+        kept = [] if integrand is None else [integrand(y0)]
+
+        def stage(t, y):
+            k = terms.vf(t, y, args)
+            return y, k, (() if integrand is None else integrand(y))
+
+        y = y0
+        for row, c in zip(self.a, self.c, strict=True):
+            y = _increment(y0, h, row, stages)
+            y, k, more = materialise(t0, stage, t0 + c * h, y)
+            stages.append(k)
+            kept.append(more)
+        if self.last_stage_is_next_first:
+            y1, last = y, stages[-1]
+        else:
+            y1 = _increment(y0, h, self.b, stages)
+            y1, last, _ = materialise(t0, stage, t1, y1)
+        rows = range(len(y0))
+        error = materialise(
+            t0, lambda: tuple(h * _dot(self.b_error, stages, i) for i in rows)
+        )
+        integrals = ()
+        if integrand is not None:
+            parts = range(len(kept[0]))
+            integrals = tuple(h * _dot(self.b, kept, i) for i in parts)
+        return y1, error, last, integrals
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        """One step, as diffrax asks for it."""
+        del made_jump
+        y1, error, last, _ = self.advance(terms, t0, t1, y0, args, solver_state)
+        return y1, error, dense(t0, t1, y0, y1, solver_state, last), last, OKAY
+
+
+_KNOWN = {
+    id(dfx.Tsit5.tableau): ("Tsit5", 5),
+    id(dfx.Dopri8.tableau): ("Dopri8", 8),
+}
+OKAY = dfx.RESULTS.successful
+
+
+def dense(t0, t1, y0, y1, first, last) -> dict[str, Any]:
+    """What diffrax's cubic Hermite interpolation needs of a step."""
+    h = t1 - t0
+    k0 = tuple(h * x for x in first)
+    k1 = tuple(h * x for x in last)
+    return {"y0": y0, "y1": y1, "k0": k0, "k1": k1}
+
+
+def _dot(row: _Row, stages: list[tuple], i: int) -> Any:
+    terms = [w * k[i] for w, k in zip(row, stages, strict=False) if w != 0.0]
+    return sum(terms[1:], terms[0]) if terms else jnp.zeros_like(stages[0][i])
+
+
+def _increment(y0: tuple, h: Any, row: _Row, stages: list[tuple]) -> tuple:
+    return tuple(y + h * _dot(row, stages, i) for i, y in enumerate(y0))

@@ -1,0 +1,93 @@
+"""A solver that watches its own steps and keeps running numbers in its state.
+
+Nothing is stored but the running numbers, diffrax undoes them on a rejected step like
+the rest of a solver's state, and the loop stays free of anything that a compiler could
+not turn into one kernel.
+"""
+
+import abc
+from typing import Any, ClassVar, NamedTuple
+
+import diffrax as dfx
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._types import Scalar, Vector4
+from .control import Signals
+from .explicit import OKAY, Explicit, dense
+
+
+class Step(NamedTuple):
+    """One step: both ends, the derivatives there, and the integrals over it."""
+
+    t0: Scalar
+    t1: Scalar
+    y0: Vector4
+    y1: Vector4
+    f0: Vector4
+    f1: Vector4
+    integrals: tuple
+
+
+class AbstractFold(eqx.Module):
+    """What is kept while a lane runs."""
+
+    @abc.abstractmethod
+    def integrand(self, column: Any):
+        """A function of y that returns a tuple to be integrated over steps, or None."""
+
+    @abc.abstractmethod
+    def init(self, column: Any, t0: Scalar, y0: Vector4) -> Any:
+        """The running numbers at the start."""
+
+    @abc.abstractmethod
+    def step(self, column: Any, state: Any, step: Step) -> tuple[Any, Any, Any]:
+        """The running numbers after a step, the next time to stop on, and whether done.
+
+        The step may still be rejected: then all three are forgotten.
+        """
+
+
+class Observed(dfx.AbstractSolver):
+    """An explicit solver with a fold over its accepted steps.
+
+    The solver's state is (the solver's own, the fold's): read it back with
+    `SaveAt(t1=True, solver_state=True)`. Needs `StepControl`, which understands its
+    `Signals`.
+    """
+
+    solver: Explicit
+    fold: AbstractFold
+
+    term_structure: ClassVar = dfx.AbstractTerm
+    interpolation_cls: ClassVar = dfx.ThirdOrderHermitePolynomialInterpolation
+
+    def order(self, terms):
+        """The solver's."""
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        """The solver's."""
+        return self.solver.error_order(terms)
+
+    def func(self, terms, t0, y0, args):
+        """The right-hand side."""
+        return self.solver.func(terms, t0, y0, args)
+
+    def init(self, terms, t0, t1, y0, args):
+        """The solver's first stage and the fold's start."""
+        first = self.solver.init(terms, t0, t1, y0, args)
+        return first, self.fold.init(args, t0, y0)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        """One step, seen by the fold."""
+        del made_jump
+        f0, folded = solver_state
+        y1, error, f1, integrals = self.solver.advance(
+            terms, t0, t1, y0, args, f0, self.fold.integrand(args)
+        )
+        seen = Step(t0, t1, y0, y1, f0, f1, integrals)
+        folded, stop, done = self.fold.step(args, folded, seen)
+        done = jnp.asarray(done, jnp.result_type(t1))
+        signals = Signals(error, stop, done)
+        return y1, signals, dense(t0, t1, y0, y1, f0, f1), (f1, folded), OKAY
