@@ -1,28 +1,26 @@
-"""How many points run: one compiled batch, a queue in order of cost, and threads.
+"""How many points run: compiled batches on threads, lanes refilled as they end."""
 
-A vmapped loop runs until its slowest lane ends, so lanes of like cost belong together.
-The queue is worked off in three levels, every 4th point of each axis first, then every
-2nd, then all: what the finished points cost predicts their neighbours, and each level
-is sorted by that. Every point is computed once, in the same compiled program.
-"""
-
-import itertools
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
+from ._legs import Legs, in_legs
 from ._variables import DIMENSIONS, Variable, named_variables
 
-STRIDES = (4, 2, 1)
 BATCH_WITH_LOOP = 128  # the loop's working set stays in the first caches
 BATCH_WITHOUT = 8192
+# A leg costs its dispatch, and half a leg of idling per lane at its end: measured best
+# at about a twelfth of a lane's steps.
+LEGS_A_LANE = 12
+SHORTEST_LEG, FIRST_LEG, LONGEST_LEG = 64, 128, 1024
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
 
@@ -30,12 +28,56 @@ _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
 class Program(NamedTuple):
     """One batch of a scene, compiled."""
 
-    run: Callable[..., tuple]
+    run: Callable[..., Any]
+    results: "Packing"
+    carry: "Packing | None"  # None: the lanes do not run in legs
     variables: dict[str, Variable]  # values are shapes and dtypes
     attributes: dict[str, Any]
     batch_size: int
     wide: bool  # float64
     compile_seconds: float
+
+
+class Packing:
+    """Many small arrays a lane as one array a dtype: a call then has few arguments."""
+
+    def __init__(self, shapes: Sequence[Any]):
+        """Lay out leaves of these shapes and dtypes."""
+        self.shapes = [(tuple(s.shape), np.dtype(s.dtype)) for s in shapes]
+        self.dtypes = sorted({dtype for _, dtype in self.shapes}, key=str)
+
+    def pack(self, leaves: Sequence[Any]) -> tuple[jax.Array, ...]:
+        """One vector a dtype."""
+        return tuple(
+            jnp.concatenate(
+                [jnp.ravel(leaf) for leaf, (_, d) in self._pairs(leaves) if d == dtype]
+            )
+            for dtype in self.dtypes
+        )
+
+    def unpack(self, packed: Sequence[Any]) -> list[Any]:
+        """The leaves again; lanes, if any, stand behind, and stay there."""
+        used = dict.fromkeys(self.dtypes, 0)
+        leaves = []
+        for shape, dtype in self.shapes:
+            source = packed[self.dtypes.index(dtype)]
+            size = int(np.prod(shape))
+            part = source[used[dtype] : used[dtype] + size]
+            leaves.append(part.reshape(shape + source.shape[1:]))
+            used[dtype] += size
+        return leaves
+
+    def empty(self, lanes: int) -> tuple[np.ndarray, ...]:
+        """Zeros for a batch that has not started."""
+        return tuple(
+            np.zeros(
+                (sum(int(np.prod(s)) for s, d in self.shapes if d == dt), lanes), dt
+            )
+            for dt in self.dtypes
+        )
+
+    def _pairs(self, leaves):
+        return zip(leaves, self.shapes, strict=True)
 
 
 @lru_cache(maxsize=32)
@@ -44,29 +86,62 @@ def compile_point(
 ) -> Program:
     """Trace and compile `point` for one batch of lanes."""
     dtype = np.dtype(np.float64 if wide else np.float32)
+    scalar = jax.ShapeDtypeStruct((), dtype)
+    flag = jax.ShapeDtypeStruct((), bool)
+    whole = jax.ShapeDtypeStruct((), np.int32)
 
-    def result(*values):
+    def result(values):
         return point(**dict(zip(names, values, strict=True)))
 
-    def lane(*values):
-        return tuple(v.value for v in named_variables(result(*values)).values())
+    def leaves(values):
+        return [v.value for v in named_variables(result(values)).values()]
+
+    def find_legs(quota, fresh, values):
+        with in_legs(Legs(quota, fresh, None)) as legs:
+            leaves(values)
+        return legs.left if legs.calls == 1 else None
+
+    def whole_run(values):
+        return results.pack(leaves(values))
+
+    def batched(function, in_axes):
+        options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
+        function = jax.vmap(function, in_axes=in_axes, out_axes=-1)
+        return jax.jit(function, compiler_options=options)
 
     with jax.enable_x64(wide):
-        scalar = jax.ShapeDtypeStruct((), dtype)
-        shape: Any = jax.eval_shape(result, *[scalar] * len(names))
+        values = [scalar] * len(names)
+        shape: Any = jax.eval_shape(result, values)
         variables = named_variables(shape)
-        if batch_size is None:
-            batch_size = BATCH_WITH_LOOP if "steps" in variables else BATCH_WITHOUT
+        attributes = shape.attributes() if hasattr(shape, "attributes") else {}
+        results = Packing([v.value for v in variables.values()])
         started = time.perf_counter()
-        options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
-        lanes = jax.ShapeDtypeStruct((batch_size,), dtype)
-        lowered = jax.jit(jax.vmap(lane), compiler_options=options).lower(
-            *[lanes] * len(names)
-        )
-        compiled = lowered.compile()
+        try:
+            carried = jax.eval_shape(find_legs, whole, flag, values)
+        except jax.errors.UnexpectedTracerError:
+            carried = None  # `settle` is inside a transformation of the scene's own
+        if carried is None:
+            carry = None
+            size = batch_size or BATCH_WITHOUT
+            lanes = [jax.ShapeDtypeStruct((size,), dtype)] * len(names)
+            run = batched(whole_run, (0,)).lower(lanes).compile()
+        else:
+            carry = Packing(carried)
+            size = batch_size or BATCH_WITH_LOOP
+
+            def leg(quota, fresh, values, carried):
+                with in_legs(Legs(quota, fresh, carry.unpack(carried))) as legs:
+                    found = leaves(values)
+                left = carry.pack(legs.left)
+                return results.pack(found), left, legs.running, legs.steps
+
+            run = batched(leg, (None, 0, 0, -1))
+            # one step of no lane in particular: a call of a jitted function costs half
+            # of what calling its compiled form does
+            begun = [np.ones(size, dtype)] * len(names)
+            run(np.int32(1), np.ones(size, bool), begun, carry.empty(size))
         seconds = time.perf_counter() - started
-    attributes = shape.attributes() if hasattr(shape, "attributes") else {}
-    return Program(compiled, variables, attributes, batch_size, wide, seconds)
+    return Program(run, results, carry, variables, attributes, size, wide, seconds)
 
 
 class Effort(NamedTuple):
@@ -91,105 +166,137 @@ def run_lanes(
 
     - `valid`: shape of the grid, which points to compute.
     - `into`: arrays of the grid's shape (and the variable's own behind it), filled in.
-    - `on_batch`: told the number of points and the useful share after each batch.
+    - `on_batch`: told the number of finished points and the useful share.
     """
-    shape = valid.shape
-    flat = {
-        name: array.reshape(-1, *array.shape[len(shape) :])
-        for name, array in into.items()
-    }
-    cost = np.full(shape, np.nan) if "steps" in into else None
-    lock = threading.Lock()
-    taken = [0, 0]  # useful steps, all steps
-
-    def compute(lanes: np.ndarray) -> int:
-        size = program.batch_size
-        padded = np.resize(lanes, size)  # repeats real lanes: a remainder costs no more
-        places = np.unravel_index(padded, shape)
-        values = [
-            axis[place].astype(np.float64 if program.wide else np.float32)
-            for axis, place in zip(axes, places, strict=True)
-        ]
-        with jax.enable_x64(program.wide):  # this setting is local to a thread
-            results = [np.asarray(x) for x in program.run(*values)]
-        for name, result in zip(program.variables, results, strict=True):
-            flat[name][lanes] = result[: lanes.size]
-        if cost is not None:
-            steps = flat["steps"][lanes]
-            cost.reshape(-1)[lanes] = steps
-            with lock:
-                taken[0] += int(steps.sum())
-                taken[1] += int(steps.max()) * size
-        return lanes.size
-
-    def useful() -> float:
-        return taken[0] / taken[1] if taken[1] else 1.0
-
+    queue = _Queue(np.flatnonzero(valid))
+    work = _Work(program, axes, valid.shape, into)
+    runner = _run_whole if program.carry is None else _run_in_legs
     started = time.perf_counter()
     pool = ThreadPoolExecutor(threads)
     try:
-        for level in _levels(valid, cost):
-            batches = [
-                level[i : i + program.batch_size]
-                for i in range(0, level.size, program.batch_size)
-            ]
-            for done in _in_flight(pool, compute, batches, 4 * threads):
-                on_batch(done, useful())
+        running = {pool.submit(runner, work, queue) for _ in range(threads)}
+        while running:
+            ended, running = wait(running, 0.1, return_when=FIRST_COMPLETED)
+            on_batch(work.finished_since(), work.useful())
+            for future in ended:
+                future.result()
     finally:
-        # Ctrl-C and errors: what waits is dropped, what runs ends with its batch
-        pool.shutdown(wait=True, cancel_futures=True)
-    return Effort(time.perf_counter() - started, useful())
+        # Ctrl-C and errors: a batch in flight ends its leg, nothing more is begun
+        queue.close()
+        pool.shutdown(wait=True)
+    return Effort(time.perf_counter() - started, work.useful())
 
 
-def _in_flight(
-    pool: ThreadPoolExecutor, compute: Callable, batches: list, most: int
-) -> Iterator[int]:
-    """Results as they come, with at most `most` batches submitted at a time."""
-    waiting = set()
-    queue = iter(batches)
-    while True:
-        for batch in itertools.islice(queue, most - len(waiting)):
-            waiting.add(pool.submit(compute, batch))
-        if not waiting:
-            return
-        done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-        for future in done:
-            yield future.result()
+class _Queue:
+    """The points that wait, handed out in order to any thread."""
+
+    def __init__(self, points: np.ndarray):
+        self.points, self.next, self.closed = points, 0, False
+        self.lock = threading.Lock()
+
+    def take(self, count: int) -> np.ndarray:
+        with self.lock:
+            first = self.next
+            self.next = min(first + count, self.points.size)
+            return self.points[first : self.next]
+
+    def close(self) -> None:
+        with self.lock:
+            self.next, self.closed = self.points.size, True
 
 
-def _levels(valid: np.ndarray, cost: np.ndarray | None) -> Iterator[np.ndarray]:
-    """The points of each level, costly ones first; `cost` is read as it fills."""
-    if cost is None or valid.size < 64:
-        yield np.flatnonzero(valid)
-        return
-    left = valid.copy()
-    for stride in STRIDES:
-        level = np.zeros_like(valid)
-        grid = tuple(slice(None, None, stride) for _ in valid.shape)
-        level[grid] = left[grid]
-        left &= ~level
-        points = np.flatnonzero(level)
+class _Work:
+    """Where the points' numbers come from and where their results go."""
+
+    def __init__(self, program, axes, shape, into):
+        self.program, self.axes, self.shape = program, axes, shape
+        self.flat = [
+            np.moveaxis(a.reshape(-1, *a.shape[len(shape) :]), 0, -1)
+            for a in into.values()
+        ]
+        self.dtype = np.float64 if program.wide else np.float32
+        self.lock = threading.Lock()
+        self.finished = self.reported = 0
+        self.own_steps = self.all_steps = 0
+
+    def values(self, points: np.ndarray) -> list[np.ndarray]:
+        places = np.unravel_index(points, self.shape)
+        pairs = zip(self.axes, places, strict=True)
+        return [axis[place].astype(self.dtype) for axis, place in pairs]
+
+    def call(self, *arguments: Any) -> Any:
+        with jax.enable_x64(self.program.wide):  # the setting is local to a thread
+            return self.program.run(*arguments)
+
+    def store(
+        self, points: np.ndarray, lanes: Any, packed: Any, own: int, ran: int
+    ) -> None:
+        """Keep the results of `lanes` and count: their own steps, all that ran."""
         if points.size:
-            expected = _expected_cost(cost, points, 2 * stride)
-            yield points[np.argsort(-expected, kind="stable")]
+            found = self.program.results.unpack([np.asarray(p) for p in packed])
+            for target, result in zip(self.flat, found, strict=True):
+                target[..., points] = result[..., lanes]
+        with self.lock:
+            self.finished += points.size
+            self.own_steps += own
+            self.all_steps += ran
+
+    def mean_steps(self) -> float:
+        return self.own_steps / self.finished if self.finished else 0.0
+
+    def useful(self) -> float:
+        return self.own_steps / self.all_steps if self.all_steps else 1.0
+
+    def finished_since(self) -> int:
+        with self.lock:
+            since = self.finished - self.reported
+            self.reported = self.finished
+            return since
 
 
-def _expected_cost(cost: np.ndarray, points: np.ndarray, reach: int) -> np.ndarray:
-    """The mean cost of the finished neighbours on the coarser grid, by nearness."""
-    places = np.stack(np.unravel_index(points, cost.shape), axis=1)
-    total, weight = np.zeros(points.size), np.zeros(points.size)
-    last = np.array(cost.shape) - 1
-    floor = places - places % reach
-    for corner in itertools.product((0, reach), repeat=cost.ndim):
-        near = np.minimum(floor + corner, last - last % reach)
-        found = cost[tuple(near.T)]
-        distance = np.sum((near - places) ** 2, axis=1)
-        w = np.where(np.isnan(found), 0.0, 1.0 / (distance + 0.25))
-        total += np.where(np.isnan(found), 0.0, found) * w
-        weight += w
-    known = weight > 0
-    overall = float(np.nanmean(cost)) if np.any(~np.isnan(cost)) else 0.0
-    return np.where(known, total / np.where(known, weight, 1.0), overall)
+def _run_whole(work: _Work, queue: _Queue) -> None:
+    """Batches of lanes that each run to their end."""
+    size = work.program.batch_size
+    while (points := queue.take(size)).size:
+        # the last batch is padded with real lanes: another size would be compiled again
+        packed = work.call(work.values(np.resize(points, size)))
+        work.store(points, slice(0, points.size), packed, 0, 0)
+
+
+def _run_in_legs(work: _Work, queue: _Queue) -> None:
+    """One batch whose lanes are refilled from the queue after each leg."""
+    size = work.program.batch_size
+    points = queue.take(size)
+    if not points.size:
+        return
+    busy = np.arange(size) < points.size
+    points = np.resize(points, size)  # idle places repeat real lanes
+    values = work.values(points)
+    fresh = np.ones(size, bool)
+    carried: Any = work.program.carry.empty(size)
+    before = np.zeros(size, np.int64)
+    quota = FIRST_LEG
+    while busy.any():
+        packed, carried, running, steps = work.call(
+            np.int32(quota), fresh, values, carried
+        )
+        steps = np.asarray(steps)
+        ran = int((steps - np.where(fresh, 0, before))[busy].max())
+        ended = busy & ~np.asarray(running)
+        lanes = np.flatnonzero(ended)
+        work.store(points[lanes], lanes, packed, int(steps[lanes].sum()), ran * size)
+        if queue.closed:
+            return
+        before, fresh = steps, np.zeros(size, bool)
+        busy &= ~ended
+        new = queue.take(lanes.size) if lanes.size else points[:0]
+        if new.size:
+            place = lanes[: new.size]
+            points[place], busy[place], fresh[place] = new, True, True
+            values = work.values(points)
+            quota = int(
+                np.clip(work.mean_steps() / LEGS_A_LANE, SHORTEST_LEG, LONGEST_LEG)
+            )
 
 
 def all_cores() -> int:

@@ -21,7 +21,7 @@ class Watched(NamedTuple):
     previous: tuple  # the amplitudes of the window before
     drift: Scalar
     fastest: Scalar  # the largest joint rate of this window
-    outcome: Scalar
+    outcome: Scalar  # `not_computed` while it runs
 
 
 class Windows(AbstractFold):
@@ -61,7 +61,7 @@ class Windows(AbstractFold):
             previous=(zero, zero, zero) if compares else (),
             drift=zero + jnp.inf,
             fastest=_fastest(y0),
-            outcome=jnp.asarray(OUTCOME.unsettled, jnp.int32),
+            outcome=jnp.asarray(OUTCOME.not_computed, jnp.int32),
         )
 
     def step(self, column, state, step):
@@ -92,10 +92,12 @@ class Windows(AbstractFold):
             drift = jnp.where(judged & (windows > 1), relative, drift)
             agreed = judged & (drift <= self.rtol_settle)
         turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
-        done = turned | at_rest | agreed | (judged & (windows >= self.max_windows))
+        over = judged & (windows >= self.max_windows)
+        done = turned | at_rest | agreed | over
 
         resting = OUTCOME.rest if column.friction is None else OUTCOME.stuck
-        outcome = jnp.where(agreed, OUTCOME.cycle, state.outcome)
+        outcome = jnp.where(over, OUTCOME.unsettled, state.outcome)
+        outcome = jnp.where(agreed, OUTCOME.cycle, outcome)
         outcome = jnp.where(at_rest, resting, outcome)
         outcome = jnp.where(turned, OUTCOME.escaped, outcome)
 

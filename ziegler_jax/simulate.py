@@ -1,6 +1,6 @@
 """Motions of a column: a time history to look at, and the long run as numbers."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax as dfx
 import equinox as eqx
@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._legs import current_legs
 from ._types import Scalar, Vector4, equals, is_concrete, number
 from ._variables import Variable
 from ._windows import Windows
@@ -141,30 +142,56 @@ def settle(
         rate_cut=_rate_cut(column, rate_cut),
         observers=_with_amplitude(observers, column),
     )
+    args = _known_tangential(column)
+    watching = Observed(solver, watch)
+    terms = dfx.ODETerm(vector_field)
+    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
+    max_steps = _whole("max_steps", max_steps)
     y0 = _float_state(start)
-    dtype = y0[0].dtype
-    good = _valid(column, y0)
+    zero = jnp.zeros((), y0[0].dtype)
+    invalid = jnp.where(_valid(column, y0), OUTCOME.not_computed, OUTCOME.invalid)
+    begin = _Run(
+        solver=watching.init(terms, zero, zero, y0, args),
+        control=control.start(zero, FIRST_STEP, watch.first_stop()),
+        steps=jnp.zeros((), jnp.int32),
+        outcome=invalid.astype(jnp.int32),
+    )
+    legs = current_legs()
+    run = begin if legs is None else legs.enter(begin)
+    left = max_steps - run.steps
+    left = left if legs is None else jnp.minimum(left, legs.quota)
+    # the watch ends a lane before this; one that has ended does not move
     end = watch.transient + watch.window * (watch.max_windows + 1)
+    t = run.control.t
     solution = dfx.diffeqsolve(
-        dfx.ODETerm(vector_field),
-        Observed(solver, watch),
-        t0=jnp.zeros((), dtype),
-        # the watch ends the lane, one window before; an invalid lane does not start
-        t1=jnp.where(good, jnp.asarray(end, dtype), 0.0),
-        dt0=FIRST_STEP,
-        y0=y0,
-        args=_known_tangential(column),
-        stepsize_controller=StepControl(rtol, atol, watch.first_stop()),
-        saveat=dfx.SaveAt(t1=True, solver_state=True),
-        max_steps=_whole("max_steps", max_steps),
+        terms,
+        watching,
+        t0=t,
+        t1=jnp.where(run.outcome == OUTCOME.not_computed, zero + end, t),
+        # t + (t_next - t) is t_next to the last bit as soon as t >= t_next / 2
+        # (Sterbenz), and a leg is many steps long: a pause changes nothing
+        dt0=run.control.t_next - t,
+        y0=run.solver.y,
+        args=args,
+        stepsize_controller=control,
+        solver_state=run.solver,
+        controller_state=run.control._replace(left=left.astype(jnp.int32)),
+        saveat=dfx.SaveAt(solver_state=True, controller_state=True),
+        max_steps=None,  # the controller counts
         throw=False,
         adjoint=dfx.ForwardMode(),
     )
-    assert solution.ys is not None and solution.ts is not None
-    assert solution.solver_state is not None
-    y1 = tuple(y[-1] for y in solution.ys)
-    last, watched = solution.solver_state
-    outcome = _outcome(good, solution.result, last, watched.outcome)
+    after: Any = solution.solver_state
+    where: Any = solution.controller_state
+    watched, y1 = after.folded, after.y
+    steps = run.steps + solution.stats["num_steps"]
+    spent = (watched.outcome == OUTCOME.not_computed) & (steps >= max_steps)
+    ended = jnp.where(spent, OUTCOME.budget_spent, watched.outcome)
+    ended = _outcome(solution.result, after.slope, ended)
+    outcome = jnp.where(run.outcome == OUTCOME.not_computed, ended, run.outcome)
+    if legs is not None:
+        paused = _Run(after, where, steps, outcome)
+        legs.leave(paused, outcome == OUTCOME.not_computed, steps)
     failed = outcome < OUTCOME.unsettled
     observed = {
         observer.name: _nan_where(
@@ -176,10 +203,10 @@ def settle(
         observed=observed,
         drift=_nan_where(failed | ~jnp.isfinite(watched.drift), watched.drift),
         final=State(y1[:2], y1[2:]),
-        time=solution.ts[-1],
-        steps=solution.stats["num_steps"],
+        time=where.t,
+        steps=steps,
         windows=watched.windows,
-        outcome=outcome,
+        outcome=outcome.astype(jnp.int8),
         observers=watch.observers,
         settings=_settings(
             solver=solver.name,
@@ -246,27 +273,35 @@ def trajectory(
     assert solution.ys is not None
     # diffrax leaves infinity where nothing was saved
     ys = [jnp.where(jnp.isfinite(y), y, jnp.nan) for y in solution.ys]
-    complete = jnp.asarray(OUTCOME.complete)
+    outcome = _outcome(solution.result, solution.solver_state, OUTCOME.complete)
     return Trajectory(
         ts=ts,
         phi=jnp.stack(ys[:2], axis=-1),
         omega=jnp.stack(ys[2:], axis=-1),
         steps=solution.stats["num_steps"],
-        outcome=_outcome(good, solution.result, solution.solver_state, complete),
+        outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
     )
 
 
-def _outcome(good: Any, result: Any, last_slope: Any, otherwise: Any) -> jax.Array:
-    """The code of a lane, in order of precedence."""
+class _Run(NamedTuple):
+    """Where a lane is: what a leg hands to the next."""
+
+    solver: Any
+    control: Any
+    steps: Any
+    outcome: Any
+
+
+def _outcome(result: Any, last_slope: Any, otherwise: Any) -> jax.Array:
+    """The code of a lane: what stopped the solver, or otherwise."""
     finite = True
     for slope in jax.tree.leaves(last_slope):
         finite &= jnp.isfinite(slope)
-    vanished = result == dfx.RESULTS.dt_min_reached
+    stopped = result == dfx.RESULTS.dt_min_reached
+    reason = jnp.where(finite, OUTCOME.step_vanished, OUTCOME.not_finite)
+    outcome = jnp.where(stopped, reason, otherwise)
     spent = result == dfx.RESULTS.max_steps_reached
-    outcome = jnp.where(spent, OUTCOME.budget_spent, otherwise)
-    outcome = jnp.where(vanished, OUTCOME.step_vanished, outcome)
-    outcome = jnp.where(finite, outcome, OUTCOME.not_finite)
-    return jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8)
+    return jnp.where(spent, OUTCOME.budget_spent, outcome)
 
 
 def _settings(**options: Any) -> tuple[tuple[str, Any], ...]:

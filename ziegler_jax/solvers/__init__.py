@@ -1,11 +1,12 @@
 """Lane solvers: diffrax solvers that run fast for thousands of lanes under vmap."""
 
-from .control import Signals, StepControl
+from .control import ControlState, Signals, StepControl
 from .explicit import Explicit
 from .observed import AbstractFold, Observed, Step
 
 __all__ = [
     "AbstractFold",
+    "ControlState",
     "Explicit",
     "Observed",
     "Signals",

@@ -5,7 +5,7 @@ E^2 = \tfrac14 \sum_i \Bigl(\frac{e_i}{atol + rtol \max(|y_{0,i}|, |y_{1,i}|)}
 \Bigr)^2$$
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax as dfx
 import equinox as eqx
@@ -16,6 +16,7 @@ from .._types import Scalar
 
 SAFETY = 0.9
 SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 10.0
+NO_LIMIT = 2**31 - 1
 SMALLEST_STEP = 1e-13  # against |t|: below, t + h hardly moves
 
 
@@ -31,19 +32,26 @@ class Signals(eqx.Module):
     done: Scalar  # 1 to end the lane after this step, if it is accepted; else 0
 
 
+class ControlState(NamedTuple):
+    """What the controller remembers between steps."""
+
+    t: Any  # where the lane is
+    stop: Any  # a time on which a step must end
+    t_next: Any  # where the next step ends, if nothing clips it
+    left: Any  # how many more steps may be attempted
+
+
 class StepControl(dfx.AbstractAdaptiveStepSizeController):
     """An integral controller without `pow`, which XLA calls lane by lane on a CPU.
 
     It ends a lane, with `dt_min_reached`, whose step vanishes or is NaN: such a lane
     would otherwise run for ever and its batch with it.
 
-    **Arguments:** `rtol`, `atol`: tolerances per step; `stop`: the first time on which
-    a step must end, later ones come with `Signals`.
+    **Arguments:** `rtol`, `atol`: tolerances per step.
     """
 
     rtol: Scalar
     atol: Scalar
-    stop: Scalar = jnp.inf
 
     @property
     def norm(self):  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -60,8 +68,16 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         del terms, t1, y0, args, func, error_order
         if dt0 is None:
             raise ValueError("Argument `dt0` must be given, but is None.")
-        stop = jnp.asarray(self.stop, jnp.result_type(t0))
-        return _towards(stop, t0, jnp.asarray(dt0, stop.dtype)), stop
+        state = self.start(t0, dt0, jnp.inf)
+        return state.t_next, state
+
+    def start(self, t0: Any, dt0: Any, stop: Any) -> ControlState:
+        """The state before the first step, with a first time to stop on."""
+        dtype = jnp.result_type(t0)
+        stop = jnp.asarray(stop, dtype)
+        t_next = _towards(stop, t0, jnp.asarray(dt0, dtype))
+        t0 = jnp.asarray(t0, dtype)
+        return ControlState(t0, stop, t_next, jnp.asarray(NO_LIMIT, jnp.int32))
 
     def adapt_step_size(
         self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state
@@ -70,7 +86,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         del args
         signals = y_error if isinstance(y_error, Signals) else None
         error: Any = y_error if signals is None else signals.error
-        stop = controller_state
+        stop, left = controller_state.stop, controller_state.left - 1
         square = 0.0
         for e, a, b in zip(error, y0, y1_candidate, strict=True):
             scale = self.atol + self.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))
@@ -85,16 +101,19 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         factor = jnp.where(jnp.isfinite(square), factor, SMALLEST_FACTOR)
         h = (t1 - t0) * factor
         t = jnp.where(keep, t1, t0)
-        result = dfx.RESULTS.where(
-            h > SMALLEST_STEP * jnp.abs(t),
-            dfx.RESULTS.successful,
-            dfx.RESULTS.dt_min_reached,
-        )
+        # an accepted step may be as small as the stop it was cut to
+        vanished = ~(keep | (h > SMALLEST_STEP * jnp.abs(t)))
+        pause = left <= 0
         if signals is not None:
             stop = jnp.where(keep, signals.stop, stop)
-            done = keep & (signals.done > 0)
-            result = dfx.RESULTS.where(done, dfx.RESULTS.event_occurred, result)
-        return keep, t, _towards(stop, t, h), False, stop, result
+            pause |= keep & (signals.done > 0)
+        result = dfx.RESULTS.where(
+            pause, dfx.RESULTS.event_occurred, dfx.RESULTS.successful
+        )
+        result = dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
+        t_next = _towards(stop, t, h)
+        state = ControlState(t, stop, t_next, left)
+        return keep, t, t_next, False, state, result
 
 
 def _towards(stop: Any, t: Any, h: Any) -> Any:

@@ -48,12 +48,20 @@ class AbstractFold(eqx.Module):
         """
 
 
+class ObservedState(NamedTuple):
+    """Where an observed solve is."""
+
+    y: Vector4
+    slope: Vector4  # the right-hand side at y
+    folded: Any
+
+
 class Observed(dfx.AbstractSolver):
     """An explicit solver with a fold over its accepted steps.
 
-    The solver's state is (the solver's own, the fold's): read it back with
-    `SaveAt(t1=True, solver_state=True)`. Needs `StepControl`, which understands its
-    `Signals`.
+    Read its `ObservedState` back with `SaveAt(solver_state=True)`. That holds y too:
+    `SaveAt(t1=True)` saves by a scatter, which XLA runs lane by lane on a CPU. Needs
+    `StepControl`, which understands its `Signals`.
     """
 
     solver: Explicit
@@ -77,12 +85,12 @@ class Observed(dfx.AbstractSolver):
     def init(self, terms, t0, t1, y0, args):
         """The solver's first stage and the fold's start."""
         first = self.solver.init(terms, t0, t1, y0, args)
-        return first, self.fold.init(args, t0, y0)
+        return ObservedState(y0, first, self.fold.init(args, t0, y0))
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         """One step, seen by the fold."""
         del made_jump
-        f0, folded = solver_state
+        _, f0, folded = solver_state
         y1, error, f1, integrals = self.solver.advance(
             terms, t0, t1, y0, args, f0, self.fold.integrand(args)
         )
@@ -90,4 +98,5 @@ class Observed(dfx.AbstractSolver):
         folded, stop, done = self.fold.step(args, folded, seen)
         done = jnp.asarray(done, jnp.result_type(t1))
         signals = Signals(error, stop, done)
-        return y1, signals, dense(t0, t1, y0, y1, f0, f1), (f1, folded), OKAY
+        after = ObservedState(y1, f1, folded)
+        return y1, signals, dense(t0, t1, y0, y1, f0, f1), after, OKAY
