@@ -74,7 +74,8 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
 
     **Returns:** `.q`, `.frequency`, `.outcome`. The outcome is `found`; `preceded` if
     the other kind comes at a lower load, and at that load the column is lost already;
-    `undamped` (below); `none` if no load crosses such a boundary. For `none`,
+    `undamped` (below); `none` if no load crosses such a boundary (flutter that grows
+    out of divergence, two growing real s that meet, crosses none). For `none`,
     `double_root`, `unstable_at_zero` and `invalid` the numbers and all their
     derivatives are NaN: to mask lanes in a sum that is differentiated, mask their
     parameters.

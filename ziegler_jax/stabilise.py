@@ -20,9 +20,9 @@ class Stabilised(NamedTuple):
     """What `stabilise` found.
 
     `parameters`: the best values by name; `column`: the column they make; `load`: its
-    critical load; `converged`: whether the last step was below the tolerances (else
-    the steps were spent); `history`: a dataset along `step` of the parameters, q_cr,
-    frequency and the slope that was left.
+    critical load; `converged`: whether the last step was below the tolerances, else
+    the steps were spent, as they are in front of an exchange of the kinds; `history`:
+    a dataset along `step` of the parameters, q_cr, frequency and the slope left.
     """
 
     parameters: dict[str, float]
@@ -84,23 +84,35 @@ def stabilise(
     def values(x):
         return {n: low[n] + width[n] * (1 + jnp.sin(x[n])) / 2 for n in x}
 
-    def objective(x, _):
+    def objective(x, scale):
         at = values(x)
         load = critical_load(make(**at), kind)
         good = load.outcome == int(CRITICAL.found)
-        return jnp.where(good, -load.q, jnp.inf), (at, load)
+        return jnp.where(good, -load.q * scale, jnp.inf), (at, load)
 
+    (_, (_, load)), slopes = jax.jit(jax.value_and_grad(objective, has_aux=True))(
+        x, 1.0
+    )
+    outcome = CRITICAL(int(load.outcome))
+    if outcome is not CRITICAL.found:
+        raise ValueError(
+            f"Argument `start` must lose stability by {kind} first, but its "
+            f"outcome is `{outcome.name}`: {outcome.sentence}."
+        )
+    # BFGS begins with a step of the slope's length: at most a tenth of the box's pi
+    size = float(jnp.sqrt(sum(g * g for g in slopes.values())))
+    scale = min(1.0, 0.3 / size) if size > 0 else 1.0
     rtol = max(rtol, 8 * float(jnp.finfo(float).eps))
     solver = optx.BFGS(rtol=rtol, atol=rtol)
-    out, aux = eqx.filter_eval_shape(objective, x, None)
-    state = solver.init(objective, x, None, {}, out, aux, frozenset())
+    out, aux = eqx.filter_eval_shape(objective, x, scale)
+    state = solver.init(objective, x, scale, {}, out, aux, frozenset())
 
     @eqx.filter_jit
     def advance(x, state):
-        x, state, _ = solver.step(objective, x, None, {}, state, frozenset())
-        done, _ = solver.terminate(objective, x, None, {}, state, frozenset())
+        x, state, _ = solver.step(objective, x, scale, {}, state, frozenset())
+        done, _ = solver.terminate(objective, x, scale, {}, state, frozenset())
         size = jnp.sqrt(sum(g * g for g in jax.tree.leaves(state.f_info.grad)))
-        return x, state, done, state.num_accepted_steps, (*state.aux, size)
+        return x, state, done, state.num_accepted_steps, (*state.aux, size / scale)
 
     rows, accepted, converged = [], 0, False
     for _ in range(max_steps):
@@ -108,12 +120,6 @@ def stabilise(
         if int(count) > accepted:
             accepted = int(count)
             rows.append(jax.device_get(row))
-            outcome = CRITICAL(int(rows[-1][1].outcome))
-            if outcome is not CRITICAL.found:
-                raise ValueError(
-                    "Argument `start` must have its first loss of stability by "
-                    f"{kind}, but its outcome is `{outcome.name}`: {outcome.sentence}."
-                )
         if bool(done):
             converged = True
             break
