@@ -21,6 +21,6 @@ BLUE, ORANGE, GREEN, PINK, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "0
 SEED, ZIEGLER = "uniform rods", "Ziegler's masses"
 
 
-def save(figure, script: str) -> None:
+def save(figure, script: str, **options) -> None:
     """Write the figure beside its script."""
-    figure.savefig(Path(script).with_suffix(".png"))
+    figure.savefig(Path(script).with_suffix(".png"), **options)

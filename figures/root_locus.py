@@ -41,10 +41,11 @@ def main():
     right.text(1.2, 0.12, "oscillates", ha="center", color="0.3")
     right.annotate(
         f"end of flutter\n$q$ = {float(end.q):.4f}",
-        (float(end.q), 1.75),
+        (float(end.q), 2.15),
         (-10, 0),
         textcoords="offset points",
         ha="right",
+        va="top",
     )
     figure.tight_layout()
     style.save(figure, __file__)

@@ -43,7 +43,7 @@ def main():
     seed = zj.critical_load(zj.uniform_rods())
     ax.plot(1, seed.q, "o", color="k", ms=8)
     ax.annotate(
-        f"pure follower load\n$q_{{cr}}$ = {float(seed.q):.4f}",
+        rf"$\eta = 1$:" "\n" rf"$q_{{cr}}$ = {float(seed.q):.4f}",
         (1, float(seed.q)),
         (6, -10),
         textcoords="offset points",

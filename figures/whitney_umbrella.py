@@ -58,7 +58,7 @@ def main():
     top = float(zj.critical_load(column(0.0, 0.0)).q)
     ax.plot([0, 0], [0, 0], [float(np.min(q[0])), top], color="k", lw=3)
     ax.plot([0], [0], [top], "D", color=style.PINK, mec="k", ms=9)
-    ax.text(0.0, -0.02, top + 0.22, f"undamped {top:.4f}", ha="center")
+    ax.text(0.0, -0.02, top + 0.16, f"undamped {top:.4f}", ha="center")
     ax.set_xlabel("$c_1$", labelpad=8)
     ax.set_ylabel("$c_2$", labelpad=8)
     ax.set_zlabel("$q_{cr}$")
@@ -67,9 +67,9 @@ def main():
         "Surface: critical_load. Points: sign changes of the numeric spectrum\n"
         f"(uniform rods; they differ by at most {worst:.0e})",
         fontsize=12,
-        y=0.96,
+        y=1.0,
     )
-    style.save(figure, __file__)
+    style.save(figure, __file__, pad_inches=0.3)  # the 3D label sticks out
 
 
 if __name__ == "__main__":
