@@ -5,11 +5,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ._materialise import if_any_lane
 from ._types import Scalar, Vector4, is_concrete
 from .column import Column
 from .observers import AbstractObserver, joint_rates
 from .outcome import OUTCOME
-from .solvers import AbstractFold
+from .solvers import AbstractFold, Step
 
 
 class Watched(NamedTuple):
@@ -72,55 +73,50 @@ class Windows(AbstractFold):
             mine = step._replace(integrals=step.integrals[used : used + count])
             observed.append(observer.step(column, part, mine))
             used += count
-        observed = tuple(observed)
         fastest = jnp.maximum(state.fastest, _fastest(step.y1))
-
+        seen = state._replace(observed=tuple(observed), fastest=fastest)
         ended = step.t1 >= state.window_end
-        windows = state.windows + jnp.where(ended, 1, 0)
+        turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
+
+        def judge(seen: Watched) -> Watched:
+            return self._judge(column, seen, step, ended, turned)
+
+        after = if_any_lane(ended | turned, judge, seen)
+        return after, after.window_end, after.outcome != OUTCOME.not_computed
+
+    def _judge(
+        self, column: Column, seen: Watched, step: Step, ended: Any, turned: Any
+    ) -> Watched:
+        """The verdict on a lane whose window ended or that turned over."""
+        windows = seen.windows + jnp.where(ended, 1, 0)
         judged = ended & (windows > 0)
-        at_rest = judged & (fastest < self.rate_cut)
-        amplitudes, drift, agreed = observed[0], state.drift, False
+        at_rest = judged & (seen.fastest < self.rate_cut)
+        over = judged & (windows >= self.max_windows)
+        amplitudes, drift, agreed = seen.observed[0], seen.drift, False
         if self.max_windows > 1:
-            largest = jnp.maximum(jnp.maximum(*amplitudes[:2]), amplitudes[2])
-            changes = [
-                jnp.abs(new - old)
-                for new, old in zip(amplitudes, state.previous, strict=True)
-            ]
-            change = jnp.maximum(jnp.maximum(*changes[:2]), changes[2])
-            # a motion of no amplitude at all has no drift, and rests
-            relative = change / jnp.maximum(largest, 1e-300)
+            relative = _relative_change(amplitudes, seen.previous)
             drift = jnp.where(judged & (windows > 1), relative, drift)
             agreed = judged & (drift <= self.rtol_settle)
-        turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
-        over = judged & (windows >= self.max_windows)
-        done = turned | at_rest | agreed | over
 
         resting = OUTCOME.rest if column.friction is None else OUTCOME.stuck
-        outcome = jnp.where(over, OUTCOME.unsettled, state.outcome)
+        outcome = jnp.where(over, OUTCOME.unsettled, seen.outcome)
         outcome = jnp.where(agreed, OUTCOME.cycle, outcome)
         outcome = jnp.where(at_rest, resting, outcome)
         outcome = jnp.where(turned, OUTCOME.escaped, outcome)
+        begins = ended & (outcome == OUTCOME.not_computed)
 
-        begins = ended & ~done
-        fresh = self._fresh(column, step.t1, step.y1)
+        def where(new: Any, old: Any) -> Any:
+            return jax.tree.map(lambda a, b: jnp.where(begins, a, b), new, old)
 
-        def where(new, old):
-            return jnp.where(begins, new, old)
-
-        window_end = where(step.t1 + self.window, state.window_end)
-        after = Watched(
-            observed=jax.tree.map(where, fresh, observed),
-            window_end=window_end,
+        return Watched(
+            observed=where(self._fresh(column, step.t1, step.y1), seen.observed),
+            window_end=where(step.t1 + self.window, seen.window_end),
             windows=windows,
-            previous=tuple(
-                where(new, old)
-                for new, old in zip(amplitudes, state.previous, strict=False)
-            ),
+            previous=where(amplitudes, seen.previous) if seen.previous else (),
             drift=drift,
-            fastest=where(_fastest(step.y1), fastest),
+            fastest=where(_fastest(step.y1), seen.fastest),
             outcome=outcome.astype(jnp.int32),
         )
-        return after, window_end, done
 
     def _fresh(self, column: Column, t: Scalar, y: Vector4) -> tuple:
         return tuple(observer.init(column, t, y) for observer in self.observers)
@@ -129,3 +125,12 @@ class Windows(AbstractFold):
 def _fastest(y: Vector4) -> Any:
     u1, u2 = joint_rates(y)
     return jnp.maximum(jnp.abs(u1), jnp.abs(u2))
+
+
+def _relative_change(new: tuple, old: tuple) -> Any:
+    """The largest change of the amplitudes against the largest amplitude."""
+    change = [jnp.abs(a - b) for a, b in zip(new, old, strict=True)]
+    largest = jnp.maximum(jnp.maximum(new[0], new[1]), new[2])
+    # a motion of no amplitude at all has not changed
+    largest = jnp.maximum(largest, jnp.finfo(largest.dtype).tiny)
+    return jnp.maximum(jnp.maximum(change[0], change[1]), change[2]) / largest

@@ -1,4 +1,4 @@
-"""Keep a function's results as arrays, so that a CPU does not compute them again.
+"""Conditionals that a whole batch decides: for speed alone, never for results.
 
 XLA on a CPU fuses a producer into each of its consumers and evaluates it once for
 each: in an unrolled Runge-Kutta step the field of stage 1, which all later stages use,
@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
@@ -42,9 +43,33 @@ def materialise(at: Any, function: Callable, *args: Any) -> Any:
     shapes = jax.eval_shape(function, *args)
 
     def never():
-        zero = [jax.numpy.zeros(leaf.shape, leaf.dtype) for leaf in leaves]
+        zero = [jnp.zeros(leaf.shape, leaf.dtype) for leaf in leaves]
         return jax.tree.unflatten(tree, zero)
 
     leaves, tree = jax.tree.flatten(shapes)
     predicate = _always(lax.stop_gradient(at))
     return lax.cond(predicate, lambda: function(*args), never)
+
+
+@custom_vmap
+def _any_lane(flag: jax.Array) -> jax.Array:
+    """Whether the flag is set in any lane of the batch."""
+    return flag
+
+
+@_any_lane.def_vmap
+def _any_lane_of_a_batch(axis_size, batched, flag):
+    del axis_size, batched
+    return _any_lane(jnp.any(flag)), False
+
+
+def if_any_lane(flag: Any, function: Callable, state: Any) -> Any:
+    """`function(state)` if some lane of the batch needs it, else `state`.
+
+    For work that is rare but not worth a loop of its own. `function` must leave the
+    state of a lane whose flag is not set as it is, or lanes would depend on their
+    batch mates.
+    """
+    if jax.default_backend() != "cpu":
+        return function(state)
+    return lax.cond(_any_lane(flag), function, lambda state: state, state)

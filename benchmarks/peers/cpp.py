@@ -1,0 +1,114 @@
+"""The hand-written AVX-512 kernel of `lanes.cpp`, compiled when first used.
+
+The shared library is kept in the user's cache folder under a name that carries the
+hash of the source and of the compiler's options, so a changed source compiles anew.
+
+    python benchmarks/peers/cpp.py      # ns per lane and step, 1 thread and all
+"""
+
+import ctypes
+import functools
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+SOURCE = Path(__file__).with_name("lanes.cpp")
+OPTIONS = ("-std=c++17", "-Ofast", "-march=native", "-fopenmp", "-shared", "-fPIC")
+
+
+class Lanes(NamedTuple):
+    """What the kernel returns for n lanes."""
+
+    amplitude: np.ndarray
+    """(n, 3): largest |phi1|, |phi2|, |phi2 - phi1| over t = 80..100 (0: not asked)."""
+    state: np.ndarray
+    """(n, 4): phi1, phi2, omega1, omega2 at t = 100."""
+    steps: np.ndarray
+    """(n,): attempted steps, the rejected ones included."""
+
+
+@functools.cache
+def library():
+    """The compiled kernel as a ctypes function.
+
+    **Raises:** `RuntimeError` where there is no g++, or where it cannot compile the
+    kernel for this processor (it needs AVX-512).
+    """
+    compiler = shutil.which("g++")
+    if compiler is None:
+        raise RuntimeError("The C++ peer needs g++, but no g++ is on the PATH.")
+    cpu = Path("/proc/cpuinfo")
+    lines = cpu.read_text().splitlines() if cpu.exists() else []
+    flags = [x for x in lines if x.startswith("flags")][:1]
+    key = SOURCE.read_bytes() + repr((OPTIONS, flags)).encode()
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    folder = cache / "ziegler_jax"
+    target = folder / f"lanes-{hashlib.sha256(key).hexdigest()[:16]}.so"
+    if not target.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            built = Path(scratch) / "lanes.so"
+            command = [compiler, *OPTIONS, str(SOURCE), "-o", str(built)]
+            done = subprocess.run(command, capture_output=True, text=True)
+            if done.returncode:
+                raise RuntimeError(
+                    "The C++ peer needs a g++ that compiles for AVX-512, but it said: "
+                    + done.stderr.strip()
+                )
+            built.replace(target)
+    function = ctypes.CDLL(str(target)).ziegler_lanes
+    array = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
+    function.argtypes = [ctypes.c_long, array, ctypes.c_int, ctypes.c_int, *[array] * 3]
+    function.restype = None
+    return function
+
+
+def solve(q, *, threads: int = 2, observe: bool = True) -> Lanes:
+    """Every lane from t = 0 to 100, one for each load.
+
+    **Arguments:**
+
+    - `q`: (n,) follower loads, finite (the kernel has no step budget).
+    - `threads`: OpenMP threads.
+    - `observe`: whether to land on t = 80 and to take the amplitudes from there on.
+    """
+    q = np.ascontiguousarray(q, np.float64)
+    if q.ndim != 1 or not np.isfinite(q).all():
+        raise ValueError("Argument `q` must be a row of finite loads.")
+    out = Lanes(np.empty((q.size, 3)), np.empty((q.size, 4)), np.empty(q.size))
+    library()(q.size, q, threads, observe, *out)
+    return out
+
+
+def run(q, threads: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """The amplitudes (n, 3) and the attempted steps (n,) of the loads `q`."""
+    out = solve(q, threads=threads)
+    return out.amplitude, out.steps
+
+
+def main():
+    q = np.linspace(2, 4, 8192)
+    library()
+    for observe in (False, True):
+        for threads in sorted({1, os.cpu_count() or 1}):
+            best = np.inf
+            for _ in range(5):
+                start = time.perf_counter()
+                steps = solve(q, threads=threads, observe=observe).steps
+                best = min(best, time.perf_counter() - start)
+            print(
+                f"{threads} thread(s), {'observed' if observe else 'end state'}: "
+                f"{best / steps.sum() * 1e9:.1f} ns per lane and step, "
+                f"{steps.mean():.1f} steps a lane"
+            )
+
+
+if __name__ == "__main__":
+    main()
