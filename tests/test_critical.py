@@ -217,7 +217,21 @@ def test_loads_and_derivatives_are_those_of_the_closed_form(kind, damped):
         # worst measured 2e-10, damped: the closed form's own cancellation (against 50
         # digits it is off by as much, ours by 1e-11)
         assert error.max() < 1e-9
-    p, which = p[:2000], which[:2000]
+
+
+@pytest.mark.slow  # compiles eight Hessians; 50 digits check the diagonal every time
+@pytest.mark.parametrize("damped", [True, False])
+@pytest.mark.parametrize("kind", KINDS)
+def test_second_derivatives_are_those_of_the_closed_form(kind, damped):
+    p, _, _, which = kept(16, 26_000 if kind == "flutter" else 15_000, kind, damped)
+    p, which = p[:10_000], which[:10_000]
+
+    def ours(p, which):
+        return load(p, kind, damped).q
+
+    def theirs(p, which):
+        return closed_form(p, kind, damped)[0][which]
+
     got = jax.jit(jax.vmap(jax.hessian(ours)))(p, which)
     want = jax.jit(jax.vmap(jax.hessian(theirs)))(p, which)
     size = jnp.abs(p[:, :, None] * p[:, None, :])

@@ -48,7 +48,7 @@ def test_load_frequency_and_derivatives_to_50_digits(damped):
 
     answers, slopes, bends = (
         np.asarray(jax.jit(jax.vmap(f))(rows))
-        for f in (numbers, jax.jacrev(numbers), jax.jacfwd(jax.jacrev(numbers)))
+        for f in (numbers, jax.jacrev(numbers), jax.hessian(lambda p: numbers(p)[0]))
     )
     step = mp.mpf(10) ** -15
     with mp.workdps(50):
@@ -74,7 +74,7 @@ def test_load_frequency_and_derivatives_to_50_digits(damped):
                 tilt_scale = abs(tilt) + 1e-6 * abs(mp.sqrt(w) / row[j])
                 assert abs(slopes[i, 1, j] - tilt) < 1e-10 * tilt_scale
                 bend_scale = abs(bend) + abs(want / row[j])
-                assert abs(bends[i, 0, j, j] - bend) < 1e-9 * bend_scale
+                assert abs(bends[i, j, j] - bend) < 1e-9 * bend_scale
 
 
 @pytest.mark.parametrize("kind", KINDS)

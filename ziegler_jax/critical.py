@@ -73,7 +73,7 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
         pure follower load: divergence without $\det K = 0$), or on the axis.
 
     **Returns:** `.q`, `.frequency`, `.outcome`. The outcome is `found`; `preceded` if
-    the other kind comes at a lower load, and at that load the column is lost already;
+    the other kind comes at a lower load (stability may have come back in between);
     `undamped` (below); `none` if no load crosses such a boundary (flutter that grows
     out of divergence, two growing real s that meet, crosses none). For `none`,
     `double_root`, `unstable_at_zero` and `invalid` the numbers and all their
@@ -82,15 +82,15 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
 
     **Derivatives:** forward and reverse, first and second, in every leaf, by the
     implicit function theorem on the boundary function: exact where the eigenvalues'
-    own are infinite. They grow as $1/\sqrt{\cdot}$ towards a double
-    root, where two boundary loads coincide: within 64 rounding errors of it the
-    outcome is `double_root`. Where the two kinds exchange (equal loads) each keeps its
-    own load and derivative, and only the outcome changes.
+    own are infinite. They grow as one over the root of the distance to a double root,
+    where two boundary loads coincide: within 64 rounding errors of it the outcome is
+    `double_root`. Where the two kinds exchange (equal loads) each keeps its own load
+    and derivative, and only the outcome changes.
 
     **Small damping.** As $C \to 0$ the damped q_cr has a limit that depends on the
     ratio c1/c2 and lies below the undamped q_cr for every ratio but one: Ziegler's
     paradox. Any c below 1e-9 gives that limit to rounding; derivatives in c grow as
-    1/c across the ratio. At C = 0 exactly (`Viscous(0, 0)`) the column is undamped and
+    1/c across the ratio, second ones as 1/c^2. At C = 0 exactly (`Viscous(0, 0)`) the column is undamped and
     so is the load returned, as with `damping=None`; but q_cr jumps there and has no
     derivative in the damping. The one returned is zero, and the outcome `undamped`
     (or `preceded`) says so.
