@@ -60,7 +60,7 @@ def test_linearise_is_the_derivative_of_the_field(damped):
         return jnp.max(jnp.abs(jacobian(column)[2:] - lower)) / scale
 
     # worst measured 2e-15, on an inertia within 0.19 of singular
-    assert jnp.max(jax.vmap(error)(random_numbers(0, 500))) < 1e-13
+    assert jnp.max(jax.jit(jax.vmap(error))(random_numbers(0, 500))) < 1e-13
 
 
 def test_undamped_damping_matrix_is_zero():
@@ -69,10 +69,10 @@ def test_undamped_damping_matrix_is_zero():
 
 def test_spectrum_is_that_of_the_field():
     p = random_numbers(1, 200)
-    ours = np.asarray(jax.vmap(lambda p: zj.spectrum(column_of(p)))(p))
-    fields = np.linalg.eigvals(
-        np.asarray(jax.vmap(lambda p: jacobian(column_of(p)))(p))
-    )
+    ours, fields = jax.jit(
+        jax.vmap(lambda p: (zj.spectrum(column_of(p)), jacobian(column_of(p))))
+    )(p)
+    ours, fields = np.asarray(ours), np.linalg.eigvals(np.asarray(fields))
     nearest = np.abs(ours[:, :, None] - fields[:, None, :]).min(axis=2)
     assert nearest.max() < 1e-7  # worst measured 2e-14; 1e-8 at a coalescence
 
@@ -236,7 +236,8 @@ def test_tangent_column_is_the_derivative_of_the_smoothed_field(load, damping):
     tangent = zj.tangent_column(column)
     assert tangent.friction is None
     # worst measured 4e-14 of a largest entry of 60
-    np.testing.assert_allclose(jacobian(tangent), jacobian(column), atol=1e-11)
+    slope = jax.jit(jacobian)
+    np.testing.assert_allclose(slope(tangent), slope(column), atol=1e-11)
 
 
 def test_tangent_damping_is_tau_s_over_v_smooth():
@@ -273,8 +274,14 @@ def test_bad_numbers_are_an_error_where_concrete(what):
 @pytest.mark.parametrize("what", BAD)
 def test_bad_numbers_end_their_lane_alone(what):
     lanes = {k: jnp.array([v, (GOOD | BAD[what])[k], v]) for k, v in GOOD.items()}
-    code = jax.vmap(lambda p: zj.regime(column_of(p)))(lanes)
+    code, s = regimes_and_spectra(lanes)
     assert code.tolist() == [2, REGIME.invalid, 2]
-    s = jax.vmap(lambda p: zj.spectrum(column_of(p)))(lanes)
     assert np.isnan(s[1]).all() and np.isfinite(s[0]).all()
-    np.testing.assert_array_equal(s[0], zj.spectrum(column_of(GOOD)))
+    np.testing.assert_array_equal(s[0], s[2])
+
+
+@jax.jit
+@jax.vmap
+def regimes_and_spectra(p):
+    column = column_of(p)
+    return zj.regime(column), zj.spectrum(column)

@@ -89,11 +89,11 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
 
     **Small damping.** As $C \to 0$ the damped q_cr has a limit that depends on the
     ratio c1/c2 and lies below the undamped q_cr for every ratio but one: Ziegler's
-    paradox. Any c below 1e-9 gives that limit to rounding; derivatives in c grow as
-    1/c across the ratio, second ones as 1/c^2. At C = 0 exactly (`Viscous(0, 0)`) the column is undamped and
-    so is the load returned, as with `damping=None`; but q_cr jumps there and has no
-    derivative in the damping. The one returned is zero, and the outcome `undamped`
-    (or `preceded`) says so.
+    paradox. Any c below 1e-9 gives that limit to rounding; across the ratio the
+    derivatives in c grow as 1/c, the second ones as 1/c^2. At C = 0 exactly
+    (`Viscous(0, 0)`) the column is undamped and so is the load returned, as with
+    `damping=None`; but q_cr jumps there and has no derivative in the damping. The one
+    returned is zero, and the outcome `undamped` (or `preceded`) says so.
 
     **Raises:** `ValueError` for friction, for an unknown `kind`, and for
     `"flutter_end"` with a damping law: there the end is no root of a quadratic.
