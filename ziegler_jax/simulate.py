@@ -90,7 +90,7 @@ def settle(
     *,
     transient: Any = 100.0,
     window: Any = 40.0,
-    max_windows: int = 10,
+    max_windows: int = 40,
     rtol_settle: Any = 1e-3,
     observers: tuple[AbstractObserver, ...] = (),
     rtol: Any = 1e-6,
@@ -113,10 +113,14 @@ def settle(
 
     - `column`, `start`: the scene.
     - `transient`, `window`, `max_windows`, `rtol_settle`: as above. With one window
-        there is nothing to compare: the outcome is `unsettled` or `stuck`.
+        there is nothing to compare: the outcome is `unsettled` or `stuck`. Near a
+        threshold motions decide slowly: of the 105 780 points of the main job's map 10
+        windows leave 7972 unsettled, 40 leave 2556 for 15 % more steps.
     - `observers`: what to watch beside `Amplitude()`, e.g. `(Period(),
         StickFraction())`. What is not asked for is not in the program.
-    - `rtol`, `atol`: tolerances of each step.
+    - `rtol`, `atol`: tolerances of each step. On friction cycles (q = 2.6,
+        $\tau$ = 0.026, v_smooth from 0.3 to 0.003) 1e-6 leaves up to 7e-5 rad in an
+        amplitude, 1e-7 6e-6 for 1.4 times the steps.
     - `solver`: `Explicit(tableau)`; None is Tsit5.
     - `escape`: a rod's angle beyond which the lane ends as `escaped`.
     - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
