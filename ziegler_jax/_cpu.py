@@ -19,9 +19,8 @@ def configure_cpu() -> str:
 
     **Returns:** a sentence that says what it did.
     """
-    installed = metadata.version("jaxlib")
-    version = tuple(int(part) for part in installed.split(".")[:3])
-    if not _GAINS[0] <= version < _GAINS[1]:
+    if not _gains():
+        installed = metadata.version("jaxlib")
         return f"jaxlib {installed} needs no setting: nothing was changed."
     flags = os.environ.get("XLA_FLAGS", "")
     if _OPTION in flags:
@@ -39,6 +38,16 @@ def configure_cpu() -> str:
     option = f"--xla_backend_extra_options={_OPTION}"
     os.environ["XLA_FLAGS"] = f"{flags} {option}".strip()
     return f"{option} was added to XLA_FLAGS."
+
+
+def compiles_whole_loops() -> bool:
+    """Whether XLA makes one kernel of a loop, by itself or because it was told to."""
+    return not _gains() or _OPTION in os.environ.get("XLA_FLAGS", "")
+
+
+def _gains() -> bool:
+    installed = metadata.version("jaxlib").split(".")[:3]
+    return _GAINS[0] <= tuple(map(int, installed)) < _GAINS[1]
 
 
 def _backend_started() -> bool:

@@ -13,10 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ._cpu import compiles_whole_loops
 from ._legs import Legs, in_legs
 from ._variables import DIMENSIONS, Variable, named_variables
 
-BATCH_WITH_LOOP = 128  # the loop's working set stays in the first caches
+# A loop's working set stays in the first caches; where XLA makes many kernels of it,
+# each must have enough to do.
+BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 512
 BATCH_WITHOUT = 8192
 # A leg costs its dispatch, and half a leg of idling per lane at its end: measured best
 # at about a sixth of a lane's steps.
@@ -89,7 +92,7 @@ def compile_point(
     dtype = np.dtype(np.float64 if wide else np.float32)
     scalar = jax.ShapeDtypeStruct((), dtype)
     flag = jax.ShapeDtypeStruct((), bool)
-    whole = jax.ShapeDtypeStruct((), np.int32)
+    count = jax.ShapeDtypeStruct((), np.int32)
 
     def result(values):
         return point(**dict(zip(names, values, strict=True)))
@@ -118,7 +121,7 @@ def compile_point(
         results = Packing([v.value for v in variables.values()])
         started = time.perf_counter()
         try:
-            carried = jax.eval_shape(find_legs, whole, flag, values)
+            carried = jax.eval_shape(find_legs, count, flag, values)
         except jax.errors.UnexpectedTracerError:
             carried = None  # `settle` is inside a transformation of the scene's own
         if carried is None:
@@ -128,7 +131,8 @@ def compile_point(
             run = batched(whole_run, (0,)).lower(lanes).compile()
         else:
             carry = Packing(carried)
-            size = batch_size or BATCH_WITH_LOOP
+            whole = compiles_whole_loops()
+            size = batch_size or (BATCH_OF_ONE_KERNEL if whole else BATCH_OF_MANY)
 
             def leg(quota, fresh, values, carried):
                 with in_legs(Legs(quota, fresh, carry.unpack(carried))) as legs:
@@ -146,7 +150,7 @@ def compile_point(
                     (quota, nothing),
                 )[1]
 
-            run = batched(one_kernel, (None, 0, 0, -1))
+            run = batched(one_kernel if whole else leg, (None, 0, 0, -1))
             # one step of no lane in particular: a call of a jitted function costs half
             # of what calling its compiled form does
             begun = [np.ones(size, dtype)] * len(names)

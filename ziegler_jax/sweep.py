@@ -45,9 +45,10 @@ def sweep(
         the same function.
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other.
-    - `batch_size`: lanes a batch. None is 128 for results that count `steps`, whose
-        lanes run a loop, and 8192 for others. A lane's result does not depend on its
-        batch mates; another batch size is another program, equal to rounding.
+    - `batch_size`: lanes a batch. None is 8192 for points that run no `settle`, and
+        else 128, or 512 where `configure_cpu()` was needed and not called. A lane's
+        result does not depend on its batch mates; another batch size is another
+        program, equal to rounding.
     - `threads`: None uses every core that the process may use.
     - `progress`: a bar with points per second; None shows it on a terminal only.
     - `precision`: of the computation, whatever JAX's own setting.
