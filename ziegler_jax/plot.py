@@ -85,15 +85,16 @@ def map(
     else:
         handles = []
         numbers = np.asarray(values, dtype=float)
+        outcome = None
         if "outcome" in dataset:
             outcome = np.asarray(dataset["outcome"].transpose(y, x))
-            numbers = np.where(outcome == OUTCOME.not_computed, np.nan, numbers)
-            numbers = np.where(np.isin(outcome, AT_REST), np.nan, numbers)
+            flat = np.isin(outcome, (OUTCOME.not_computed, *AT_REST))
+            numbers = np.where(flat, np.nan, numbers)
         mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(numbers), **style)
         mesh.set_rasterized(True)
         if colorbar:
             plt.colorbar(mesh, ax=ax, label=_label(values))
-        if "outcome" in dataset:
+        if outcome is not None:
             handles = _outcomes(ax, edges, outcome)
     ax.set(xlabel=_label(dataset[x]), ylabel=_label(dataset[y]))
     if legend and handles:
@@ -280,13 +281,13 @@ def _outcomes(ax: Axes, edges: Any, outcome: np.ndarray) -> list[Patch]:
     return handles
 
 
-def _rectangles(edges: Any, here: np.ndarray) -> np.ndarray:
-    """The corners of the cells `here` (y, x): shape (cells, 4, 2)."""
+def _rectangles(edges: Any, here: np.ndarray) -> list[np.ndarray]:
+    """The corners of each of the cells `here` (y, x)."""
     row, column = np.nonzero(here)
     left, right = edges[0][column], edges[0][column + 1]
     low, high = edges[1][row], edges[1][row + 1]
     corners = [(left, low), (right, low), (right, high), (left, high)]
-    return np.moveaxis(np.array(corners), -1, 0)
+    return list(np.moveaxis(np.array(corners), -1, 0))
 
 
 def _codes(ax: Axes, edges: Any, values: xr.DataArray) -> list[Patch]:
