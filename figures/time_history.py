@@ -36,15 +36,15 @@ def main():
         1,
         where=np.abs(rate) < V_SMOOTH,
         transform=history.get_xaxis_transform(),
-        color=zj.plot.GREY,
-        alpha=0.4,
+        color=zj.plot.ORANGE,
+        alpha=0.6,
         lw=0,
         zorder=0,
         label="joint 2 sticks",
     )
-    history.set(xlim=(0, SHOWN), ylim=(-1.0, 1.0))
+    history.set(xlim=(0, SHOWN), ylim=(-1.4, 1.8))
     history.legend(loc="upper right", ncols=3, frameon=False)
-    phase.set_title(rf"$q = {Q}$, $\tau = {TAU}$")
+    phase.set_title(rf"$q = {Q}$, $\tau = {TAU}\,k$")
     history.figure.savefig(Path(__file__).with_suffix(".png"), dpi=200)
 
 

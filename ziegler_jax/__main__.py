@@ -203,7 +203,7 @@ def _draw_onset(ax: Any, planes: list[xr.Dataset]) -> None:
         )
         ax.vlines(low, lw=1, **rows)
         ax.vlines(high, lw=2.5, label=title, **rows)
-    ax.text(1.64, 0.13, "unsettled", ha="center", color="#555555")
+    ax.text(1.5, 0.045, "unsettled", ha="center", color="#555555")
     _mark_critical(ax, "black")
     ax.set_xlim(Q_RANGE[0], 3.5)
     ax.set_title(r"flutter onset $q_{on}$: from last stuck to first cycle")
