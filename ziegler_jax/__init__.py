@@ -63,3 +63,12 @@ __all__ = [
     "uniform_rods",
     "vector_field",
 ]
+
+
+def __getattr__(name: str):
+    """`ziegler_jax.plot`, with matplotlib, only where it is used."""
+    if name == "plot":
+        import importlib
+
+        return importlib.import_module(".plot", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

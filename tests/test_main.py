@@ -1,0 +1,171 @@
+"""`python -m ziegler_jax` writes a map that can be read, or says why not."""
+
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import ziegler_jax as zj
+from ziegler_jax import __main__ as job
+
+PNG = b"\x89PNG\r\n\x1a\n"
+COMMAND = [sys.executable, "-W", "error", "-m", "ziegler_jax"]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A small map: its folder, and what the command printed."""
+    folder = tmp_path_factory.mktemp("map") / "new" / "folder"
+    done = subprocess.run(
+        [*COMMAND, "--points", "200", "--out", str(folder)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder, done.stdout
+
+
+def test_the_store_reopens_with_axes_outcomes_and_attributes(written):
+    ds = xr.open_zarr(written[0] / "bifurcation_map.zarr", consolidated=False)
+    q, mu = job.grid(200)
+    np.testing.assert_array_equal(ds["q"], q)
+    np.testing.assert_array_equal(ds["mu_s"], mu)
+    np.testing.assert_array_equal(ds["mu_k"], mu)
+    assert ds["joint_amplitude"].dims == ("q", "mu_s", "mu_k", "joint")
+    assert ds["outcome"].attrs["flag_meanings"].split()[9] == "cycle"
+    assert ds["outcome"].attrs["flag_values"][9] == zj.OUTCOME.cycle
+    assert ds["joint_amplitude"].attrs["units"] == "rad"
+    assert "SmoothCoulomb" in ds.attrs["scene"]
+    outcome = ds["outcome"].values
+    left_out = np.broadcast_to(mu[:, None] < mu, outcome.shape)
+    np.testing.assert_array_equal(outcome == zj.OUTCOME.not_computed, left_out)
+    # the most friction holds the lightest load, and not the heaviest
+    assert outcome[0, -1, -1] == zj.OUTCOME.stuck
+    assert outcome[-1, -1, -1] == zj.OUTCOME.cycle
+    amplitude = ds["joint_amplitude"].sel(joint=2).values
+    assert np.isfinite(amplitude[~left_out]).all()
+    assert amplitude[0, -1, -1] < 0.05 < amplitude[-1, -1, -1]
+
+
+def test_a_picture_is_written(written):
+    picture = (written[0] / "bifurcation_map.png").read_bytes()
+    assert picture.startswith(PNG) and len(picture) > 20_000
+
+
+def test_the_summary_counts_every_outcome(written):
+    folder, text = written
+    ds = xr.open_zarr(folder / "bifurcation_map.zarr", consolidated=False)
+    for code in zj.OUTCOME:
+        (line,) = [x for x in text.splitlines() if x.split()[:1] == [code.name]]
+        assert int(line.split()[1]) == int((ds["outcome"] == code).sum())
+    assert "points per second" in text and "share of useful steps" in text
+    assert "< q_on <=" in text and "bifurcation_map.png" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--points", "0"], "--points"),
+        (["--points", "-5"], "--points"),
+        (["--points", "2.5"], "--points"),
+        (["--points", "many"], "--points"),
+        (["--points", "1000000000000"], "--points"),
+        (["--out", __file__], "--out"),
+        (["--out", __file__ + "/below"], "--out"),
+        (["--out", ""], "--out"),
+        (["--nonsense"], "--nonsense"),
+    ],
+)
+def test_nonsense_gets_one_line_and_exit_code_2(arguments, named, capsys, monkeypatch):
+    monkeypatch.setattr(job, "compute", lambda points: pytest.fail("it computes"))
+    with pytest.raises(SystemExit) as end:
+        job.main(arguments)
+    assert end.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1 and named in printed.err
+
+
+def test_nonsense_ends_the_process_with_exit_code_2():
+    command = [*COMMAND, "--points", "0"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stdout == "" and len(done.stderr.splitlines()) == 1
+
+
+def test_ctrl_c_gets_one_line_and_exit_code_130(tmp_path):
+    process = subprocess.Popen(
+        [*COMMAND, "--out", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    process.stdout.readline()  # it is about to compute
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert len(stderr.splitlines()) == 1 and "Stopped" in stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_default_map_has_the_values_it_promises():
+    q, mu = job.grid(job.POINTS)
+    assert (q.size, q[0], q[-1]) == (129, 1.0, 4.0)
+    assert (mu.size, mu[0], mu[-1]) == (40, 0.02, 0.4)
+    assert q.size * mu.size * (mu.size + 1) // 2 == job.POINTS == 105_780
+    assert 0.1 in mu and 0.12 in mu
+    assert np.ptp(np.diff(mu)) < 5e-4  # evenly spaced, but for the exact values
+
+
+@pytest.mark.parametrize("points", [20, 200, 5_000, 300_000, 10_000_000])
+def test_a_map_of_any_size_keeps_its_ends_and_about_its_points(points):
+    q, mu = job.grid(points)
+    valid = q.size * mu.size * (mu.size + 1) // 2
+    assert abs(valid / points - 1) < 0.1
+    assert 0.1 in mu and 0.12 in mu and (np.diff(mu) > 0).all()
+    assert (mu[0], mu[-1], q[0], q[-1]) == (0.02, 0.4, 1.0, 4.0)
+
+
+def plane(*rows):
+    """Outcomes over (mu_s, q), given as letters."""
+    letters = {"s": "stuck", "?": "unsettled", "C": "cycle", "e": "escaped"}
+    letters |= {" ": "not_computed"}
+    codes = [[zj.OUTCOME[letters[letter]] for letter in row] for row in rows]
+    q = np.arange(1.0, 1 + len(rows[0]))
+    return xr.Dataset({"outcome": (("mu_s", "q"), codes)}, {"q": q})
+
+
+def test_the_onset_lies_between_the_last_stuck_and_the_first_fluttering_point():
+    low, high = job.onset(plane("ssCC", "s?sC", "s??C", "sCsC", "sse?"))
+    np.testing.assert_array_equal(low, [2, 3, 1, 1, 2])
+    np.testing.assert_array_equal(high, [3, 4, 4, 2, 3])
+
+
+def test_there_is_no_onset_without_both_its_sides():
+    low, high = job.onset(plane("CCCC", "ssss", "????", "?CsC", "    "))
+    assert np.isnan(low).all() and np.isnan(high).all()
+
+
+def test_a_section_keeps_only_rows_whose_kinetic_friction_is_close():
+    mu = np.array([0.02, 0.1, 0.12, 0.2, 0.25, 0.4])
+    mu_k = np.broadcast_to(mu, (2, 6, 6))
+    ds = xr.Dataset(
+        {
+            "outcome": (("q", "mu_s", "mu_k"), np.full((2, 6, 6), 9, np.int8)),
+            "own": (("q", "mu_s", "mu_k"), mu_k),
+        },
+        {"q": [1.0, 2.0], "mu_s": mu, "mu_k": mu},
+    )
+    plane = job.section(ds, 2.0)
+    # wanted: 0.01, 0.05, 0.06, which the grid lacks, and 0.1, 0.125, 0.2
+    np.testing.assert_array_equal(plane["own"][0, 3:], [0.1, 0.12, 0.2])
+    kept = (plane["outcome"][0] != zj.OUTCOME.not_computed).values
+    np.testing.assert_array_equal(kept, [False, False, False, True, True, True])
+    same = job.section(ds, 1.0)
+    np.testing.assert_array_equal(same["own"][0], mu)
+    assert (same["outcome"] == zj.OUTCOME.cycle).all()

@@ -1,0 +1,196 @@
+"""Pictures show what was computed, and nothing in between."""
+
+import subprocess
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+
+import ziegler_jax as zj
+
+Q, MU = np.array([1.0, 1.5, 2.5, 3.0]), np.array([0.1, 0.2, 0.4])
+OUT, RUN = zj.OUTCOME.not_computed, zj.OUTCOME.cycle
+CODES = np.array(
+    [
+        [zj.OUTCOME.stuck, RUN, OUT],
+        [zj.OUTCOME.unsettled, RUN, OUT],
+        [zj.OUTCOME.escaped, RUN, RUN],
+        [zj.OUTCOME.not_finite, RUN, RUN],
+    ]
+)
+
+
+@pytest.fixture
+def plane():
+    amplitude = np.arange(12.0).reshape(4, 3)
+    failed = (CODES < zj.OUTCOME.unsettled) & (CODES != OUT)
+    amplitude[failed] = np.nan  # what was left out keeps a number, not to be shown
+    flags = {
+        "long_name": "how the motion ended",
+        "flag_values": [int(code) for code in zj.OUTCOME],
+        "flag_meanings": " ".join(code.name for code in zj.OUTCOME),
+    }
+    named = {"long_name": "largest absolute angle of the joint", "units": "rad"}
+    q = {"long_name": "follower load", "units": "1", "symbol": "$q$"}
+    mu = {"long_name": "rate", "units": "sqrt(k/(m l^2))", "symbol": r"$\mu$"}
+    return xr.Dataset(
+        {
+            "joint_amplitude": (("q", "mu"), amplitude, named),
+            "outcome": (("q", "mu"), CODES, flags),
+        },
+        {"q": ("q", Q, q), "mu": ("mu", MU, mu), "joint": 2},
+    )
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
+def layer(ax, name):
+    """The centres of the cells of an outcome's layer, and the layer."""
+    (cells,) = [c for c in ax.collections if c.get_label() == name]
+    centres = [path.vertices[:4].mean(axis=0) for path in cells.get_paths()]
+    return np.array(centres), cells
+
+
+def test_failed_cells_are_hatched_and_nothing_else_is(plane):
+    ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
+    centres, cells = layer(ax, "failed")
+    assert cells.get_hatch() and set("/") == set(cells.get_hatch())
+    # cells of q = 2.5 and 3 at mu = 0.1: edges halfway between the coordinates
+    np.testing.assert_allclose(centres, [[2.375, 0.1], [3.0, 0.1]])
+    hatched = [c for c in ax.collections if c.get_hatch() == cells.get_hatch()]
+    assert hatched == [cells]
+
+
+def test_rest_has_a_colour_that_the_colour_map_lacks(plane):
+    ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
+    centres, cells = layer(ax, "stuck")
+    np.testing.assert_allclose(centres, [[1.0, 0.1]])
+    mesh = ax.collections[0]
+    shades = mesh.get_cmap()(np.linspace(0, 1, 256))
+    assert np.abs(shades - cells.get_facecolor()).max(axis=1).min() > 0.2
+    assert mesh.get_array().mask[0, 0]  # no amplitude below it
+
+
+def test_points_that_were_left_out_stay_blank(plane):
+    ax = zj.plot.map(plane, "joint_amplitude", "q", "mu", colorbar=False, legend=False)
+    ax.set_axis_off()
+    figure = ax.figure
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[::-1]
+
+    def pixel(q, mu):
+        x, y = ax.transData.transform((q, mu)).astype(int)
+        return tuple(pixels[y, x, :3])
+
+    assert pixel(1.0, 0.4) == pixel(1.5, 0.4) == (255, 255, 255)
+    assert pixel(2.5, 0.4) != (255, 255, 255)
+
+
+def test_colours_are_the_points_own_numbers(plane):
+    """Not interpolated: one cell a point, in the order of sorted axes."""
+    shuffled = plane.isel(q=[2, 0, 3, 1])
+    ax = zj.plot.map(shuffled, "joint_amplitude", "q", "mu")
+    numbers = ax.collections[0].get_array()
+    assert numbers.shape == (MU.size, Q.size)
+    np.testing.assert_array_equal(numbers[1], [1, 4, 7, 10])
+    np.testing.assert_array_equal(
+        ax.collections[0].get_coordinates()[0, :, 0], [0.75, 1.25, 2.0, 2.75, 3.25]
+    )
+
+
+def test_labels_carry_symbols_and_units(plane):
+    ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
+    assert ax.get_xlabel() == "follower load, $q$ (–)"
+    assert ax.get_ylabel() == r"rate, $\mu$ ($\sqrt{k/(m l^2)}$)"
+    bar = ax.figure.axes[1]
+    assert bar.get_ylabel() == "largest absolute angle of joint 2 (rad)"
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["stuck", "unsettled", "failed"]
+
+
+def test_a_flag_variable_has_a_colour_a_code(plane):
+    ax = zj.plot.map(plane, "outcome", "q", "mu")
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["not_finite", "escaped", "unsettled", "stuck", "cycle"]
+    mesh = ax.collections[0]
+    colours = {tuple(mesh.get_cmap()(mesh.norm(code))) for code in np.unique(CODES)}
+    assert len(colours) == np.unique(CODES).size
+    assert mesh.get_array().mask.sum() == (CODES == OUT).sum()
+
+
+def test_a_diagram_marks_each_point_by_its_outcome(plane):
+    ax = zj.plot.bifurcation_diagram(plane.sel(mu=0.1))
+    lines = {line.get_label(): line for line in ax.lines}
+    assert set(lines) == {"stuck", "unsettled", "failed"}
+    np.testing.assert_array_equal(lines["unsettled"].get_xydata(), [[1.5, 3.0]])
+    np.testing.assert_array_equal(lines["failed"].get_xdata(), [2.5, 3.0])
+    assert len({line.get_marker() for line in ax.lines}) == 3
+    assert all(line.get_linestyle() == "None" for line in ax.lines)
+    assert ax.get_ylabel().endswith("(rad)")
+
+
+def test_a_time_history_stands_beside_its_phase_plane():
+    ts = np.linspace(0, 1, 5)
+    phi, omega = np.stack([ts, 2 * ts], 1), np.stack([ts**2, -ts], 1)
+    motion = zj.Trajectory(ts, phi, omega, 5, zj.OUTCOME.complete)
+    history, phase = zj.plot.time_history(motion)
+    np.testing.assert_array_equal(history.lines[1].get_xydata().T, [ts, 2 * ts])
+    np.testing.assert_array_equal(phase.lines[1].get_xydata().T, [2 * ts, -ts])
+    assert [line.get_color() for line in history.lines] == ["navy", "red"]
+    assert "sqrt{m l^2/k}" in history.get_xlabel() and "rad" in history.get_ylabel()
+    assert history.get_title() == ""
+    ended = zj.Trajectory(ts, phi, omega, 5, zj.OUTCOME.budget_spent)
+    assert "budget_spent" in zj.plot.time_history(ended)[0].get_title()
+
+
+def test_what_is_drawn_goes_where_it_was_asked_to(plane):
+    axes = plt.subplots(1, 2)[1]
+    assert zj.plot.map(plane, "joint_amplitude", "q", "mu", ax=axes[1]) is axes[1]
+    assert zj.plot.bifurcation_diagram(plane.sel(mu=0.1), ax=axes[0]) is axes[0]
+    assert len(plt.get_fignums()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (
+            ("amplitude", "q", "mu"),
+            "`variable` must be .*joint_amplitude.* 'amplitude'",
+        ),
+        (("outcome", "mu_s", "mu"), "`x` must be .* q, mu, but is 'mu_s'"),
+        (("outcome", "q", "joint"), "`y` must be .* but is 'joint'"),
+        (("outcome", "q", "q"), "`x` and `y` must differ"),
+    ],
+)
+def test_a_map_refuses_what_the_dataset_lacks(plane, arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        zj.plot.map(plane, *arguments)
+    assert not plt.get_fignums()  # and opens no figure before
+
+
+def test_a_dimension_left_over_is_named(plane):
+    with pytest.raises(ValueError, match=r"but has mu; choose with .*sel\(mu="):
+        zj.plot.bifurcation_diagram(plane)
+
+
+def test_one_motion_at_a_time():
+    many = zj.Trajectory(np.zeros((2, 3)), np.zeros((2, 3, 2)), None, 1, 10)
+    with pytest.raises(ValueError, match="`motion` must be one motion"):
+        zj.plot.time_history(many)
+
+
+def test_matplotlib_is_imported_only_when_used():
+    code = (
+        "import sys, ziegler_jax as zj; assert 'matplotlib' not in sys.modules; "
+        "zj.plot.map; assert 'matplotlib' in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

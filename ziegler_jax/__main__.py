@@ -1,0 +1,334 @@
+"""The main job: where the column flutters, over the load and both frictions.
+
+`python -m ziegler_jax` kicks the column of two uniform rods once at every (q, mu_s,
+mu_k) with mu_k <= mu_s and follows it until its motion has settled.
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import xarray as xr
+
+import ziegler_jax as zj
+
+# ---- the scene and how it is settled: everything that the map depends on
+PIN_RADIUS = 0.05
+KICK = (0.0, 0.3)
+V_STRIBECK = 0.1
+# At rest the smoothed law is viscous damping tau_s / v_smooth: here 5 at every point,
+# above what would make the smoothed column flutter from rest.
+DAMPING_AT_REST = 5.0
+SETTLE = {
+    "transient": 100.0,
+    "window": 40.0,
+    "max_windows": 10,
+    "rtol_settle": 1e-3,
+    "observers": (zj.StickFraction(),),
+}
+Q_RANGE, MU_RANGE, MU_EXACT = (1.0, 4.0), (0.02, 0.4), (0.1, 0.12)
+Q_VALUES, MU_VALUES = 129, 40
+POINTS = Q_VALUES * MU_VALUES * (MU_VALUES + 1) // 2
+FEWEST, MOST = 20, 10_000_000  # four values of mu and two of q; about 2 GB
+SECTIONS = (
+    (1.0, r"$\mu_k = \mu_s$"),
+    (1.2, r"$\mu_k \approx \mu_s / 1.2$"),
+    (2.0, r"$\mu_k \approx \mu_s / 2$"),
+)
+CLOSE = 1 / 8  # of mu_s / ratio, for the grid's closest mu_k to stand for it
+Q_CRITICAL = (18 - 2 * 7**0.5) / 5  # undamped and without friction
+ONSET_AT = (0.05, 0.1, 0.12, 0.4)  # values of mu_s, printed where the grid has them
+STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"
+
+
+def point(q, mu_s, mu_k):
+    """Settle one column: N = q, v_smooth = tau_s / 5."""
+    friction = zj.SmoothCoulomb(
+        mu_s,
+        mu_k,
+        pin_radius=PIN_RADIUS,
+        v_stribeck=V_STRIBECK,
+        v_smooth=mu_s * PIN_RADIUS * q / DAMPING_AT_REST,
+    )
+    column = zj.uniform_rods(q=q, friction=friction)
+    return zj.settle(column, zj.State(omega=KICK), **SETTLE)
+
+
+def grid(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """The values of q and of mu (static and kinetic) of a map of about `points` points.
+
+    Both axes keep their range and their proportion; mu is evenly spaced between its
+    ends, 0.10 and 0.12, which it always contains.
+    """
+    count = max(4, round(MU_VALUES * (points / POINTS) ** (1 / 3)))
+    pairs = count * (count + 1) // 2
+    marks = [MU_RANGE[0], *MU_EXACT, MU_RANGE[1]]
+    share = np.diff(marks) / (marks[-1] - marks[0])
+    parts = np.maximum(1, np.round(share * (count - 1)).astype(int))
+    parts[-1] = count - 1 - parts[:-1].sum()
+    spans = zip(marks[:-1], marks[1:], parts, strict=True)
+    mu = [np.linspace(a, b, n + 1)[1:] for a, b, n in spans]
+    q = np.linspace(*Q_RANGE, max(2, round(points / pairs)))
+    return q, np.concatenate([[MU_RANGE[0]], *mu])
+
+
+def compute(points: int = POINTS) -> xr.Dataset:
+    """The map as a dataset over (q, mu_s, mu_k)."""
+    q, mu = grid(points)
+    return zj.sweep(
+        point, where=lambda mu_s, mu_k, q: mu_k <= mu_s, q=q, mu_s=mu, mu_k=mu
+    )
+
+
+def section(ds: xr.Dataset, ratio: float) -> xr.Dataset:
+    """The plane of `ds` over (q, mu_s) whose mu_k is closest to mu_s / ratio.
+
+    The grid has no value close to small mu_s / ratio: up to the last row where the
+    closest is more than `CLOSE` off, rows are as if they had not been computed.
+    """
+    mu_s, mu_k = ds["mu_s"].values, ds["mu_k"].values
+    wanted = mu_s / ratio
+    chosen = np.abs(mu_k[:, None] - wanted).argmin(axis=0)
+    far = np.flatnonzero(np.abs(mu_k[chosen] / wanted - 1) > CLOSE)
+    close = np.arange(mu_s.size) > far.max(initial=-1)
+    rows = xr.DataArray(chosen, dims="mu_s")
+    keep = xr.DataArray(close, dims="mu_s")
+    plane = ds.isel(mu_k=rows)
+    plane["outcome"] = plane["outcome"].where(keep, zj.OUTCOME.not_computed)
+    return plane
+
+
+def onset(plane: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Where flutter begins with growing q: the last stuck q, the first fluttering one.
+
+    Flutter is a settled cycle (or a column that turns over). Unsettled points between
+    the two are undecided and make the interval wide. One interval a row of mu_s; NaN
+    where the grid holds no stuck point below its first fluttering one.
+    """
+    q, outcome = plane["q"].values, plane["outcome"].transpose("mu_s", "q").values
+    low, high = np.full((2, len(outcome)), np.nan)
+    for row, codes in enumerate(outcome):
+        flutters = np.isin(codes, (zj.OUTCOME.cycle, zj.OUTCOME.escaped))
+        first = flutters.argmax() if flutters.any() else 0
+        stuck = np.flatnonzero(codes[:first] == zj.OUTCOME.stuck)
+        if stuck.size:
+            low[row], high[row] = q[stuck[-1]], q[first]
+    return low, high
+
+
+def draw(ds: xr.Dataset, path: Path) -> None:
+    """Draw three sections of the map, and the flutter onset."""
+    import matplotlib
+
+    matplotlib.use("Agg")  # a file, not a window
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context({"font.size": 9.5, "hatch.linewidth": 0.6}):
+        figure, axes = plt.subplots(
+            2, 2, figsize=(8.5, 6.6), sharey=True, layout="constrained"
+        )
+        planes = [section(ds.sel(joint=2), ratio) for ratio, _ in SECTIONS]
+        _draw_maps(figure, axes.flat[:3], planes)
+        _draw_onset(axes[1, 1], planes)
+        for ax in axes.flat:
+            ax.set_ylim(0.01, MU_RANGE[1])
+            ax.set(xlabel="", ylabel="")
+        for ax in axes[1]:
+            ax.set_xlabel(r"follower load $q = F\,l/k$ (–)")
+        for ax in axes[:, 0]:
+            ax.set_ylabel(r"static friction coefficient $\mu_s$ (–)")
+        figure.savefig(path, dpi=200)
+        plt.close(figure)
+
+
+def _draw_maps(figure: Any, axes: Any, planes: list[xr.Dataset]) -> None:
+    from matplotlib.patches import Patch
+
+    settled = [
+        plane["joint_amplitude"].where(plane["outcome"] == zj.OUTCOME.cycle)
+        for plane in planes
+    ]
+    style = {"vmin": 0, "vmax": max(float(a.max()) for a in settled)}
+    legend = {}
+    for ax, plane, (_, title) in zip(axes, planes, SECTIONS, strict=True):
+        zj.plot.map(
+            plane, "joint_amplitude", "q", "mu_s", ax=ax, colorbar=False, **style
+        )
+        ax.set_title(title)
+        found = ax.get_legend()
+        if found is not None:
+            names = [text.get_text() for text in found.get_texts()]
+            legend |= dict(zip(names, found.legend_handles, strict=True))
+            found.remove()
+        _mark_critical(ax, "white")
+    figure.colorbar(
+        axes[0].collections[0],
+        ax=figure.axes,
+        label=r"amplitude of joint 2, largest $|\varphi_2 - \varphi_1|$ (rad)",
+        location="top",
+        aspect=50,
+        extend="max",
+    )
+    blank = Patch(facecolor="white", edgecolor="grey", label=r"no such $\mu_k$ on grid")
+    figure.legend(
+        handles=[*legend.values(), blank],
+        loc="outside lower center",
+        ncols=4,
+        frameon=False,
+    )
+
+
+def _draw_onset(ax: Any, planes: list[xr.Dataset]) -> None:
+    plot = zj.plot
+    colours = (plot.BLUE, plot.VERMILLION, plot.GREEN)
+    for plane, (_, title), colour in zip(planes, SECTIONS, colours, strict=True):
+        low, high = onset(plane)
+        mu = plane["mu_s"].values
+        # an edge is upright within a row of the grid, and not joined to the next
+        edges = np.concatenate([mu[:1], (mu[:-1] + mu[1:]) / 2, mu[-1:]])
+        rows = {"ymin": edges[:-1], "ymax": edges[1:], "color": colour}
+        ax.barh(
+            edges[:-1],
+            high - low,
+            np.diff(edges),
+            low,
+            align="edge",
+            color=colour,
+            alpha=0.15,
+            lw=0,
+        )
+        ax.vlines(low, lw=1, **rows)
+        ax.vlines(high, lw=2.5, label=title, **rows)
+    ax.text(1.5, 0.045, "unsettled", ha="center", color="#555555")
+    _mark_critical(ax, "black")
+    ax.set_xlim(Q_RANGE[0], 3.5)
+    ax.set_title(r"flutter onset $q_{on}$: from last stuck to first cycle")
+    ax.legend(loc="center right", frameon=False, handlelength=1)
+
+
+def _mark_critical(ax: Any, colour: str) -> None:
+    ax.axvline(Q_CRITICAL, color=colour, linestyle="--", linewidth=1)
+    ax.annotate(
+        rf"linear $q_{{cr}} = {Q_CRITICAL:.4f}$",
+        (Q_CRITICAL, 0.97),
+        (4, 0),
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+        va="top",
+        color=colour,
+    )
+
+
+def summary(ds: xr.Dataset) -> str:
+    """What the map cost and what it holds, in a few lines."""
+    a = ds.attrs
+    outcome = ds["outcome"].values
+    counts = [(code, int((outcome == code).sum())) for code in zj.OUTCOME]
+    lines = [
+        f"{a['points']} points in {a['run_seconds']:.1f} s after "
+        f"{a['compile_seconds']:.1f} s of compilation: "
+        f"{a['points_per_second']:.0f} points per second on {a['threads']} threads",
+        f"share of useful steps: {a['useful_step_fraction']:.3f}",
+        "outcomes:",
+    ]
+    lines += [
+        f"  {code.name:12s} {count:8d}  {code.sentence}" for code, count in counts
+    ]
+    lines.append("flutter onset, between the last stuck q and the first cycle's:")
+    for ratio, _ in SECTIONS:
+        plane = section(ds, ratio)
+        low, high = onset(plane)
+        for mu in ONSET_AT:
+            row = int(np.abs(plane["mu_s"].values - mu).argmin())
+            if abs(plane["mu_s"].values[row] - mu) > 1e-9:
+                continue
+            where = f"  mu_s = {mu:.2f}, mu_k = {plane['mu_k'].values[row]:.4f}: "
+            if np.isfinite(low[row]):
+                lines.append(f"{where}{low[row]:.3f} < q_on <= {high[row]:.3f}")
+            elif (plane["outcome"].isel(mu_s=row) != zj.OUTCOME.not_computed).any():
+                lines.append(f"{where}not on this grid")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the main job; returns the exit code."""
+    parser = _Parser(
+        prog="python -m ziegler_jax",
+        description="Kick a column of two uniform rods at every follower load q in "
+        "[1, 4] and friction 0.02 <= mu_k <= mu_s <= 0.4, follow it until its motion "
+        f"has settled, and write {STORE} and {PICTURE}, in place of those there.",
+    )
+    parser.add_argument(
+        "--points",
+        type=_points,
+        default=POINTS,
+        metavar="N",
+        help="about how many points; all axes grow or shrink (default %(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=_folder,
+        default=".",
+        metavar="FOLDER",
+        help="where to write, made if need be (default: the current folder)",
+    )
+    options = parser.parse_args(arguments)
+    try:
+        setting = zj.configure_cpu()
+        print(setting, flush=True)
+        ds = compute(options.points)
+        print(summary(ds), flush=True)
+        ds.to_zarr(options.out / STORE, mode="w", consolidated=False, zarr_format=3)
+        draw(ds, options.out / PICTURE)
+    except KeyboardInterrupt:
+        print("Stopped: nothing more was written.", file=sys.stderr)
+        return 130
+    except OSError as error:
+        print(f"Could not write to {options.out}: {error}", file=sys.stderr)
+        return 1
+    print(f"written: {options.out / STORE}, {options.out / PICTURE}")
+    return 0
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that refuses in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message} (see --help)\n")
+
+
+def _points(text: str) -> int:
+    try:
+        points = int(text)
+    except ValueError:
+        points = 0
+    if not FEWEST <= points <= MOST:
+        raise argparse.ArgumentTypeError(
+            f"must be a whole number from {FEWEST} to {MOST}, but is {text!r}"
+        )
+    return points
+
+
+def _folder(text: str) -> Path:
+    """A folder that can be written to, now rather than after the computation."""
+    folder = Path(text)
+    try:
+        if not text:
+            raise OSError("it has no name")
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise argparse.ArgumentTypeError(
+            f"must be a folder that can be written to, but {text!r} is not: {reason}"
+        ) from None
+    return folder
+
+
+if __name__ == "__main__":
+    sys.exit(main())
