@@ -26,8 +26,8 @@ DAMPING_AT_REST = 5.0
 SETTLE = {
     "transient": 100.0,
     "window": 40.0,
-    "max_windows": 10,
-    "rtol_settle": 1e-3,
+    "max_windows": 40,
+    "rtol_settle": 2e-4,
     "observers": (zj.StickFraction(),),
 }
 Q_RANGE, MU_RANGE, MU_EXACT = (1.0, 4.0), (0.02, 0.4), (0.1, 0.12)
