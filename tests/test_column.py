@@ -377,7 +377,7 @@ def loop_column(numbers, load):
 @pytest.mark.parametrize(
     "lever, steps, bound",
     # the docstring's bounds on |R| - N; what R changes by is smaller still (measured
-    # 4.5e-14 for the 8e-12)
+    # 6.4e-16 and 9.2e-14)
     [(0.05, 3, 1e-14), (0.2, 4, 8e-12)],
 )
 def test_the_reaction_loop_closes(rng, lever, steps, bound):
