@@ -43,7 +43,7 @@ def fixed_steps(solver):
 
 
 # An error may pass through zero at some step size: over many starts it does not.
-STARTS = np.random.default_rng(5).uniform(-0.8, 0.8, (64, 4))
+STARTS = np.random.default_rng(5).uniform(-0.4, 0.4, (64, 4))
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +60,11 @@ def fine(solves):
     return solves["Dopri8"](np.int64(800), STARTS)
 
 
+def geometric_mean(errors):
+    """Over the starts, of each one's largest: no single start rules it."""
+    return np.exp(np.log(np.abs(errors).max(-1)).mean())
+
+
 def slope_of(errors, counts):
     return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
 
@@ -67,14 +72,14 @@ def slope_of(errors, counts):
 CASES = [
     # step counts where the leading term rules and rounding does not yet
     ("Tsit5", 5, [80, 113, 160, 226, 320]),
-    ("Dopri8", 8, [40, 48, 57, 68, 80, 96]),
+    ("Dopri8", 8, [16, 19, 23, 27, 32, 38]),
 ]
 
 
 @pytest.mark.parametrize("name, order, counts", CASES)
 def test_the_state_converges_with_the_order(solves, fine, name, order, counts):
     ends = [solves[name](np.int64(n), STARTS)[0] for n in counts]
-    errors = [np.sqrt(np.mean((end - fine[0]) ** 2)) for end in ends]
+    errors = [geometric_mean(end - fine[0]) for end in ends]
     # measured
     assert order - 0.3 < slope_of(errors, counts) < order + 0.5
 
@@ -82,7 +87,7 @@ def test_the_state_converges_with_the_order(solves, fine, name, order, counts):
 @pytest.mark.parametrize("name, order, counts", CASES)
 def test_the_integrals_converge_with_the_order(solves, fine, name, order, counts):
     works = [solves[name](np.int64(n), STARTS)[1] for n in counts]
-    errors = [np.sqrt(np.mean((work - fine[1]) ** 2)) for work in works]
+    errors = [geometric_mean(work - fine[1]) for work in works]
     # measured
     assert order - 0.3 < slope_of(errors, counts) < order + 0.5
 
