@@ -80,24 +80,24 @@ CASES = [
 def test_the_state_converges_with_the_order(solves, fine, name, order, counts):
     ends = [solves[name](np.int64(n), STARTS)[0] for n in counts]
     errors = [geometric_mean(end - fine[0]) for end in ends]
-    # measured
-    assert order - 0.3 < slope_of(errors, counts) < order + 0.5
+    # measured 4.85 and 8.09
+    assert order - 0.4 < slope_of(errors, counts) < order + 0.7
 
 
 @pytest.mark.parametrize("name, order, counts", CASES)
 def test_the_integrals_converge_with_the_order(solves, fine, name, order, counts):
     works = [solves[name](np.int64(n), STARTS)[1] for n in counts]
     errors = [geometric_mean(work - fine[1]) for work in works]
-    # measured
-    assert order - 0.3 < slope_of(errors, counts) < order + 0.5
+    # measured 5.34 and 8.46
+    assert order - 0.4 < slope_of(errors, counts) < order + 0.7
 
 
 def test_the_works_balance_the_energy(fine):
     """The reference itself: the works are those of the energy's change."""
     y, works = fine
     change = zj.energy(COLUMN, tuple(y.T)) - zj.energy(COLUMN, tuple(STARTS.T))
-    # measured
-    assert np.abs(change - (works[:, 0] - works[:, 1])).max() < 1e-13
+    # measured 3.9e-15
+    assert np.abs(change - (works[:, 0] - works[:, 1])).max() < 4e-14
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_one_step_is_diffraxs_own(method, order):
     y_our, error_our, dense, last, _ = ours.step(
         TERMS, t0, t1, y0, COLUMN, first, False
     )
-    # measured 1.7e-16; angles and rates are of order 1
+    # angles and rates are of order 1
     np.testing.assert_allclose(y_our, y_their, rtol=0, atol=2e-15)
     np.testing.assert_allclose(error_our, error_their, rtol=0, atol=2e-15)
     # what the next step starts from is the slope at the end
@@ -160,7 +160,7 @@ def test_the_next_step_follows_the_stated_rule(order):
         assert bool(keep) == (size <= 1) and not jump
         assert float(t) == (1.1 if size <= 1 else 1.0)
         assert result == dfx.RESULTS.successful
-        # measured: the factor has the digits of float32
+        # the factor has the digits of float32
         np.testing.assert_allclose(t_next - t, 0.1 * factor, rtol=1e-6)
 
 
