@@ -2,6 +2,7 @@
 
 import ast
 import collections
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -258,8 +259,6 @@ def test_an_observer_carries_its_own_numbers_and_no_other_does(observer, numbers
     """The energy at the start and two works, for a column with friction."""
     without, alone = carried(settle_of(rubbing)), carried(settle_of(rubbing, observer))
     assert alone - without == numbers
-    every = carried(settle_of(rubbing, (zj.Mean(), zj.Period(), observer)[-1:]))
-    assert every == alone
 
 
 def test_amplitude_is_there_once_even_if_asked_for():
@@ -284,14 +283,12 @@ def test_one_window_keeps_no_amplitudes_to_compare():
 
 def test_importing_starts_no_backend_and_draws_nothing_in():
     program = (
-        "import sys, os, ziegler_jax\n"
+        "import os, sys, ziegler_jax\n"
         "from jax._src import xla_bridge\n"
         "import jax\n"
         "print('matplotlib' in sys.modules, xla_bridge.backends_are_initialized(),\n"
         "      jax.config.jax_enable_x64, 'XLA_FLAGS' in os.environ)\n"
     )
-    import os
-
     environment = {
         k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_ENABLE_X64")
     }
@@ -302,6 +299,6 @@ def test_importing_starts_no_backend_and_draws_nothing_in():
     assert done.stdout.split() == ["False"] * 4, done.stderr
 
 
-def test_all_public_names_are_there_and_sorted():
+def test_the_public_names_are_there_once():
     assert all(hasattr(zj, name) for name in zj.__all__)
-    assert zj.__all__ == sorted(zj.__all__)
+    assert len(set(zj.__all__)) == len(zj.__all__)
