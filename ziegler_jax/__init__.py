@@ -11,17 +11,23 @@ from .column import (
     uniform_rods,
     vector_field,
 )
-from .damping import Viscous
+from .critical import critical_load
+from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
+from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
-from .outcome import OUTCOME, REGIME
+from .outcome import CRITICAL, OUTCOME, REGIME
+from .sensitivity import sensitivity
 from .simulate import Settled, Trajectory, settle, trajectory
 from .solvers import Explicit
+from .stabilise import stabilise
 from .sweep import sweep
 
 __all__ = [
+    "CRITICAL",
     "OUTCOME",
     "REGIME",
+    "Air",
     "Amplitude",
     "Column",
     "ConstantLoad",
@@ -35,15 +41,24 @@ __all__ = [
     "SmoothCoulomb",
     "State",
     "StickFraction",
+    "Sum",
     "Trajectory",
     "Viscous",
     "configure_cpu",
+    "critical_load",
     "energy",
+    "linearise",
     "point_masses",
     "power",
     "reactions",
+    "regime",
+    "sensitivity",
     "settle",
+    "spectral_abscissa",
+    "spectrum",
+    "stabilise",
     "sweep",
+    "tangent_column",
     "trajectory",
     "uniform_rods",
     "vector_field",

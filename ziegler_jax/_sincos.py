@@ -9,6 +9,8 @@ import jax.numpy as jnp
 from jax import lax
 from jax.typing import ArrayLike
 
+from ._materialise import materialise
+
 # pi/2 in three parts; the first two have at most 33 significant bits, so that their
 # products with a quadrant number below 2**20 are exact (Cody & Waite; the split is
 # fdlibm's).
@@ -56,7 +58,16 @@ def sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]:
     if x.dtype != jnp.float64:
         return jnp.sin(x), jnp.cos(x)
     n = jnp.round(x * 0.63661977236758134308)
+    # a batch's worth of both kernels is kept: each use only picks and signs them
+    s, c = materialise(x, _kernels, x, n)
     quadrant = lax.bitcast_convert_type(n + _BITS, jnp.int64)
+    odd = (quadrant & 1) == 1
+    s, c = jnp.where(odd, c, s), jnp.where(odd, s, c)
+    return _negate_if(quadrant & 2, s), _negate_if((quadrant + 1) & 2, c)
+
+
+def _kernels(x: jax.Array, n: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Sine and cosine of x - n pi/2, which lies within +-pi/4."""
     first = x - n * _HALF_PI[0]  # exact
     second = n * _HALF_PI[1]  # exact
     r = first - second
@@ -70,9 +81,7 @@ def sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]:
         c = c * z + cos_term
     s = r + (r * (z * s) + tail)
     c = 1.0 - (0.5 * z - (z * z * c - r * tail))
-    odd = (quadrant & 1) == 1
-    s, c = jnp.where(odd, c, s), jnp.where(odd, s, c)
-    return _negate_if(quadrant & 2, s), _negate_if((quadrant + 1) & 2, c)
+    return s, c
 
 
 def _negate_if(two: jax.Array, x: jax.Array) -> jax.Array:

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from .outcome import Code
+from .outcome import REGIME, Code
 
 
 class Variable(NamedTuple):
@@ -38,6 +38,9 @@ AXES = {
     "c2": ("damping of joint 2", "sqrt(k m l^2)", "$c_2$"),
 }
 
+# Names that scenes give codes which come without a result: flag variables.
+FLAGS = {"regime": REGIME}
+
 
 def named_variables(result: Any) -> dict[str, Variable]:
     """What a `point` returned, as named variables.
@@ -67,5 +70,5 @@ def named_variables(result: Any) -> dict[str, Variable]:
                 f"library, but `{name}` has shape {tuple(shape)} and no declared "
                 "dimensions."
             )
-        named[str(name)] = Variable(value, str(name))
+        named[str(name)] = Variable(value, str(name), codes=FLAGS.get(str(name)))
     return named

@@ -5,11 +5,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ._materialise import if_any_lane
 from ._types import Scalar, Vector4, is_concrete
 from .column import Column
 from .observers import AbstractObserver, joint_rates
 from .outcome import OUTCOME
-from .solvers import AbstractFold, Step, if_any_lane
+from .solvers import AbstractFold, Step
 
 
 class Watched(NamedTuple):

@@ -22,6 +22,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ._materialise import materialise
 from ._reactions import joint_reactions, reaction_loads
 from ._sincos import sincos
 from ._types import Pair, Scalar, Vector4, equals, is_concrete, number, pair
@@ -315,8 +316,11 @@ def _friction_torques(column: Column, forces: _Forces, y: Vector4) -> Pair | Non
     if column.friction is None:
         return None
     _, _, w1, w2 = y
-    g1, g2 = column.friction.levers(w1, w2 - w1)
+    # both accelerations need both: not to be computed for each
+    g1, g2 = materialise(w1, column.friction.levers, w1, w2 - w1)
     load = column.friction.load_law()
+    if load is None:
+        return g1, g2
     if isinstance(load, JointReaction):
         n1, n2 = reaction_loads(column, forces, g1, g2, load.newton_steps)
     else:

@@ -45,3 +45,73 @@ class Viscous(AbstractDamping):
     def valid(self) -> Any:
         """Both coefficients nonnegative."""
         return (jnp.asarray(self.c1) >= 0) & (jnp.asarray(self.c2) >= 0)
+
+
+class Air(AbstractDamping):
+    r"""External damping: each point of a rod is dragged by $-e_i v$ a unit of length.
+
+    v is the point's whole velocity: $\omega_1 s$ across rod 1, the knee's velocity
+    and $\omega_2 s$ across rod 2 together on rod 2. What the drag takes out is
+    $\omega^T C \omega = \int_0^1 e_1 v^2 ds + \int_0^{l_2} e_2 v^2 ds$, so
+
+    $$C = \begin{bmatrix} e_1/3 + e_2 l_2 & \tfrac12 e_2 l_2^2 \cos D \\
+    \tfrac12 e_2 l_2^2 \cos D & \tfrac13 e_2 l_2^3 \end{bmatrix}$$
+
+    On equal uniform rods $e_1 = e_2$ gives $C = e M$, which only raises q_cr; unequal
+    drag destabilises as the joints' damping does.
+
+    **Arguments:** `e1`, `e2` in $\sqrt{k m}/l^2$, nonnegative; `l2`: rod 2's length
+    in l, positive.
+    """
+
+    e1: Any
+    e2: Any
+    l2: Any
+
+    def __init__(self, e1: Any, e2: Any, l2: Any = 1.0):
+        """Check and keep both coefficients and the length."""
+        self.e1 = number("e1", e1, "nonnegative")
+        self.e2 = number("e2", e2, "nonnegative")
+        self.l2 = number("l2", l2, "positive")
+
+    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
+        """The rows of C; the rods are coupled through the knee's velocity."""
+        both = self.e2 * self.l2**2 / 2 * cos_d
+        return (
+            (self.e1 / 3 + self.e2 * self.l2, both),
+            (both, self.e2 * self.l2**3 / 3),
+        )
+
+    def valid(self) -> Any:
+        """Both coefficients nonnegative, the length positive."""
+        good = (jnp.asarray(self.e1) >= 0) & (jnp.asarray(self.e2) >= 0)
+        return good & (jnp.asarray(self.l2) > 0)
+
+
+class Sum(AbstractDamping):
+    """Two damping laws at once, e.g. `Sum(Viscous(0.01, 0.01), Air(0.1, 0.1))`.
+
+    **Arguments:** `first`, `second`: damping laws; their matrices add.
+    """
+
+    first: AbstractDamping
+    second: AbstractDamping
+
+    def __init__(self, first: AbstractDamping, second: AbstractDamping):
+        """Keep both laws."""
+        for name, law in (("first", first), ("second", second)):
+            if not isinstance(law, AbstractDamping):
+                raise ValueError(
+                    f"Argument `{name}` must be a damping law, but is {law!r}."
+                )
+        self.first, self.second = first, second
+
+    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
+        """The rows of the sum."""
+        (a11, a12), (a21, a22) = self.first.matrix(cos_d)
+        (b11, b12), (b21, b22) = self.second.matrix(cos_d)
+        return (a11 + b11, a12 + b12), (a21 + b21, a22 + b22)
+
+    def valid(self) -> Any:
+        """Both laws keep their rules."""
+        return self.first.valid() & self.second.valid()

@@ -16,6 +16,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
+from ._exponential import exp, tanh
 from ._types import Pair, Scalar, both, equals, is_concrete, number, number_or_pair
 
 
@@ -92,8 +93,13 @@ class AbstractFriction(eqx.Module):
         """Whether the numbers keep the law's rules; traced where they are."""
 
     @abc.abstractmethod
-    def load_law(self) -> AbstractLoad:
-        """The normal load that the law rests on."""
+    def load_law(self) -> AbstractLoad | None:
+        """The normal load that the law rests on; None if it is in the levers."""
+
+    def prepared(self, q: Scalar) -> "AbstractFriction":
+        """The same law for a motion under q, as cheap to evaluate as it can be."""
+        del q
+        return self
 
     @abc.abstractmethod
     def rate_cut(self) -> Scalar:
@@ -184,18 +190,26 @@ class SmoothCoulomb(AbstractFriction):
 
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
         """Torque per unit of normal load, both joints."""
-        mu_s, rho = both(self.mu_s), both(self.pin_radius)
-        mu_k = (None, None) if self.mu_k is None else both(self.mu_k)
+        return self._worked_out((1.0, 1.0)).levers(u1, u2)
 
-        def lever(u, mu_s, mu_k, rho):
-            if mu_k is None:
-                mu = mu_s
-            else:
-                mu = mu_k + (mu_s - mu_k) * jnp.exp(-((u / self.v_stribeck) ** 2))
-            return rho * mu * jnp.tanh(u / self.v_smooth)
+    def prepared(self, q: Scalar) -> AbstractFriction:
+        """The same law with everything worked out that the motion does not change."""
+        if isinstance(self.load, JointReaction):
+            return self._worked_out((1.0, 1.0), self.load)
+        return self._worked_out(self.load.given(q))
 
-        first = lever(u1, mu_s[0], mu_k[0], rho[0])
-        return first, lever(u2, mu_s[1], mu_k[1], rho[1])
+    def _worked_out(self, normal: Pair, load: AbstractLoad | None = None) -> "_Ready":
+        lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
+        least = self.mu_s if self.mu_k is None else self.mu_k
+        kinetic = tuple(x * mu for x, mu in zip(lever, both(least), strict=True))
+        drop = per_stribeck = None
+        if self.mu_k is not None:
+            pairs = zip(lever, both(self.mu_s), both(self.mu_k), strict=True)
+            drop = tuple(x * (s - k) for x, s, k in pairs)
+            per_stribeck = 1.0 / self.v_stribeck
+        return _Ready(
+            kinetic, drop, per_stribeck, 1.0 / self.v_smooth, self.v_smooth, load
+        )
 
     def valid(self) -> Any:
         """0 <= mu_k <= mu_s, pin_radius >= 0, rates > 0."""
@@ -214,6 +228,41 @@ class SmoothCoulomb(AbstractFriction):
 
     def rate_cut(self) -> Scalar:
         """Below v_smooth the law is still rising: a joint this slow creeps."""
+        return self.v_smooth
+
+
+class _Ready(AbstractFriction):
+    """A smoothed law with its constants worked out: no division is left to a stage."""
+
+    kinetic: Pair
+    drop: Pair | None  # from static to kinetic
+    per_stribeck: Any
+    per_smooth: Any
+    v_smooth: Any
+    load: AbstractLoad | None
+
+    def levers(self, u1: Scalar, u2: Scalar) -> Pair:
+        """The torques; per unit of load where the motion decides that."""
+
+        def lever(u, i):
+            peak = self.kinetic[i]
+            if self.drop is not None:
+                bell = exp(-((u * self.per_stribeck) ** 2))
+                peak = peak + self.drop[i] * bell
+            return peak * tanh(u * self.per_smooth)
+
+        return lever(u1, 0), lever(u2, 1)
+
+    def valid(self) -> Any:
+        """What it was made from has been checked."""
+        return True
+
+    def load_law(self) -> AbstractLoad | None:
+        """None: the load is in the levers; or the joints' reactions."""
+        return self.load
+
+    def rate_cut(self) -> Scalar:
+        """As the law it was made from."""
         return self.v_smooth
 
 

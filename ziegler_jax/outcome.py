@@ -1,4 +1,4 @@
-"""Why a lane ended, and which regime a linear column is in: one small integer each.
+"""Why a lane ended, which regime a linear column is in: one small integer each.
 
 A sweep runs thousands of lanes at once and cannot stop at one that fails; every lane
 therefore carries a code, and every code a sentence.
@@ -45,9 +45,26 @@ class REGIME(Code):
     not_computed = 0, "the point was left out or has not been computed yet"
     invalid = 1, "the column's numbers break a rule, e.g. indefinite inertia"
     stable = 2, "every small motion decays"
-    marginal = 3, "small motions neither decay nor grow (undamped, oscillating)"
+    marginal = 3, "no motion grows exponentially, not all decay (undamped, a boundary)"
     flutter = 4, "a small motion grows oscillating: a complex pair Re s > 0"
     divergence = 5, "a small motion grows without oscillating: a real s > 0"
+
+
+class CRITICAL(Code):
+    """How the search for a critical load ended, in order of precedence.
+
+    Up to `none` there is no load to name: the numbers and their derivatives are NaN.
+    From `preceded` on they stand.
+    """
+
+    not_computed = 0, "the point was left out or has not been computed yet"
+    invalid = 1, "the column's numbers break a rule, e.g. indefinite inertia"
+    unstable_at_zero = 2, "the column is not stable without load, e.g. kappa = 0"
+    double_root = 3, "two boundary loads coincide: touched, not crossed; no derivative"
+    none = 4, "no load, however high, crosses a boundary of this kind"
+    preceded = 5, "found, but stability is lost in the other way at a lower load"
+    undamped = 6, "found with C = 0: q_cr jumps there, no derivative in the damping"
+    found = 7, "the column loses stability here first"
 
 
 def flag_attributes(codes: type[Code]) -> dict[str, object]:

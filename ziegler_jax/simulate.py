@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._legs import current_legs
-from ._types import Scalar, Vector4, equals, is_concrete, number
+from ._types import Scalar, Vector4, is_concrete, number
 from ._variables import Variable
 from ._windows import Windows
 from .column import Column, State, vector_field
@@ -90,7 +90,7 @@ def settle(
     *,
     transient: Any = 100.0,
     window: Any = 40.0,
-    max_windows: int = 10,
+    max_windows: int = 40,
     rtol_settle: Any = 1e-3,
     observers: tuple[AbstractObserver, ...] = (),
     rtol: Any = 1e-6,
@@ -113,10 +113,14 @@ def settle(
 
     - `column`, `start`: the scene.
     - `transient`, `window`, `max_windows`, `rtol_settle`: as above. With one window
-        there is nothing to compare: the outcome is `unsettled` or `stuck`.
+        there is nothing to compare: the outcome is `unsettled` or `stuck`. Near a
+        threshold motions decide slowly: of the 105 780 points of the main job's map 10
+        windows leave 7972 unsettled, 40 leave 2556 for 15 % more steps.
     - `observers`: what to watch beside `Amplitude()`, e.g. `(Period(),
         StickFraction())`. What is not asked for is not in the program.
-    - `rtol`, `atol`: tolerances of each step.
+    - `rtol`, `atol`: tolerances of each step. On friction cycles (q = 2.6,
+        $\tau$ = 0.026, v_smooth from 0.3 to 0.003) 1e-6 leaves up to 7e-5 rad in an
+        amplitude, 1e-7 6e-6 for 1.4 times the steps.
     - `solver`: `Explicit(tableau)`; None is Tsit5.
     - `escape`: a rod's angle beyond which the lane ends as `escaped`.
     - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
@@ -142,7 +146,7 @@ def settle(
         rate_cut=_rate_cut(column, rate_cut),
         observers=_with_amplitude(observers, column),
     )
-    args = _known_tangential(column)
+    args = _prepared(column)
     watching = Observed(solver, watch)
     terms = dfx.ODETerm(vector_field)
     control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
@@ -260,7 +264,7 @@ def trajectory(
         t1=jnp.where(good, ts[-1], ts[0]),
         dt0=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
         y0=y0,
-        args=_known_tangential(column),
+        args=_prepared(column),
         stepsize_controller=dfx.ClipStepSizeController(
             StepControl(rtol, atol),  # pyright: ignore[reportCallIssue]
             step_ts=ts,
@@ -320,11 +324,14 @@ def _nan_where(failed: Any, values: Any) -> Any:
     return jax.tree.map(lambda x: jnp.where(failed, jnp.nan, x), values)
 
 
-def _known_tangential(column: Column) -> Column:
-    """Keep out of the program what a load along rod 2 does not need."""
-    if not equals(column.follower, 1.0):
-        return column
-    return eqx.tree_at(lambda c: c.follower, column, None)
+def _prepared(column: Column) -> Column:
+    """The column for one motion: what does not change along it is worked out."""
+    if column.friction is not None:
+        friction = column.friction.prepared(column.q)
+        column = eqx.tree_at(lambda c: c.friction, column, friction)
+    if column.tangential:
+        column = eqx.tree_at(lambda c: c.follower, column, None)
+    return column
 
 
 def _valid(column: Column, y0: Vector4) -> jax.Array:

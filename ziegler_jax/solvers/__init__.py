@@ -1,6 +1,5 @@
 """Lane solvers: diffrax solvers that run fast for thousands of lanes under vmap."""
 
-from ._materialise import if_any_lane
 from .control import ControlState, Signals, StepControl
 from .explicit import Explicit
 from .observed import AbstractFold, Observed, Step
@@ -13,5 +12,4 @@ __all__ = [
     "Signals",
     "Step",
     "StepControl",
-    "if_any_lane",
 ]

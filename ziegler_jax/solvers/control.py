@@ -12,6 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import optimistix as optx
 
+from .._materialise import materialise
 from .._types import Scalar
 
 SAFETY = 0.9
@@ -87,19 +88,24 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         signals = y_error if isinstance(y_error, Signals) else None
         error: Any = y_error if signals is None else signals.error
         stop, left = controller_state.stop, controller_state.left - 1
-        square = jnp.zeros_like(y0[0])
-        for e, a, b in zip(error, y0, y1_candidate, strict=True):
-            scale = self.atol + self.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))
-            square += (e / scale) ** 2
-        square = square / len(error)
-        keep = square <= 1
-        # seven digits are plenty for a factor, and XLA vectorises the float32 logarithm
-        clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
-        factor = SAFETY * jnp.exp(-0.5 / error_order * jnp.log(clipped))
-        factor = jnp.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR)
-        # a NaN error is no measure of the step
-        factor = jnp.where(jnp.isnan(square), SMALLEST_FACTOR, factor)
-        h = (t1 - t0) * factor.astype(square.dtype)
+
+        def judge():
+            square = jnp.zeros_like(y0[0])
+            for e, a, b in zip(error, y0, y1_candidate, strict=True):
+                scale = self.atol + self.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))
+                square += (e / scale) ** 2
+            square = square / len(error)
+            # seven digits are plenty for a factor, and XLA vectorises float32's log
+            clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
+            factor = SAFETY * jnp.exp(-0.5 / error_order * jnp.log(clipped))
+            factor = jnp.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR)
+            # a NaN error is no measure of the step
+            factor = jnp.where(jnp.isnan(square), SMALLEST_FACTOR, factor)
+            return square <= 1, factor.astype(square.dtype)
+
+        # each number that a lane carries asks whether its step was accepted
+        keep, factor = materialise(t0, judge)
+        h = (t1 - t0) * factor
         t = jnp.where(keep, t1, t0)
         # an accepted step may be as small as the stop it was cut to
         vanished = ~(keep | (h > SMALLEST_STEP * jnp.abs(t)))

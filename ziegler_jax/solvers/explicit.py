@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 import diffrax as dfx
 import jax.numpy as jnp
 
+from .._materialise import materialise
 from .._types import Vector4
-from ._materialise import materialise
 
 _Row = tuple[float, ...]
 

@@ -1,0 +1,1 @@
+"""What others would use, each as its own users would write it."""

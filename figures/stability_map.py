@@ -1,0 +1,64 @@
+"""The seed's column over load and follower fraction: where it flutters or buckles."""
+
+import linear_style as style
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import ListedColormap
+
+import ziegler_jax as zj
+from ziegler_jax.outcome import REGIME
+
+COLOURS = ["#E8EEF2", "#F2B880", "#7FA8C9"]  # marginal, flutter, divergence
+
+
+def regime(q, eta):
+    return {"regime": zj.regime(zj.uniform_rods(q, follower=eta))}
+
+
+def load(eta, kind):
+    return zj.critical_load(zj.uniform_rods(follower=eta), kind)
+
+
+def main():
+    q, eta = np.linspace(0, 6, 1201), np.linspace(-0.5, 1.5, 1001)
+    ds = zj.sweep(regime, q=q, eta=eta)
+    figure, ax = plt.subplots(figsize=(8, 5))
+    low = int(REGIME.marginal)
+    ax.pcolormesh(
+        eta,
+        q,
+        ds.regime,
+        cmap=ListedColormap(COLOURS),
+        vmin=low - 0.5,
+        vmax=low + 2.5,
+        rasterized=True,
+    )
+    lines = (
+        ("flutter", style.ORANGE, "-", "$q_{cr}$, flutter"),
+        ("divergence", style.BLUE, "--", "$q_{cr}$, divergence"),
+    )
+    for kind, colour, dash, label in lines:
+        found = zj.sweep(lambda eta, kind=kind: load(eta, kind), eta=eta)
+        ax.plot(eta, found.q_cr, dash, color=colour, lw=2.5, label=label)
+    seed = zj.critical_load(zj.uniform_rods())
+    ax.plot(1, seed.q, "o", color="k", ms=8)
+    ax.annotate(
+        rf"$\eta = 1$:" "\n" rf"$q_{{cr}}$ = {float(seed.q):.4f}",
+        (1, float(seed.q)),
+        (6, -10),
+        textcoords="offset points",
+        va="top",
+    )
+    ax.text(0.92, 3.6, "flutter", ha="center", fontsize=15)
+    ax.text(0.0, 2.6, "divergence", ha="center", va="top", fontsize=15)
+    ax.text(1.0, 0.7, "stable", ha="center", fontsize=15)
+    ax.set_xlabel(r"follower fraction $\eta$   (0 dead load, 1 follower load)")
+    ax.set_ylabel("load $q = Fl/k$")
+    ax.set_ylim(0, 6)
+    ax.set_title("Uniform rods without damping: regimes and critical loads", loc="left")
+    ax.legend(loc="upper left")
+    style.save(figure, __file__)
+
+
+if __name__ == "__main__":
+    main()
