@@ -8,7 +8,8 @@ import pytest
 
 from ziegler_jax._sincos import sincos
 
-sincos_jit = jax.jit(sincos)  # fused: products and sums may be rounded once
+lanes = jax.vmap(sincos)
+sincos_jit = jax.jit(lanes)  # fused: products and sums may be rounded once
 
 
 def exact(x):
@@ -38,7 +39,9 @@ SIZE = 12_000
 
 def near_multiples(largest_k, count, rng):
     """The doubles next to k pi/2, where the reduction cancels most."""
-    k = np.unique(np.concatenate([np.arange(1, 200), rng.integers(1, largest_k, count)]))
+    k = np.unique(
+        np.concatenate([np.arange(1, 200), rng.integers(1, largest_k, count)])
+    )
     with mpmath.workprec(200):
         x = np.array([float(mpmath.mpf(int(v)) * mpmath.pi / 2) for v in k])
     return np.concatenate([x, -x, np.nextafter(x, 0), np.nextafter(x, np.inf)])[:SIZE]
@@ -69,18 +72,18 @@ def test_error_is_a_few_ulp_up_to_two_to_the_20_quadrants(rng):
     assert ulps.max() <= 6.5
 
 
-@pytest.mark.parametrize("function", [sincos, sincos_jit], ids=["by parts", "fused"])
+@pytest.mark.parametrize("function", [lanes, sincos_jit], ids=["by parts", "fused"])
 def test_beyond_the_error_is_that_of_the_argument(rng, function):
     x = 2 ** rng.uniform(20, 50, 6000)
     absolute, _ = errors(x, function)
     ratio = (absolute.max(-1) / x).max() * 2.0**52
-    # measured RATIO
+    # measured 0.49 by parts, 2e-6 fused
     assert ratio <= 1
 
 
 @pytest.mark.parametrize("x", [np.nan, np.inf, -np.inf, 2.0**51, -1e300])
 def test_where_every_digit_is_lost_it_is_nan(x):
-    assert np.isnan(np.stack(sincos_jit(x))).all()
+    assert np.isnan(np.stack(sincos(x))).all()
 
 
 def test_zero_is_exact_and_signs_are_odd_and_even(rng):
@@ -93,7 +96,7 @@ def test_zero_is_exact_and_signs_are_odd_and_even(rng):
 
 def test_derivatives_are_the_other_function_exactly():
     x = np.linspace(-7, 7, 101)
-    (s, c), (ds, dc) = jax.jvp(sincos, (x,), (np.full_like(x, 2.0),))
+    (s, c), (ds, dc) = jax.jvp(lanes, (x,), (np.full_like(x, 2.0),))
     assert (np.asarray(ds) == 2 * np.asarray(c)).all()
     assert (np.asarray(dc) == -2 * np.asarray(s)).all()
     second = jax.vmap(jax.grad(jax.grad(lambda v: sincos(v)[0])))(x)
@@ -102,7 +105,16 @@ def test_derivatives_are_the_other_function_exactly():
 
 def test_float32_stays_float32_and_is_jax_own():
     x = np.linspace(-7, 7, 101, dtype=np.float32)
-    s, c = sincos(x)
+    s, c = lanes(x)
     assert s.dtype == c.dtype == jnp.float32
     assert (np.asarray(s) == np.asarray(jnp.sin(x))).all()
     assert (np.asarray(c) == np.asarray(jnp.cos(x))).all()
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (2, 3)])
+def test_any_shape_is_taken(rng, shape):
+    x = rng.uniform(-9, 9, shape)
+    for found, expected in zip(sincos(x), (np.sin(x), np.cos(x)), strict=True):
+        assert found.shape == shape
+        # one unit in the last place of each
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2.3e-16)

@@ -18,25 +18,27 @@ PACKAGE = Path(zj.__file__).parent
 
 # A file imports only from floors below its own.
 FLOORS = [
-    ["_types", "outcome", "_sincos", "_cpu", "_legs"],
-    ["_variables", "friction", "damping"],
-    ["column", "_reactions"],
-    ["linear", "solvers", "observers"],
+    ["_types", "_variables", "outcome", "_cpu", "_legs"]
+    + ["_materialise", "_sincos", "_exponential"],
+    ["friction", "damping"],
+    ["column", "_reactions", "_characteristic"],
+    ["linear", "solvers", "observers", "_parameters"],
     ["critical", "_windows", "simulate"],
-    ["_lanes"],
+    ["sensitivity", "stabilise", "_lanes"],
     ["sweep"],
-    ["plot"],
+    ["plot", "plot_linear"],
     ["__main__"],
 ]
 # Within a floor: a room that was divided, and what stands on the solvers.
 SAME_FLOOR = {
+    ("_variables", "outcome"),
+    ("_sincos", "_materialise"),
     ("column", "_reactions"),
     ("observers", "solvers"),
     ("simulate", "_windows"),
-    ("critical", "linear"),
 }
 # Inside the solvers' room.
-SOLVERS = [["_materialise", "control"], ["explicit"], ["observed"]]
+SOLVERS = [["control"], ["explicit"], ["observed"]]
 
 
 def imports(path):
@@ -47,7 +49,9 @@ def imports(path):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
             found |= {
-                tuple(n.split(".")[1:]) for n in names if n.split(".")[0] == PACKAGE.name
+                tuple(n.split(".")[1:])
+                for n in names
+                if n.split(".")[0] == PACKAGE.name
             }
         elif isinstance(node, ast.ImportFrom):
             module = tuple(node.module.split(".")) if node.module else ()
@@ -112,7 +116,14 @@ def equations(jaxpr):
 def count(function, *arguments):
     """How often each primitive stands in the program."""
     closed = jax.make_jaxpr(function)(*arguments)
-    return collections.Counter(e.primitive.name for e in equations(closed.jaxpr))
+    return collections.Counter(_name(e) for e in equations(closed.jaxpr))
+
+
+def _name(equation):
+    """The primitive's; of the package's own functions (`sincos`, `tanh`) theirs."""
+    if equation.primitive.name == "custom_jvp_call":
+        return equation.params["name"]
+    return equation.primitive.name
 
 
 NUMBERS = {"q": 2.0, "mu": 0.1, "eta": 0.5, "c": 0.01}
@@ -139,8 +150,7 @@ BARE = field_of(lambda q, **_: zj.uniform_rods(q))
 
 
 def sines(program):
-    """Every sincos has one rounding, of its range reduction."""
-    return program["round"]
+    return program["sincos"]
 
 
 def test_the_bare_field_has_one_sincos_and_no_friction():
@@ -171,7 +181,7 @@ def test_only_loads_on_reactions_have_a_loop_for_them():
                 q, friction=one_coefficient(mu, load=load)
             )
         )
-        assert program["sqrt"] == 0 and program["div"] == BARE["div"] + 2
+        assert program["sqrt"] == 0
     steps = 3
     program = field_of(
         lambda q, mu, **_: zj.uniform_rods(
@@ -252,7 +262,12 @@ def carried(scene):
 
 @pytest.mark.parametrize(
     "observer, numbers",
-    [(zj.Mean(), 2), (zj.Period(), 3), (zj.StickFraction(), 2), (zj.EnergyBalance(), 3)],
+    [
+        (zj.Mean(), 2),
+        (zj.Period(), 3),
+        (zj.StickFraction(), 2),
+        (zj.EnergyBalance(), 3),
+    ],
     ids=lambda x: type(x).__name__,
 )
 def test_an_observer_carries_its_own_numbers_and_no_other_does(observer, numbers):
