@@ -122,7 +122,8 @@ def count(function, *arguments):
 def _name(equation):
     """The primitive's; of the package's own functions (`sincos`, `tanh`) theirs."""
     if equation.primitive.name == "custom_jvp_call":
-        return equation.params["name"]
+        about = equation.params["call_jaxpr"].jaxpr.debug_info
+        return about.func_src_info.split(" at ")[0]
     return equation.primitive.name
 
 
