@@ -1,3 +1,45 @@
+"""What all tests share: 64 bits, strict promotion, and a few helpers."""
+
+from pathlib import Path
+
 import jax
+import numpy as np
+import pytest
 
 jax.config.update("jax_enable_x64", True)
+# no silent change of dtype or rank anywhere in the package
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+REFERENCE = Path(__file__).parent / "reference"
+
+
+@pytest.fixture(scope="session")
+def reference():
+    """Reads a reference motion by its name."""
+
+    def read(name: str) -> dict[str, np.ndarray]:
+        with np.load(REFERENCE / f"{name}.npz") as file:
+            return dict(file)
+
+    return read
+
+
+@pytest.fixture
+def rng():
+    """Random numbers that are the same in every run."""
+    return np.random.default_rng(20250101)
+
+
+@pytest.fixture
+def refuses():
+    """A ValueError whose one sentence holds every given part."""
+
+    def check(call, *parts: str) -> None:
+        with pytest.raises(ValueError) as caught:
+            call()
+        sentence = str(caught.value)
+        for part in parts:
+            assert part in sentence, f"{part!r} is not in: {sentence}"
+
+    return check

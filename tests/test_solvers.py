@@ -1,0 +1,259 @@
+"""Explicit methods converge with their order; the controller ends what cannot go on."""
+
+import diffrax as dfx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+from ziegler_jax.solvers import AbstractFold, ControlState, Observed, StepControl
+
+SPAN = 4.0
+START = (0.3, -0.4, 0.5, 0.8)
+COLUMN = zj.uniform_rods(2.6, damping=zj.Viscous(0.05, 0.02))
+TERMS = dfx.ODETerm(zj.vector_field)
+METHODS = {"Tsit5": dfx.Tsit5, "Dopri8": dfx.Dopri8}
+
+
+def powers(y):
+    parts = zj.power(COLUMN, y)
+    return parts.follower, parts.damping
+
+
+def fixed_steps(solver):
+    """Motions over SPAN in n equal steps, and the two works; one program for all n."""
+
+    def solve(n, start):
+        def body(i, carry):
+            y, slope, works = carry
+            t0 = i * h
+            y, _, slope, more = solver.advance(
+                TERMS, t0, t0 + h, y, COLUMN, slope, powers
+            )
+            return y, slope, tuple(w + d for w, d in zip(works, more, strict=True))
+
+        h = SPAN / n.astype(float)
+        y = tuple(start)
+        first = zj.vector_field(0.0, y, COLUMN)
+        y, _, works = jax.lax.fori_loop(0, n, body, (y, first, (0.0 * h, 0.0 * h)))
+        return jnp.stack(y), jnp.stack(works)
+
+    return jax.jit(jax.vmap(solve, in_axes=(None, 0)))
+
+
+# An error may pass through zero at some step size: over many starts it does not.
+STARTS = np.random.default_rng(5).uniform(-0.4, 0.4, (64, 4))
+
+
+@pytest.fixture(scope="module")
+def solves():
+    return {
+        name: fixed_steps(zj.Explicit(method.tableau))
+        for name, method in METHODS.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def fine(solves):
+    """The end and the works to about 1e-14."""
+    return solves["Dopri8"](np.int64(800), STARTS)
+
+
+def geometric_mean(errors):
+    """Over the starts, of each one's largest: no single start rules it."""
+    return np.exp(np.log(np.abs(errors).max(-1)).mean())
+
+
+def slope_of(errors, counts):
+    return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+
+
+CASES = [
+    # step counts where the leading term rules and rounding does not yet
+    ("Tsit5", 5, [80, 113, 160, 226, 320]),
+    ("Dopri8", 8, [32, 34, 36, 38, 40, 43, 46]),
+]
+
+
+@pytest.mark.parametrize("name, order, counts", CASES)
+def test_the_state_converges_with_the_order(solves, fine, name, order, counts):
+    ends = [solves[name](np.int64(n), STARTS)[0] for n in counts]
+    errors = [geometric_mean(end - fine[0]) for end in ends]
+    # measured 4.85 and 8.09
+    assert order - 0.4 < slope_of(errors, counts) < order + 0.7
+
+
+@pytest.mark.parametrize("name, order, counts", CASES)
+def test_the_integrals_converge_with_the_order(solves, fine, name, order, counts):
+    works = [solves[name](np.int64(n), STARTS)[1] for n in counts]
+    errors = [geometric_mean(work - fine[1]) for work in works]
+    # measured 5.34 and 8.46
+    assert order - 0.4 < slope_of(errors, counts) < order + 0.7
+
+
+def test_the_works_balance_the_energy(fine):
+    """The reference itself: the works are those of the energy's change."""
+    y, works = fine
+    energy = jax.vmap(lambda y: zj.energy(COLUMN, tuple(y)))
+    change = energy(y) - energy(STARTS)
+    # measured 3.9e-15
+    assert np.abs(change - (works[:, 0] - works[:, 1])).max() < 4e-14
+
+
+@pytest.mark.parametrize(
+    "method, order",
+    [(dfx.Tsit5, None), (dfx.Dopri8, None), (dfx.Dopri5, 5), (dfx.Bosh3, 3)],
+    ids=lambda x: getattr(x, "__name__", ""),
+)
+def test_one_step_is_diffraxs_own(method, order):
+    y0 = tuple(jnp.asarray(x) for x in START)
+    ours, theirs = zj.Explicit(method.tableau, order), method()
+    assert ours.order(TERMS) == theirs.order(TERMS)
+    t0, t1 = jnp.asarray(0.0), jnp.asarray(0.1)
+
+    @jax.jit
+    def step(solver_state):
+        return theirs.step(TERMS, t0, t1, y0, COLUMN, solver_state, False)
+
+    y_their, error_their, *_ = step(theirs.init(TERMS, t0, t1, y0, COLUMN))
+    first = ours.init(TERMS, t0, t1, y0, COLUMN)
+    y_our, error_our, dense, last, _ = ours.step(
+        TERMS, t0, t1, y0, COLUMN, first, False
+    )
+    # angles and rates are of order 1
+    np.testing.assert_allclose(y_our, y_their, rtol=0, atol=2e-15)
+    np.testing.assert_allclose(error_our, error_their, rtol=0, atol=2e-15)
+    # what the next step starts from is the slope at the end
+    np.testing.assert_allclose(
+        last, zj.vector_field(t1, y_our, COLUMN), rtol=0, atol=2e-15
+    )
+    inside = ours.interpolation_cls(t0=t0, t1=t1, **dense).evaluate(t1)
+    np.testing.assert_allclose(inside, y_our, rtol=0, atol=2e-15)
+
+
+def test_an_implicit_tableau_is_refused(refuses):
+    tableau = dfx.Kvaerno5.tableau
+    refuses(lambda: zj.Explicit(tableau), "`tableau`", "explicit", "implicit")
+
+
+def test_an_unknown_order_is_refused(refuses):
+    refuses(lambda: zj.Explicit(dfx.Bosh3.tableau), "`order`", "given")
+
+
+# The controller -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [5, 8])
+def test_the_next_step_follows_the_stated_rule(order):
+    control = StepControl(1e-3, 1e-4)
+    y0, y1 = (0.3, -2.0, 0.1, 0.0), (-0.5, 1.0, 0.2, 0.0)
+    scales = 1e-4 + 1e-3 * np.array([0.5, 2.0, 0.2, 0.0])
+    state = control.start(1.0, 0.1, np.inf)
+    for size in [1e-9, 0.01, 0.5, 0.99, 1.01, 3.0, 1e6, np.nan]:
+        error = tuple(jnp.asarray(size * s) for s in scales)  # E = size
+        keep, t, t_next, jump, _, result = control.adapt_step_size(
+            jnp.asarray(1.0), jnp.asarray(1.1), tuple(map(jnp.asarray, y0)),
+            tuple(map(jnp.asarray, y1)), None, error, order, state,
+        )  # fmt: skip
+        factor = np.clip(0.9 * size ** (-1 / order), 0.2, 10)
+        factor = 0.2 if np.isnan(size) else factor
+        assert bool(keep) == (size <= 1) and not jump
+        assert float(t) == (1.1 if size <= 1 else 1.0)
+        assert result == dfx.RESULTS.successful
+        # the factor has the digits of float32
+        np.testing.assert_allclose(t_next - t, 0.1 * factor, rtol=1e-6)
+
+
+def end_of(field, y0, t1=10.0, **options):
+    """Where a lane of four scalars ends under `StepControl`."""
+    solution = dfx.diffeqsolve(
+        dfx.ODETerm(field),
+        zj.Explicit(),
+        jnp.asarray(0.0),
+        jnp.asarray(t1),
+        jnp.asarray(0.01),
+        tuple(jnp.asarray(x) for x in y0),
+        stepsize_controller=StepControl(1e-6, 1e-6),
+        saveat=dfx.SaveAt(t1=True),
+        throw=False,
+        max_steps=4096,
+        **options,
+    )
+    return solution.result, int(solution.stats["num_steps"])
+
+
+def test_a_nan_ends_the_lane():
+    def field(t, y, args):
+        return tuple(jnp.where(t > 1.0, jnp.nan, -x) for x in y)
+
+    result, steps = end_of(field, START)
+    assert result == dfx.RESULTS.dt_min_reached
+    # measured 109: it halves its way to t = 1 until nothing is left
+    assert steps < 300
+
+
+def test_a_vanishing_step_ends_the_lane():
+    """x' = x^2 ends at t = 1 / x(0) in no finite state."""
+
+    def field(t, y, args):
+        return tuple(x * x for x in y)
+
+    result, steps = end_of(field, (1.0, 0.5, 0.2, 0.1))
+    assert result == dfx.RESULTS.dt_min_reached
+    # measured 257
+    assert steps < 800
+
+
+def test_the_first_step_must_be_given(refuses):
+    control = StepControl(1e-6, 1e-6)
+    refuses(
+        lambda: control.init(TERMS, 0.0, 1.0, START, None, COLUMN, None, 5),
+        "`dt0`", "None",
+    )  # fmt: skip
+
+
+class Stops(AbstractFold):
+    """Asks for a stop every pi/10 and counts hits, passes and steps."""
+
+    def integrand(self, column):
+        return None
+
+    def init(self, column, t0, y0):
+        zero = 0.0 * y0[0]
+        return zero + np.pi / 10, zero, zero, zero
+
+    def step(self, column, state, step):
+        stop, hits, passed, steps = state
+        hit = step.t1 == stop
+        after = (
+            jnp.where(hit, stop + np.pi / 10, stop),
+            hits + jnp.where(hit, 1.0, 0.0),
+            passed + jnp.where(step.t1 > stop, 1.0, 0.0),
+            steps + 1.0,
+        )
+        return after, after[0], after[1] >= 20.0
+
+
+def test_steps_end_on_the_asked_times_and_the_lane_ends_when_done():
+    control = StepControl(1e-6, 1e-6)
+    watching = Observed(zj.Explicit(), Stops())
+    y0 = tuple(jnp.asarray(x) for x in START)
+    zero = jnp.asarray(0.0)
+    solution = dfx.diffeqsolve(
+        TERMS, watching, zero, jnp.asarray(100.0), jnp.asarray(0.01), y0, COLUMN,
+        stepsize_controller=control,
+        solver_state=watching.init(TERMS, zero, zero, y0, COLUMN),
+        controller_state=control.start(zero, 0.01, np.pi / 10),
+        saveat=dfx.SaveAt(solver_state=True, controller_state=True),
+        max_steps=None, throw=False, adjoint=dfx.ForwardMode(),
+    )  # fmt: skip
+    _, hits, passed, steps = solution.solver_state.folded
+    assert solution.result == dfx.RESULTS.event_occurred
+    assert (float(hits), float(passed)) == (20, 0)
+    assert isinstance(solution.controller_state, ControlState)
+    # 20 additions round
+    np.testing.assert_allclose(solution.controller_state.t, 2 * np.pi, rtol=1e-14)
+    # the fold saw the accepted steps alone, and there were rejected ones
+    assert float(steps) == int(solution.stats["num_accepted_steps"])
+    assert int(solution.stats["num_rejected_steps"]) > 0

@@ -1,0 +1,320 @@
+"""The house: floors, and what a scene does not name is not in its program."""
+
+import ast
+import collections
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import diffrax as dfx
+import jax
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+
+PACKAGE = Path(zj.__file__).parent
+
+# A file imports only from floors below its own.
+FLOORS = [
+    ["_types", "_variables", "outcome", "_cpu", "_legs"]
+    + ["_materialise", "_sincos", "_exponential"],
+    ["friction", "damping"],
+    ["column", "_reactions", "_characteristic"],
+    ["linear", "solvers", "observers", "_parameters"],
+    ["critical", "_windows", "simulate"],
+    ["sensitivity", "stabilise", "_lanes"],
+    ["sweep"],
+    ["plot", "plot_linear"],
+    ["__main__"],
+]
+# Within a floor: a room that was divided, and what stands on the solvers.
+SAME_FLOOR = {
+    ("_variables", "outcome"),
+    ("_sincos", "_materialise"),
+    ("column", "_reactions"),
+    ("observers", "solvers"),
+    ("simulate", "_windows"),
+}
+# Inside the solvers' room.
+SOLVERS = [["control"], ["explicit"], ["observed"]]
+
+
+def imports(path):
+    """The modules of the package that a file imports, as paths below it."""
+    parents = path.relative_to(PACKAGE).with_suffix("").parts
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+            found |= {
+                tuple(n.split(".")[1:])
+                for n in names
+                if n.split(".")[0] == PACKAGE.name
+            }
+        elif isinstance(node, ast.ImportFrom):
+            module = tuple(node.module.split(".")) if node.module else ()
+            if node.level:
+                base = parents[: len(parents) - node.level] + module
+            elif module[:1] == (PACKAGE.name,):
+                base = module[1:]
+            else:
+                continue
+            names = [alias.name for alias in node.names]
+            inside = PACKAGE.joinpath(*base)
+            for name in names:
+                is_module = (inside / f"{name}.py").exists() or (inside / name).is_dir()
+                found.add((*base, name) if is_module else base)
+    return found
+
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_file_imports_only_from_floors_below(path):
+    here = path.relative_to(PACKAGE).with_suffix("").parts
+    if here == ("__init__",):
+        return
+    floor = {name: i for i, names in enumerate(FLOORS) for name in names}
+    room = {name: i for i, names in enumerate(SOLVERS) for name in names}
+    assert here[0] in floor, f"{here[0]} stands on no floor: add it to FLOORS"
+    for there in imports(path):
+        assert there, f"{here} imports the package's own __init__"
+        if there[0] == here[0]:
+            if here[-1] != "__init__":
+                assert room[there[-1]] < room[here[-1]], (here, there)
+        elif (here[0], there[0]) not in SAME_FLOOR:
+            assert floor[there[0]] < floor[here[0]], (here, there)
+
+
+def test_the_floors_test_sees_imports():
+    """Else an import that it cannot read would pass."""
+    seen = imports(PACKAGE / "sweep.py")
+    assert {("_lanes",), ("_variables",), ("outcome",)} <= seen
+    assert ("_types",) in imports(PACKAGE / "solvers" / "explicit.py")
+    assert ("explicit",) not in imports(PACKAGE / "solvers" / "observed.py")
+    assert ("solvers", "explicit") in imports(PACKAGE / "solvers" / "observed.py")
+
+
+# What is traced -----------------------------------------------------------------------
+
+
+def equations(jaxpr):
+    """All equations of a program, those inside loops and calls included."""
+    for equation in jaxpr.eqns:
+        yield equation
+        for part in jax.tree.leaves(
+            list(equation.params.values()), is_leaf=lambda x: hasattr(x, "eqns")
+        ):
+            inner = getattr(part, "jaxpr", part)
+            if hasattr(inner, "eqns"):
+                yield from equations(inner)
+
+
+def count(function, *arguments):
+    """How often each primitive stands in the program."""
+    closed = jax.make_jaxpr(function)(*arguments)
+    return collections.Counter(_name(e) for e in equations(closed.jaxpr))
+
+
+def _name(equation):
+    """The primitive's; of the package's own functions (`sincos`, `tanh`) theirs."""
+    if equation.primitive.name == "custom_jvp_call":
+        about = equation.params["call_jaxpr"].jaxpr.debug_info
+        return about.func_src_info.split(" at ")[0]
+    return equation.primitive.name
+
+
+NUMBERS = {"q": 2.0, "mu": 0.1, "eta": 0.5, "c": 0.01}
+Y = (0.1, -0.2, 0.3, 0.1)
+
+
+def field_of(build):
+    return count(
+        lambda numbers, y: zj.vector_field(0.0, y, build(**numbers)), NUMBERS, Y
+    )
+
+
+def one_coefficient(mu, **parts):
+    return zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.01, **parts)
+
+
+def two_coefficients(mu, **parts):
+    return zj.SmoothCoulomb(
+        1.2 * mu, mu, pin_radius=0.1, v_smooth=0.01, v_stribeck=0.1, **parts
+    )
+
+
+BARE = field_of(lambda q, **_: zj.uniform_rods(q))
+
+
+def sines(program):
+    return program["sincos"]
+
+
+def test_the_bare_field_has_one_sincos_and_no_friction():
+    assert sines(BARE) == 1
+    for name in ("tanh", "exp", "sqrt", "sin", "cos", "pow"):
+        assert BARE[name] == 0, name
+    assert BARE["div"] == 1  # the determinant's
+
+
+def test_friction_adds_one_tanh_a_joint_and_no_exponential():
+    program = field_of(
+        lambda q, mu, **_: zj.uniform_rods(q, friction=one_coefficient(mu))
+    )
+    assert (program["tanh"], program["exp"], sines(program)) == (2, 0, 1)
+
+
+def test_the_static_part_adds_one_exponential_a_joint():
+    program = field_of(
+        lambda q, mu, **_: zj.uniform_rods(q, friction=two_coefficients(mu))
+    )
+    assert (program["tanh"], program["exp"], sines(program)) == (2, 2, 1)
+
+
+def test_only_loads_on_reactions_have_a_loop_for_them():
+    for load in (zj.FollowerLoad(), zj.ConstantLoad(1.0)):
+        program = field_of(
+            lambda q, mu, load=load, **_: zj.uniform_rods(
+                q, friction=one_coefficient(mu, load=load)
+            )
+        )
+        assert program["sqrt"] == 0
+    steps = 3
+    program = field_of(
+        lambda q, mu, **_: zj.uniform_rods(
+            q, friction=one_coefficient(mu, load=zj.JointReaction(steps))
+        )
+    )
+    # two magnitudes to start, two a step, two for what is left
+    assert program["sqrt"] == 2 * (steps + 2)
+    assert sines(program) == 1
+
+
+@pytest.mark.parametrize("eta", [1, 1.0, np.float64(1.0)])
+def test_a_tangential_load_has_no_second_sincos(eta):
+    assert field_of(lambda q, **_: zj.uniform_rods(q, follower=eta)) == BARE
+
+
+def test_another_load_has_a_sincos_for_each_rod():
+    for eta in (0.5, None):
+        program = field_of(
+            lambda q, eta=eta, **numbers: zj.uniform_rods(
+                q, follower=NUMBERS["eta"] if eta is None else eta
+            )
+        )
+        assert sines(program) == 3
+
+
+def test_no_damping_leaves_no_trace_and_damping_does():
+    damped = field_of(lambda q, c, **_: zj.uniform_rods(q, damping=zj.Viscous(c, c)))
+    # C w: four products and two sums, and a row's subtraction each
+    assert damped["mul"] == BARE["mul"] + 4
+    assert damped["sub"] == BARE["sub"] + 2
+    assert field_of(lambda q, **_: zj.uniform_rods(q, damping=None)) == BARE
+
+
+def settle_of(build, observers=(), **options):
+    def scene(numbers):
+        return zj.settle(
+            build(**numbers), zj.State(omega=(0.0, 0.1)), observers=observers, **options
+        ).observed
+
+    return scene
+
+
+def bare(q, **_):
+    return zj.uniform_rods(q)
+
+
+def rubbing(q, mu, **_):
+    return zj.uniform_rods(q, friction=one_coefficient(mu))
+
+
+STAGES = {"Tsit5": (dfx.Tsit5, 6), "Dopri8": (dfx.Dopri8, 13)}
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_settle_evaluates_the_field_once_a_stage(name):
+    """Once more for the first stage of the first step."""
+    method, stages = STAGES[name]
+    solver = zj.Explicit(method.tableau)
+    assert sines(count(settle_of(bare, solver=solver), NUMBERS)) == stages + 1
+    program = count(settle_of(rubbing, solver=solver), NUMBERS)
+    assert (sines(program), program["tanh"]) == (stages + 1, 2 * (stages + 1))
+
+
+def test_settle_without_friction_has_no_tanh():
+    program = count(settle_of(bare), NUMBERS)
+    assert program["tanh"] == 0
+    assert program["exp"] == 1  # the step factor's
+
+
+def carried(scene):
+    """How many numbers the step loop carries."""
+    closed = jax.make_jaxpr(scene)(NUMBERS)
+    loops = [e for e in equations(closed.jaxpr) if e.primitive.name == "while"]
+    assert len(loops) == 1
+    return len(loops[0].params["body_jaxpr"].jaxpr.outvars)
+
+
+@pytest.mark.parametrize(
+    "observer, numbers",
+    [
+        (zj.Mean(), 2),
+        (zj.Period(), 3),
+        (zj.StickFraction(), 2),
+        (zj.EnergyBalance(), 3),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_an_observer_carries_its_own_numbers_and_no_other_does(observer, numbers):
+    """The energy at the start and two works, for a column with friction."""
+    without, alone = carried(settle_of(rubbing)), carried(settle_of(rubbing, observer))
+    assert alone - without == numbers
+
+
+def test_amplitude_is_there_once_even_if_asked_for():
+    assert count(settle_of(rubbing, (zj.Amplitude(),)), NUMBERS) == count(
+        settle_of(rubbing), NUMBERS
+    )
+
+
+def test_powers_are_integrated_only_where_asked_for():
+    without = count(settle_of(rubbing, (zj.Mean(),)), NUMBERS)
+    asked = count(settle_of(rubbing, (zj.EnergyBalance(),)), NUMBERS)
+    assert sines(without) == 7
+    assert sines(asked) > 7 + 6
+
+
+def test_one_window_keeps_no_amplitudes_to_compare():
+    assert carried(settle_of(bare)) - carried(settle_of(bare, max_windows=1)) == 3
+
+
+# What is imported ---------------------------------------------------------------------
+
+
+def test_importing_starts_no_backend_and_draws_nothing_in():
+    program = (
+        "import os, sys, ziegler_jax\n"
+        "from jax._src import xla_bridge\n"
+        "import jax\n"
+        "print('matplotlib' in sys.modules, xla_bridge.backends_are_initialized(),\n"
+        "      jax.config.jax_enable_x64, 'XLA_FLAGS' in os.environ)\n"
+    )
+    environment = {
+        k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_ENABLE_X64")
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=environment, capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+    assert done.stdout.split() == ["False"] * 4, done.stderr
+
+
+def test_the_public_names_are_there_once():
+    assert all(hasattr(zj, name) for name in zj.__all__)
+    assert len(set(zj.__all__)) == len(zj.__all__)
