@@ -81,6 +81,8 @@ def test_a_file_imports_only_from_floors_below(path):
     room = {name: i for i, names in enumerate(SOLVERS) for name in names}
     assert here[0] in floor, f"{here[0]} stands on no floor: add it to FLOORS"
     for there in imports(path):
+        if not there and here == ("__main__",):
+            continue  # the topmost floor is the public API's first user
         assert there, f"{here} imports the package's own __init__"
         if there[0] == here[0]:
             if here[-1] != "__init__":

@@ -1,6 +1,7 @@
 """The one XLA setting that must be chosen before JAX's backend starts."""
 
 import os
+import re
 from importlib import metadata
 
 _OPTION = "xla_cpu_small_while_loop_byte_threshold=1000000000"
@@ -46,7 +47,7 @@ def compiles_whole_loops() -> bool:
 
 
 def _gains() -> bool:
-    installed = metadata.version("jaxlib").split(".")[:3]
+    installed = re.findall(r"\d+", metadata.version("jaxlib"))[:3]
     return _GAINS[0] <= tuple(map(int, installed)) < _GAINS[1]
 
 

@@ -58,11 +58,11 @@ def tanh(x: ArrayLike) -> jax.Array:
     x = jnp.asarray(x)
     if x.dtype != jnp.float64:
         return jnp.tanh(x)
-    y = 2.0 * x  # from 40 on the result is 1 to the last place
-    y = jnp.where(y > 40.0, 40.0, jnp.where(y < -40.0, -40.0, y))
-    power, part = _split(y)
+    y = 2.0 * jnp.abs(x)  # from 40 on the result is 1 to the last place
+    power, part = _split(jnp.where(y > 40.0, 40.0, y))
     less_one = power * part + (power - 1.0)
-    return less_one / (less_one + 2.0)
+    size = less_one / (less_one + 2.0)
+    return jnp.where(x < 0.0, -size, size)
 
 
 @tanh.defjvp

@@ -94,11 +94,15 @@ def compile_point(
     flag = jax.ShapeDtypeStruct((), bool)
     count = jax.ShapeDtypeStruct((), np.int32)
 
-    def result(values):
-        return point(**dict(zip(names, values, strict=True)))
+    described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
 
     def leaves(values):
-        return [v.value for v in named_variables(result(values)).values()]
+        result = point(**dict(zip(names, values, strict=True)))
+        variables = named_variables(result)
+        described["variables"] = variables
+        attributes = getattr(result, "attributes", dict)
+        described["attributes"] = attributes()
+        return [jnp.asarray(v.value) for v in variables.values()]
 
     def find_legs(quota, fresh, values):
         with in_legs(Legs(quota, fresh, None)) as legs:
@@ -115,15 +119,16 @@ def compile_point(
 
     with jax.enable_x64(wide):
         values = [scalar] * len(names)
-        shape: Any = jax.eval_shape(result, values)
-        variables = named_variables(shape)
-        attributes = shape.attributes() if hasattr(shape, "attributes") else {}
-        results = Packing([v.value for v in variables.values()])
         started = time.perf_counter()
-        try:
-            carried = jax.eval_shape(find_legs, count, flag, values)
-        except jax.errors.UnexpectedTracerError:
-            carried = None  # `settle` is inside a transformation of the scene's own
+        shapes = jax.eval_shape(leaves, values)
+        variables = {
+            name: variable._replace(value=shape)
+            for (name, variable), shape in zip(
+                described["variables"].items(), shapes, strict=True
+            )
+        }
+        results = Packing(shapes)
+        carried = jax.eval_shape(find_legs, count, flag, values)
         if carried is None:
             carry = None
             size = batch_size or BATCH_WITHOUT
@@ -156,6 +161,7 @@ def compile_point(
             begun = [np.ones(size, dtype)] * len(names)
             run(np.int32(1), np.ones(size, bool), begun, carry.empty(size))
         seconds = time.perf_counter() - started
+    attributes = described["attributes"]
     return Program(run, results, carry, variables, attributes, size, wide, seconds)
 
 

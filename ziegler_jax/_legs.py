@@ -14,6 +14,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import get_opaque_trace_state
 
 
 class Legs:
@@ -26,6 +27,7 @@ class Legs:
     def __init__(self, quota: Any, fresh: Any, carry: Any):
         """Nothing has asked for legs yet."""
         self.quota, self.fresh, self.carry = quota, fresh, carry
+        self.trace = get_opaque_trace_state()
         self.left: Any = None  # the leaves to go on from
         self.running: Any = None  # whether the lane must go on
         self.steps: Any = None  # how many it has taken
@@ -50,8 +52,15 @@ _CURRENT: ContextVar[Legs | None] = ContextVar("legs", default=None)
 
 
 def current_legs() -> Legs | None:
-    """The legs that a sweep has set, if any."""
-    return _CURRENT.get()
+    """The legs that a sweep has set, if any.
+
+    None, too, inside a transformation of the scene's own (`vmap`, `jvp`, `jit`): its
+    numbers cannot be handed from there to the next leg.
+    """
+    legs = _CURRENT.get()
+    if legs is None or legs.trace != get_opaque_trace_state():
+        return None
+    return legs
 
 
 @contextmanager

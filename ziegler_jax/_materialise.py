@@ -36,9 +36,9 @@ def materialise(at: Any, function: Callable, *args: Any) -> Any:
     - `at`: any traced number of the lane, e.g. its time.
     - `function`: returns a pytree of arrays.
 
-    On other devices than a CPU this is a plain call.
+    On other devices than a CPU, and where `at` is a whole array, this is a plain call.
     """
-    if jax.default_backend() != "cpu":
+    if jnp.ndim(at) or jax.default_backend() != "cpu":
         return function(*args)
     shapes = jax.eval_shape(function, *args)
 

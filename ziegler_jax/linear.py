@@ -208,6 +208,6 @@ def _changes(*chain: Any) -> Any:
     count, before = 0, jnp.sign(chain[0])
     for x in chain[1:]:
         now = jnp.sign(x)
-        count = count + (now * before < 0)
+        count = count + (now * before < 0).astype(int)
         before = jnp.where(now == 0, before, now)
     return count

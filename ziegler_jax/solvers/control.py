@@ -18,7 +18,7 @@ from .._types import Scalar
 SAFETY = 0.9
 SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 10.0
 NO_LIMIT = 2**31 - 1
-SMALLEST_STEP = 1e-13  # against |t|: below, t + h hardly moves
+SMALLEST_STEP = 1e-13  # against max(|t|, 1): below, t + h hardly moves
 
 
 class Signals(eqx.Module):
@@ -108,7 +108,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         h = (t1 - t0) * factor
         t = jnp.where(keep, t1, t0)
         # an accepted step may be as small as the stop it was cut to
-        vanished = ~(keep | (h > SMALLEST_STEP * jnp.abs(t)))
+        vanished = ~(keep | (h > SMALLEST_STEP * jnp.maximum(jnp.abs(t), 1.0)))
         pause = left <= 0
         if signals is not None:
             stop = jnp.where(keep, signals.stop, stop)
