@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from jax import lax
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME, _lanes
@@ -463,7 +464,7 @@ def test_an_unhashable_callable_can_be_swept():
 
 def test_left_out_points_are_nan_for_whole_and_complex_numbers():
     found = zj.sweep(
-        lambda x: {"whole": x.astype(int), "turned": x * 1j},
+        lambda x: {"whole": x.astype(int), "turned": lax.complex(0 * x, x)},
         x=[1.0, 2.0],
         where=lambda x: x > 1,
         progress=False,
