@@ -37,7 +37,7 @@ def test_the_store_reopens_with_axes_outcomes_and_attributes(written):
     np.testing.assert_array_equal(ds["mu_k"], mu)
     assert ds["joint_amplitude"].dims == ("q", "mu_s", "mu_k", "joint")
     assert ds["outcome"].attrs["flag_meanings"].split()[9] == "cycle"
-    assert ds["outcome"].attrs["flag_values"][9] == zj.OUTCOME.cycle
+    assert ds["outcome"].attrs["flag_values"][zj.OUTCOME.cycle] == zj.OUTCOME.cycle
     assert ds["joint_amplitude"].attrs["units"] == "rad"
     assert "SmoothCoulomb" in ds.attrs["scene"]
     outcome = ds["outcome"].values

@@ -20,10 +20,10 @@ PACKAGE = Path(zj.__file__).parent
 FLOORS = [
     ["_types", "_variables", "outcome", "_cpu", "_legs"]
     + ["_materialise", "_sincos", "_exponential"],
-    ["friction", "damping"],
+    ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],
     ["linear", "solvers", "observers", "_parameters"],
-    ["critical", "_windows", "simulate"],
+    ["critical", "_windows", "_events", "simulate"],
     ["sensitivity", "stabilise", "_lanes"],
     ["sweep"],
     ["plot", "plot_linear"],
@@ -36,9 +36,17 @@ SAME_FLOOR = {
     ("column", "_reactions"),
     ("observers", "solvers"),
     ("simulate", "_windows"),
+    ("simulate", "_events"),
+    ("set_valued", "friction"),
+    ("set_valued", "_layer"),
 }
 # Inside the solvers' room.
-SOLVERS = [["control"], ["explicit"], ["observed"]]
+SOLVERS = [
+    ["control", "crossing"],
+    ["explicit", "landing"],
+    ["observed"],
+    ["stickslip"],
+]
 
 
 def imports(path):

@@ -18,6 +18,7 @@ from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_colu
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .outcome import CRITICAL, OUTCOME, REGIME
 from .sensitivity import sensitivity
+from .set_valued import SetValuedCoulomb
 from .simulate import Settled, Trajectory, settle, trajectory
 from .solvers import Explicit
 from .stabilise import stabilise
@@ -37,6 +38,7 @@ __all__ = [
     "JointReaction",
     "Mean",
     "Period",
+    "SetValuedCoulomb",
     "Settled",
     "SmoothCoulomb",
     "State",

@@ -21,7 +21,7 @@ class Watched(NamedTuple):
     windows: Scalar  # completed windows; -1 in the transient
     previous: tuple  # the amplitudes of the window before
     drift: Scalar
-    fastest: Scalar  # the largest joint rate of this window
+    fastest: Scalar  # the largest joint rate of this window; 1 if any, by modes
     outcome: Scalar  # `not_computed` while it runs
 
 
@@ -32,7 +32,7 @@ class Windows(AbstractFold):
     window: Scalar
     rtol_settle: Scalar
     escape: Scalar
-    rate_cut: Scalar
+    rate_cut: Scalar | None  # None: set-valued friction, by modes
     max_windows: int
     observers: tuple[AbstractObserver, ...]
 
@@ -61,7 +61,7 @@ class Windows(AbstractFold):
             windows=jnp.where(jnp.asarray(self.transient) > 0, -1, 0),
             previous=(zero, zero, zero) if compares else (),
             drift=zero + jnp.inf,
-            fastest=_fastest(y0),
+            fastest=zero if self.by_modes else _fastest(y0),
             outcome=jnp.asarray(OUTCOME.not_computed, jnp.int32),
         )
 
@@ -73,7 +73,7 @@ class Windows(AbstractFold):
             mine = step._replace(integrals=step.integrals[used : used + count])
             observed.append(observer.step(column, part, mine))
             used += count
-        fastest = jnp.maximum(state.fastest, _fastest(step.y1))
+        fastest = jnp.maximum(state.fastest, self._motion(step))
         seen = state._replace(observed=tuple(observed), fastest=fastest)
         ended = step.t1 >= state.window_end
         turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
@@ -90,7 +90,7 @@ class Windows(AbstractFold):
         """The verdict on a lane whose window ended or that turned over."""
         windows = seen.windows + jnp.where(ended, 1, 0)
         judged = ended & (windows > 0)
-        at_rest = judged & (seen.fastest < self.rate_cut)
+        at_rest = judged & (seen.fastest < (0.5 if self.by_modes else self.rate_cut))
         over = judged & (windows >= self.max_windows)
         amplitudes, drift, agreed = seen.observed[0], seen.drift, False
         if self.max_windows > 1:
@@ -114,9 +114,23 @@ class Windows(AbstractFold):
             windows=windows,
             previous=where(amplitudes, seen.previous) if seen.previous else (),
             drift=drift,
-            fastest=where(_fastest(step.y1), seen.fastest),
+            fastest=where(
+                0.0 * step.t1 if self.by_modes else _fastest(step.y1), seen.fastest
+            ),
             outcome=outcome.astype(jnp.int32),
         )
+
+    @property
+    def by_modes(self) -> bool:
+        """Whether rest is a matter of modes."""
+        return self.rate_cut is None
+
+    def _motion(self, step: Step) -> Any:
+        """The step's largest joint rate at its end; by modes 1 if a joint slips."""
+        if not self.by_modes:
+            return _fastest(step.y1)
+        m1, m2 = step.modes
+        return jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0).astype(m1.dtype)
 
     def _fresh(self, column: Column, t: Scalar, y: Vector4) -> tuple:
         return tuple(observer.init(column, t, y) for observer in self.observers)

@@ -28,6 +28,7 @@ from ._sincos import sincos
 from ._types import Pair, Scalar, Vector4, equals, is_concrete, number, pair
 from .damping import AbstractDamping
 from .friction import AbstractFriction, JointReaction
+from .set_valued import Balance, SetValuedCoulomb, Torques
 
 
 class State(eqx.Module):
@@ -193,6 +194,10 @@ def vector_field(t: Any, y: Vector4, column: Column) -> Vector4:
     del t
     _, _, w1, w2 = y
     forces = _Forces(column, y)
+    law = _set_valued(column, forces)
+    if law is not None:
+        a1, a2 = forces.accelerations(law.torques(forces.balance()))
+        return w1, w2, *law.hold(a1, a2)
     torques = _friction_torques(column, forces, y)
     a1, a2 = forces.accelerations(torques)
     return w1, w2, a1, a2
@@ -237,6 +242,11 @@ def power(column: Column, y: Vector4) -> Power:
     if torques is not None:
         friction = torques[0] * w1 + torques[1] * (w2 - w1)
     return Power(follower, damping, friction)
+
+
+def joint_balance(column: Column, y: Vector4) -> Balance:
+    """The mass matrix and the forces without friction, for set-valued friction."""
+    return _Forces(column, y).balance()
 
 
 def reactions(column: Column, y: Vector4) -> jax.Array:
@@ -295,6 +305,11 @@ class _Forces:
             self.r1 = self.r1 - self.damping[0]
             self.r2 = self.r2 - self.damping[1]
 
+    def balance(self) -> Balance:
+        """What set-valued friction needs to hold a joint."""
+        column = self.column
+        return Balance(column.a, column.b * self.cos_d, column.d, self.r1, self.r2)
+
     def solve(self, r1: Scalar, r2: Scalar) -> Pair:
         """Divide by the mass matrix."""
         h = self.column.b * self.cos_d
@@ -315,6 +330,9 @@ class _Forces:
 def _friction_torques(column: Column, forces: _Forces, y: Vector4) -> Pair | None:
     if column.friction is None:
         return None
+    law = _set_valued(column, forces)
+    if law is not None:
+        return law.torques(forces.balance())
     _, _, w1, w2 = y
     # both accelerations need both: not to be computed for each
     g1, g2 = materialise(w1, column.friction.levers, w1, w2 - w1)
@@ -326,6 +344,17 @@ def _friction_torques(column: Column, forces: _Forces, y: Vector4) -> Pair | Non
     else:
         n1, n2 = load.given(column.q)
     return g1 * n1, g2 * n2
+
+
+def _set_valued(column: Column, forces: _Forces) -> Torques | None:
+    """Set-valued friction in the modes of the motion or of the state."""
+    law = column.friction
+    if isinstance(law, SetValuedCoulomb):
+        law = law.prepared(column.q)
+    if not isinstance(law, Torques):
+        return None
+    _, _, w1, w2 = forces.y
+    return law.held_at(forces.balance(), (w1, w2 - w1))
 
 
 def _needs_masses(column: Column, what: str) -> None:

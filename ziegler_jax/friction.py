@@ -111,8 +111,8 @@ class AbstractFriction(eqx.Module):
         return self
 
     @abc.abstractmethod
-    def rate_cut(self) -> Scalar:
-        """The joint rate below which a joint counts as sticking."""
+    def rate_cut(self) -> Scalar | None:
+        """The joint rate below which a joint counts as sticking; None if by mode."""
 
 
 class SmoothCoulomb(AbstractFriction):

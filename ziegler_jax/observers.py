@@ -202,6 +202,7 @@ class StickFraction(AbstractObserver):
     r"""The share of time in which a joint sticks: $|u_i| <$ `rate_cut`.
 
     A smoothed law never sticks, it creeps: the cut says how slow counts as sticking.
+    With set-valued friction the modes say it, without a cut unless one is named.
     The time below the cut is that of the rate's straight line over each step. The
     result has shape (2,).
 
@@ -238,6 +239,11 @@ class StickFraction(AbstractObserver):
             assert column.friction is not None  # `check` saw to it
             cut = column.friction.rate_cut()
         h = step.t1 - step.t0
+        if cut is None:
+            return tuple(
+                time + jnp.where(m == 0, h, 0.0)
+                for time, m in zip(state, step.modes, strict=True)
+            )
         rates0, rates1 = joint_rates(step.y0), joint_rates(step.y1)
         return tuple(
             time + h * _share_within(u0, u1, cut)

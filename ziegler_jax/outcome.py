@@ -31,12 +31,13 @@ class OUTCOME(Code):
     not_finite = 2, "the motion or its derivative is not a finite number"
     step_vanished = 3, "no step, however small, met the tolerances"
     budget_spent = 4, "the step budget was spent before the span was over"
-    escaped = 5, "a rod's angle passed the named bound, e.g. it turned over"
-    unsettled = 6, "no two consecutive windows agreed within the budget"
-    stuck = 7, "both joint rates stayed below the cut for a whole window"
-    rest = 8, "the same without friction: the column came to rest"
-    cycle = 9, "two consecutive windows agreed: the motion has settled"
-    complete = 10, "the motion was followed to the last of the given times"
+    chattering = 5, "stick and slip changed again and again without time going on"
+    escaped = 6, "a rod's angle passed the named bound, e.g. it turned over"
+    unsettled = 7, "no two consecutive windows agreed within the budget"
+    stuck = 8, "both joints stuck, or crept below the rate cut, for a whole window"
+    rest = 9, "the same without friction: the column came to rest"
+    cycle = 10, "two consecutive windows agreed: the motion has settled"
+    complete = 11, "the motion was followed to the last of the given times"
 
 
 class REGIME(Code):

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._events import EventLog, Events
 from ._legs import current_legs
 from ._types import Scalar, Vector4, is_concrete, number
 from ._variables import Variable
@@ -15,7 +16,8 @@ from ._windows import Windows
 from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver, Amplitude
 from .outcome import OUTCOME
-from .solvers import Explicit, Observed, StepControl
+from .set_valued import SetValuedCoulomb
+from .solvers import Explicit, LandingControl, Observed, StepControl, StickSlip
 
 FIRST_STEP = 0.01
 REST_RATE = 1e-6  # without friction there is no rate of the column's own
@@ -74,7 +76,8 @@ class Trajectory(eqx.Module):
     """A time history: `ts` (n,), `phi` and `omega` (n, 2), `outcome`.
 
     Where the motion ended early, times after it are NaN and `outcome` says why;
-    otherwise it is `complete`.
+    otherwise it is `complete`. With set-valued friction `events` lists the changes of
+    modes; else it is None.
     """
 
     ts: Any
@@ -82,6 +85,7 @@ class Trajectory(eqx.Module):
     omega: Any
     steps: Any
     outcome: Any
+    events: Events | None = None
 
 
 def settle(
@@ -127,7 +131,7 @@ def settle(
     - `solver`: `Explicit(tableau)`; None is Tsit5.
     - `escape`: a rod's angle beyond which the lane ends as `escaped`.
     - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
-        (`v_smooth`); without friction 1e-6.
+        (`v_smooth`; with set-valued friction what sticks rests); without friction 1e-6.
     - `max_steps`: the step budget.
 
     **Returns:** `Settled`. Where the outcome is a failure (before `unsettled` in
@@ -150,9 +154,8 @@ def settle(
         observers=_with_amplitude(observers, column),
     )
     args = _prepared(column)
-    watching = Observed(solver, watch)
+    watching, control = _machine(column, solver, watch, rtol, atol)
     terms = dfx.ODETerm(vector_field)
-    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
     max_steps = _whole("max_steps", max_steps)
     y0 = _float_state(start)
     zero = jnp.zeros((), y0[0].dtype)
@@ -194,6 +197,8 @@ def settle(
     steps = run.steps + solution.stats["num_steps"]
     spent = (watched.outcome == OUTCOME.not_computed) & (steps >= max_steps)
     ended = jnp.where(spent, OUTCOME.budget_spent, watched.outcome)
+    if isinstance(watching, StickSlip):
+        ended = _unless_chattering(watching, after, ended)
     ended = _outcome(solution.result, after.slope, ended)
     outcome = jnp.where(run.outcome == OUTCOME.not_computed, ended, run.outcome)
     if legs is not None:
@@ -224,7 +229,8 @@ def settle(
             max_windows=watch.max_windows,
             rtol_settle=watch.rtol_settle,
             escape=watch.escape,
-            rate_cut=watch.rate_cut,
+            rate_cut="by modes" if watch.by_modes else watch.rate_cut,
+            **_rule(column),
         ),
     )
 
@@ -238,6 +244,7 @@ def trajectory(
     atol: Any = 1e-8,
     solver: Explicit | None = None,
     max_steps: int = 1_000_000,
+    max_events: int = 1000,
 ) -> Trajectory:
     r"""The motion at given times.
 
@@ -248,8 +255,10 @@ def trajectory(
     - `column`, `start`: the scene; the start is the state at `ts[0]`.
     - `ts`: increasing times in $\sqrt{m l^2/k}$, shape (n,), at least two.
     - `rtol`, `atol`: tolerances of each step.
-    - `solver`: `Explicit(tableau)`; None is Dopri8.
+    - `solver`: `Explicit(tableau)`; None is Dopri8; with set-valued friction Tsit5,
+        whose shorter steps show events more closely.
     - `max_steps`: the step budget.
+    - `max_events`: how many events there is room for, with set-valued friction.
 
     **Returns:** `Trajectory`.
 
@@ -260,16 +269,23 @@ def trajectory(
     y0 = _float_state(start)
     ts = _times(ts, y0[0].dtype)
     good = _valid(column, y0)
+    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
+    if isinstance(column.friction, SetValuedCoulomb):
+        log = EventLog(_whole("max_events", max_events))
+        solver = Explicit() if solver is None else solver
+        method, control = _machine(column, solver, log, rtol, atol)
+    else:
+        method = Explicit(dfx.Dopri8.tableau) if solver is None else solver
     solution = dfx.diffeqsolve(
         dfx.ODETerm(vector_field),
-        Explicit(dfx.Dopri8.tableau) if solver is None else solver,
+        method,
         t0=ts[0],
         t1=jnp.where(good, ts[-1], ts[0]),
         dt0=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
         y0=y0,
         args=_prepared(column),
         stepsize_controller=dfx.ClipStepSizeController(
-            StepControl(rtol, atol),  # pyright: ignore[reportCallIssue]
+            control,
             step_ts=ts,
         ),
         saveat=dfx.SaveAt(ts=ts, solver_state=True),
@@ -280,13 +296,19 @@ def trajectory(
     assert solution.ys is not None
     # diffrax leaves infinity where nothing was saved
     ys = [jnp.where(jnp.isfinite(y), y, jnp.nan) for y in solution.ys]
-    outcome = _outcome(solution.result, solution.solver_state, OUTCOME.complete)
+    after: Any = solution.solver_state
+    events, slope, ended = None, after, OUTCOME.complete
+    if isinstance(method, StickSlip):
+        events, slope = after.folded, after.slope
+        ended = _unless_chattering(method, after, ended)
+    outcome = _outcome(solution.result, slope, ended)
     return Trajectory(
         ts=ts,
         phi=jnp.stack(ys[:2], axis=-1),
         omega=jnp.stack(ys[2:], axis=-1),
         steps=solution.stats["num_steps"],
         outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
+        events=events,
     )
 
 
@@ -297,6 +319,25 @@ class _Run(NamedTuple):
     control: Any
     steps: Any
     outcome: Any
+
+
+def _machine(column: Column, solver: Explicit, fold: Any, rtol: Any, atol: Any) -> Any:
+    """The observing solver and the controller that the friction law needs."""
+    if isinstance(column.friction, SetValuedCoulomb):
+        control = LandingControl(rtol, atol)  # pyright: ignore[reportCallIssue]
+        return StickSlip(solver, fold, atol), control
+    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
+    return Observed(solver, fold), control
+
+
+def _unless_chattering(solver: StickSlip, state: Any, otherwise: Any) -> Any:
+    return jnp.where(solver.chatters(state), OUTCOME.chattering, otherwise)
+
+
+def _rule(column: Column) -> dict[str, str]:
+    """The name of the friction law's rule, where it has one."""
+    law = column.friction
+    return {"release": law.release} if isinstance(law, SetValuedCoulomb) else {}
 
 
 def _outcome(result: Any, last_slope: Any, otherwise: Any) -> jax.Array:
@@ -388,7 +429,7 @@ def _times(ts: Any, dtype: Any) -> jax.Array:
     return jnp.asarray(ts, dtype)
 
 
-def _rate_cut(column: Column, rate_cut: Any) -> Scalar:
+def _rate_cut(column: Column, rate_cut: Any) -> Scalar | None:
     if rate_cut is not None:
         return number("rate_cut", rate_cut, "positive")
     return REST_RATE if column.friction is None else column.friction.rate_cut()

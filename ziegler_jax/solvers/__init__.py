@@ -2,14 +2,20 @@
 
 from .control import ControlState, Signals, StepControl
 from .explicit import Explicit
+from .landing import LandingControl, LandingSignals
 from .observed import AbstractFold, Observed, Step
+from .stickslip import StickSlip, StickSlipState
 
 __all__ = [
     "AbstractFold",
     "ControlState",
     "Explicit",
+    "LandingControl",
+    "LandingSignals",
     "Observed",
     "Signals",
     "Step",
     "StepControl",
+    "StickSlip",
+    "StickSlipState",
 ]

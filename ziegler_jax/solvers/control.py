@@ -76,7 +76,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         """The state before the first step, with a first time to stop on."""
         dtype = jnp.result_type(t0)
         stop = jnp.asarray(stop, dtype)
-        t_next = _towards(stop, t0, jnp.asarray(dt0, dtype))
+        t_next = towards(stop, t0, jnp.asarray(dt0, dtype))
         t0 = jnp.asarray(t0, dtype)
         return ControlState(t0, stop, t_next, jnp.asarray(NO_LIMIT, jnp.int32))
 
@@ -89,22 +89,11 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         error: Any = y_error if signals is None else signals.error
         stop, left = controller_state.stop, controller_state.left - 1
 
-        def judge():
-            square = jnp.zeros_like(y0[0])
-            for e, a, b in zip(error, y0, y1_candidate, strict=True):
-                scale = self.atol + self.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))
-                square += (e / scale) ** 2
-            square = square / len(error)
-            # seven digits are plenty for a factor, and XLA vectorises float32's log
-            clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
-            factor = SAFETY * jnp.exp(-0.5 / error_order * jnp.log(clipped))
-            factor = jnp.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR)
-            # a NaN error is no measure of the step
-            factor = jnp.where(jnp.isnan(square), SMALLEST_FACTOR, factor)
-            return square <= 1, factor.astype(square.dtype)
-
         # each number that a lane carries asks whether its step was accepted
-        keep, factor = materialise(t0, judge)
+        tols = self.rtol, self.atol
+        keep, factor = materialise(
+            t0, lambda: judge(*tols, y0, y1_candidate, error, error_order)
+        )
         h = (t1 - t0) * factor
         t = jnp.where(keep, t1, t0)
         # an accepted step may be as small as the stop it was cut to
@@ -117,12 +106,30 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
             pause, dfx.RESULTS.event_occurred, dfx.RESULTS.successful
         )
         result = dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
-        t_next = _towards(stop, t, h)
+        t_next = towards(stop, t, h)
         state = ControlState(t, stop, t_next, left)
         return keep, t, t_next, False, state, result
 
 
-def _towards(stop: Any, t: Any, h: Any) -> Any:
+def judge(
+    rtol: Scalar, atol: Scalar, y0: Any, y1: Any, error: Any, error_order: Any
+) -> tuple[Any, Any]:
+    """Whether the error is within tolerance, and by what factor to change the step."""
+    square = jnp.zeros_like(y0[0])
+    for e, a, b in zip(error, y0, y1, strict=True):
+        scale = atol + rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))
+        square += (e / scale) ** 2
+    square = square / len(error)
+    # seven digits are plenty for a factor, and XLA vectorises float32's log
+    clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
+    factor = SAFETY * jnp.exp(-0.5 / error_order * jnp.log(clipped))
+    factor = jnp.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR)
+    # a NaN error is no measure of the step
+    factor = jnp.where(jnp.isnan(square), SMALLEST_FACTOR, factor)
+    return square <= 1, factor.astype(square.dtype)
+
+
+def towards(stop: Any, t: Any, h: Any) -> Any:
     """The end of a step of about h: on `stop` if it is near, and no crumb before it."""
     left = stop - t
     shorter = jnp.where(left < 2 * h, 0.5 * left, h)

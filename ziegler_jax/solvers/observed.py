@@ -27,6 +27,8 @@ class Step(NamedTuple):
     f0: Vector4
     f1: Vector4
     integrals: tuple
+    modes: Any = ()  # with set-valued friction: -1., 0. or 1. for each joint
+    event: Any = ()  # and on which joint it ended (0 none, 3 both), and the new modes
 
 
 class AbstractFold(eqx.Module):
