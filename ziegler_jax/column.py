@@ -141,6 +141,11 @@ class Column(eqx.Module):
         a, b, d = jnp.asarray(self.a), jnp.asarray(self.b), jnp.asarray(self.d)
         good = (a > 0) & (d > 0) & (a * d > b * b) & (jnp.asarray(self.kappa) >= 0)
         good &= jnp.isfinite(self.q) & jnp.isfinite(self.follower)
+        good &= (jnp.asarray(self.l2) > 0) & jnp.isfinite(self.l2)
+        if self.m2 is not None:
+            good &= jnp.asarray(self.m2) >= 0
+        if self.s1 is not None:
+            good &= jnp.isfinite(self.s1)
         if self.damping is not None:
             good &= self.damping.valid()
         if self.friction is not None:
@@ -338,4 +343,9 @@ def _needs_masses(column: Column, what: str) -> None:
 
 
 def _positive(**values: Any) -> list[Any]:
-    return [number(name, value, "positive") for name, value in values.items()]
+    """Positive numbers; NaN for a traced one that is not, so that its lane is invalid.
+
+    Without it a negative mass could still make a positive definite inertia.
+    """
+    checked = [number(name, value, "positive") for name, value in values.items()]
+    return [x if is_concrete(x) else jnp.where(x > 0, x, jnp.nan) for x in checked]

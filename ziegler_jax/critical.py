@@ -137,18 +137,21 @@ def _discriminant(p: Characteristic, q: Scalar) -> _Condition:
 
 def _hurwitz(p: Characteristic, q: Scalar) -> _Condition:
     """Hurwitz' determinant over p1^2, r (p2 - p0 r) - p4 with r = p3/p1."""
-    assert p.p1 is not None and p.p3 is not None
-    # unit p1 before dividing: derivatives of p3/p1 square p1, and would underflow
-    scale = lax.stop_gradient(1 / jnp.where(p.p1 > 0, p.p1, 1.0))
-    p1 = jnp.where(p.p1 > 0, p.p1 * scale, 1.0)
-    r, dr = value(p.p3, q) * scale / p1, p.p3[1] * scale / p1
-    rest, drest = value(p.p2, q) - p.p0 * r, p.p2[1] - p.p0 * dr
-    return _Condition(
-        r * rest - value(p.p4, q),
-        dr * rest + r * drest - slope(p.p4, q),
-        2 * dr * drest - 2 * p.p4[2],
-        r,
-    )
+    assert p.damped is not None
+    f, r = p.damped.boundary, value(p.damped.ratio, q)
+    # on the boundary r (p2 - p0 r) = p4: whichever of both r subtracts less. Large
+    # damping makes p3 a small difference, and the sign of r that of p4
+    rest = value(p.p2, q) - p.p0 * r
+    size = _size(p.damped.ratio, q)
+    lost = _size(p.p4, q) + jnp.abs(r) * (_size(p.p2, q) + p.p0 * size)
+    other = rest * size > lost
+    squared = jnp.where(other, value(p.p4, q) / jnp.where(other, rest, 1.0), r)
+    return _Condition(value(f, q), slope(f, q), 2 * f[2], squared)
+
+
+def _size(p: tuple[Scalar, ...], q: Scalar) -> Any:
+    """The sum of the terms' sizes: times eps, the rounding of `value`."""
+    return value(tuple(map(jnp.abs, p)), jnp.abs(q))
 
 
 def _flutter(p: Characteristic, none: Any, q: Scalar) -> _Condition:
@@ -171,9 +174,7 @@ def _first_loss(p: Characteristic, kind: Kind) -> CriticalLoad:
     The search is not differentiated: a step of Chebyshev's method on the boundary
     function, exact for a quadratic to second order, carries both derivatives.
     """
-    none = None
-    if p.p1 is not None and p.p3 is not None:
-        none = (p.p1 == 0) & (p.p3[0] == 0) & (p.p3[1] == 0)
+    none = None if p.damped is None else p.damped.none
     at, code = _search(lax.stop_gradient(p), none, kind)
     stands = code >= int(CRITICAL.preceded)
     at = jnp.where(stands, at, 0.0)
@@ -212,12 +213,11 @@ def _search(p: Characteristic, none: Any, kind: Kind) -> tuple[Any, Any]:
     noise = 64 * jnp.finfo(zero.dtype).eps
     conservative = (p.p4[0] > 0) & (p.p2[0] > 0)
     one_frequency = start.value <= noise * p.p2[0] ** 2
-    if none is None or p.p1 is None:
+    if p.damped is None:
         stable = conservative
     else:
-        # zero here is a mode that the damping does not reach
-        reached = start.value > noise * start.squared * p.p2[0]
-        stable = conservative & (none | ((p.p1 > 0) & (start.squared > 0) & reached))
+        reached = (p.damped.ratio[0] > 0) & p.damped.reached
+        stable = conservative & (none | ((p.damped.p1 > 0) & reached))
         one_frequency &= none
     if kind != "divergence":
         double |= one_frequency
@@ -239,9 +239,10 @@ def _divergence(p: Characteristic, none: Any) -> tuple[Any, Any, Any]:
     """
 
     def weight(q):
-        if p.p3 is None:
+        if p.damped is None:
             return value(p.p2, q)
-        return jnp.where(none, value(p.p2, q), value(p.p3, q))
+        rate = jnp.where(p.damped.p1 > 0, value(p.damped.ratio, q), jnp.nan)
+        return jnp.where(none, value(p.p2, q), rate)
 
     first, exists, double = _root(p.p4)
     second, again, _ = _root(p.p4, second=True)

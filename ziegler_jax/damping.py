@@ -115,3 +115,18 @@ class Sum(AbstractDamping):
     def valid(self) -> Any:
         """Both laws keep their rules."""
         return self.first.valid() & self.second.valid()
+
+
+def joint_matrix(law: AbstractDamping) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    r"""C at D = 0 in the joints' rates $\omega_1, \omega_2 - \omega_1$, row by row.
+
+    diag(c1, c2) for `Viscous`: however small, c1 is not lost beside c2.
+    """
+    if isinstance(law, Viscous):
+        return law.c1, 0.0, 0.0, law.c2
+    if isinstance(law, Sum):
+        parts = zip(joint_matrix(law.first), joint_matrix(law.second), strict=True)
+        g11, g12, g21, g22 = (x + y for x, y in parts)
+        return g11, g12, g21, g22
+    (c11, c12), (c21, c22) = law.matrix(1.0)
+    return (c11 + c12) + (c21 + c22), c12 + c22, c21 + c22, c22

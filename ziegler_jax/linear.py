@@ -163,19 +163,19 @@ def refuse_friction(who: str, column: Column) -> None:
 def _regime(p: Characteristic, q: jax.Array) -> jax.Array:
     p0, p2, p4 = p.p0, value(p.p2, q), value(p.p4, q)
     gap = p2 * p2 - 4 * p0 * p4
-    if p.p1 is None or p.p3 is None:
+    if p.p1 is None or p.p3 is None or p.damped is None:
         stable = jnp.zeros_like(gap, dtype=bool)
         marginal = (gap >= 0) & (p2 >= 0) & (p4 >= 0)
         real = gap >= 0
     else:
         p1, p3 = p.p1, value(p.p3, q)
-        none = (p1 == 0) & (p3 == 0)  # a biquadratic: as if there were no law
-        # Hurwitz' determinant over p1^2: it does not underflow with the damping
-        ratio = p3 / jnp.where(p1 > 0, p1, 1.0)
-        hurwitz = ratio * (p2 - p0 * ratio) - p4
-        stable = (p1 > 0) & (p3 > 0) & (p4 > 0) & (hurwitz > 0)
-        marginal = (p2 >= 0) & (p3 >= 0) & (p4 >= 0)
-        marginal &= jnp.where(none, gap >= 0, (p1 > 0) & (hurwitz >= 0))
+        first, ratio = p.damped.p1, value(p.damped.ratio, q)
+        hurwitz = value(p.damped.boundary, q)
+        # a biquadratic: as if there were no law
+        none = (first == 0) & (ratio == 0)
+        stable = (first > 0) & (ratio > 0) & (p4 > 0) & (hurwitz > 0)
+        marginal = (p2 >= 0) & (ratio >= 0) & (p4 >= 0)
+        marginal &= jnp.where(none, gap >= 0, (first > 0) & (hurwitz >= 0))
         real = (p4 < 0) | (_positive_roots(p1 / p0, p2 / p0, p3 / p0, p4 / p0) > 0)
     code = jnp.where(real, int(REGIME.divergence), int(REGIME.flutter))
     code = jnp.where(marginal, int(REGIME.marginal), code)
