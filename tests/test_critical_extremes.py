@@ -121,3 +121,21 @@ def test_an_unloaded_mode_that_damping_misses_is_marginal(d):
     # b = -d and c1 = 0: joint 2 never turns in phi1 = phi2
     column = zj.Column(0.0, 2.0, -d, d, damping=zj.Viscous(0.0, 0.3))
     assert int(zj.regime(column)) == REGIME.marginal
+
+
+@pytest.mark.parametrize("c", [2.3e-308, 1e-300, 1e-150])
+def test_the_smallest_damping_gives_the_limit(c):
+    found = zj.critical_load(zj.uniform_rods(damping=zj.Viscous(c, c)))
+    np.testing.assert_allclose(float(found.q), 74 / 45, rtol=1e-14)
+    assert int(found.outcome) == CRITICAL.found
+
+
+@pytest.mark.parametrize("c", [1e6, 1e8, 1e20])
+def test_large_damping_keeps_its_signs(c):
+    # flutter where r and p4 change sign together: r is there a small difference
+    damping = zj.Viscous(c, c)
+    found = zj.critical_load(zj.uniform_rods(follower=0.3, damping=damping))
+    assert int(found.outcome) == CRITICAL.none
+    # in the limit p2 s^2 + p3 s + p4 with p2 = det C: its own discriminant decides
+    column = zj.uniform_rods(6.0, follower=0.3, damping=damping)
+    assert int(zj.regime(column)) == REGIME.divergence

@@ -176,7 +176,12 @@ def _regime(p: Characteristic, q: jax.Array) -> jax.Array:
         stable = (first > 0) & (ratio > 0) & (p4 > 0) & (hurwitz > 0)
         marginal = (p2 >= 0) & (ratio >= 0) & (p4 >= 0)
         marginal &= jnp.where(none, gap >= 0, (first > 0) & (hurwitz >= 0))
-        real = (p4 < 0) | (_positive_roots(p1 / p0, p2 / p0, p3 / p0, p4 / p0) > 0)
+        real = _positive_roots(p1 / p0, p2 / p0, p3 / p0, p4 / p0) > 0
+        # large damping: two slow roots, p2 s^2 + p3 s + p4 = 0, that Sturm cannot tell
+        size = jnp.maximum(jnp.abs(p3) / p2, jnp.sqrt(jnp.abs(p4) / p2))
+        slow = (p1 * size < 1e-8 * p2) & (p0 * size * size < 1e-8 * p2) & (p2 > 0)
+        slow_real = (ratio < 0) & (p3 * (p3 / p2) >= 4 * p4)
+        real = (p4 < 0) | jnp.where(slow, slow_real, real)
     code = jnp.where(real, int(REGIME.divergence), int(REGIME.flutter))
     code = jnp.where(marginal, int(REGIME.marginal), code)
     code = jnp.where(stable, int(REGIME.stable), code)

@@ -41,6 +41,13 @@ def sensitivity(
     **Raises:** `ValueError` for friction, and where there is no such load.
     """
     make, values = as_function(column, parameters)
+    for name, p in values.items():
+        if isinstance(p, jax.core.Tracer):
+            raise ValueError(
+                "Argument `parameters` must be concrete numbers, but "
+                f"{name!r} is traced: call `sensitivity` outside `jax.jit` and "
+                "`jax.vmap`, or differentiate `critical_load`."
+            )
     missing = [name for name, p in values.items() if p is None]
     if missing or not values:
         raise ValueError(
@@ -93,6 +100,10 @@ def _derivatives(make: Make, at: dict[str, jax.Array], kind: Kind) -> Any:
     slopes, result = jax.grad(load, has_aux=True)(at)
     # where C = 0, q_cr jumps along everything that changes C
     jumps = (kind == "flutter") & jnp.all(damping(at) == 0)
-    moves = jax.jacfwd(damping)(at)
-    undefined = {name: jumps & jnp.any(move != 0) for name, move in moves.items()}
+    undefined = {}
+    for name, p in at.items():
+        # by steps as well: through c = x^2 the first derivative at x = 0 is none
+        near = [damping(at | {name: p + h * (1 + jnp.abs(p))}) for h in (1e-3, -1e-3)]
+        moves = [jax.jacfwd(lambda p, n=name: damping(at | {n: p}))(p), *near]
+        undefined[name] = jumps & jnp.any(jnp.stack(moves) != 0)
     return result, slopes, undefined
