@@ -139,3 +139,27 @@ def test_large_damping_keeps_its_signs(c):
     # in the limit p2 s^2 + p3 s + p4 with p2 = det C: its own discriminant decides
     column = zj.uniform_rods(6.0, follower=0.3, damping=damping)
     assert int(zj.regime(column)) == REGIME.divergence
+
+
+def test_second_derivatives_in_damping_overflow_below_1e_150():
+    def bend(c):
+        def q(c1):
+            return zj.critical_load(zj.uniform_rods(damping=zj.Viscous(c1, c))).q
+
+        return jax.jvp(jax.grad(q), (c,), (1.0,))[1]
+
+    scaled = jax.jit(lambda c: bend(c) * c * c)
+    np.testing.assert_allclose(scaled(1e-150), scaled(1e-9), rtol=1e-9)
+    assert not np.isfinite(jax.jit(bend)(1e-160))
+
+
+def test_one_joint_damped_beyond_telling_is_invalid():
+    column = zj.uniform_rods(2.3, follower=0.5, damping=zj.Viscous(500.0, 5e13))
+    assert int(zj.regime(column)) == REGIME.invalid
+
+
+def test_drag_over_another_length_is_refused():
+    for law in (zj.Air(0.1, 0.1), zj.Sum(zj.Viscous(0.1, 0.1), zj.Air(0.1, 0.1))):
+        with pytest.raises(ValueError, match="`l2` of `Air` must be the column's, 2"):
+            zj.uniform_rods(l2=2.0, damping=law)
+    assert zj.uniform_rods(l2=2.0, damping=zj.Air(0.1, 0.1, 2.0)).damping is not None

@@ -16,6 +16,7 @@ $T_i$. The published equations that this project started from carry two misprint
 the velocity terms; these here conserve energy at q = 0 and agree with a multibody code.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -26,7 +27,7 @@ from ._materialise import materialise
 from ._reactions import joint_reactions, reaction_loads
 from ._sincos import sincos
 from ._types import Pair, Scalar, Vector4, equals, is_concrete, number, pair
-from .damping import AbstractDamping
+from .damping import AbstractDamping, lengths
 from .friction import AbstractFriction, JointReaction
 
 
@@ -68,7 +69,7 @@ class Column(eqx.Module):
         base (rod 2's about the knee is b), in m and m l. Only the joints' reactions
         need them; the constructors set them.
     - `l2`: the load's lever on rod 2, its length in l. Only a load that does not
-        follow ($\eta \ne 1$) needs it.
+        follow ($\eta \ne 1$) needs it, and `Air` must have the same.
 
     All are leaves: any of them can be traced, mapped over and differentiated.
 
@@ -125,6 +126,13 @@ class Column(eqx.Module):
             if part is not None and not isinstance(part, kind):
                 raise ValueError(
                     f"Argument `{name}` must be None or a law, but is {part!r}."
+                )
+        for length in lengths(damping):
+            known = is_concrete(length) and is_concrete(self.l2)
+            if known and not math.isclose(length, self.l2, rel_tol=1e-12):
+                raise ValueError(
+                    "Argument `l2` of `Air` must be the column's, "
+                    f"{self.l2:g}, but is {length:g}."
                 )
         self.damping = damping
         self.friction = friction

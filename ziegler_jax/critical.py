@@ -12,8 +12,8 @@ $p_0 s^4 + p_1 s^3 + p_2(q) s^2 + p_3(q) s + p_4(q)$ leaves one condition on q:
 
 Each is a quadratic in q, so its roots are known without a search, and the one that an
 eigenvalue crosses to the right is the critical load. The determinant over $p_1^2$
-depends on the damping through ratios and det C alone: damping may be as small as
-floating point allows.
+depends on the damping through ratios and det C alone: damping may be as small as the
+smallest normal number, 2.2e-308; below it counts as none.
 """
 
 from functools import partial
@@ -90,7 +90,10 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
     **Small damping.** As $C \to 0$ the damped q_cr has a limit that depends on the
     ratio c1/c2 and lies below the undamped q_cr for every ratio but one: Ziegler's
     paradox. Any c below 1e-9 gives that limit to rounding; across the ratio the
-    derivatives in c grow as 1/c, the second ones as 1/c^2. At C = 0 exactly
+    derivatives in c grow as 1/c, the second ones as 1/c^2: below c of about 1e-150
+    these overflow and come out infinite or NaN, the outcome still `found`, as it
+    speaks of the load. Below the smallest normal number, 2.2e-308, damping counts as
+    zero; from 1e150 det C overflows, `invalid` or `double_root`. At C = 0 exactly
     (`Viscous(0, 0)`) the column is undamped and so is the load returned, as with
     `damping=None`; but q_cr jumps there and has no derivative in the damping. The one
     returned is zero, and the outcome `undamped` (or `preceded`) says so.
