@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import matplotlib
 import numpy as np
 import pytest
+import xarray as xr
 
 import ziegler_jax as zj
 from ziegler_jax.outcome import CRITICAL, REGIME
@@ -35,9 +36,16 @@ def test_elasticity_is_per_cent_of_load_per_per_cent_of_parameter():
     np.testing.assert_allclose(
         per_cent, table.elasticity.sel(parameter="damping.c2"), rtol=1e-3
     )
-    np.testing.assert_allclose(
-        table.elasticity, table.value / q * table.derivative, rtol=1e-14
+
+
+def test_the_table_prints_whole():
+    table = zj.sensitivity(zj.uniform_rods(follower=0.9, damping=zj.Viscous(0.1, 0.2)))
+    assert table.parameter.size == 8
+    assert str(table.to_dataframe()).count("\n") == 9 and "..." not in str(
+        table.to_dataframe()
     )
+    with xr.set_options(display_width=120):
+        assert "..." not in repr(table)
 
 
 def test_units_do_not_matter_elasticities_of_the_inertia_cancel():
@@ -52,6 +60,8 @@ def test_sensitivity_to_masses_and_lengths_goes_through_the_constructor():
     table = zj.sensitivity(zj.point_masses, parameters={"m1": 2.0, "m2": 1.0})
     slope = (1 - 1 / SQRT2) / 2
     np.testing.assert_allclose(table.derivative, [slope, -2 * slope], rtol=1e-13)
+    share = 2 * slope / (7 / 2 - SQRT2)
+    np.testing.assert_allclose(table.elasticity, [share, -share], rtol=1e-13)
 
 
 def test_sensitivity_has_no_number_where_the_load_jumps():

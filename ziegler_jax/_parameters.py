@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 from .column import Column, point_masses, uniform_rods
 
@@ -57,7 +58,7 @@ def as_function(
         return jax.tree_util.tree_unflatten(tree, list((leaves | values).values()))
 
     for name in names:
-        if isinstance(leaves[name], jax.core.Tracer):
+        if isinstance(leaves[name], Tracer):
             raise ValueError(
                 f"Argument `column` must have concrete numbers, but {name!r} is "
                 "traced: call this outside `jax.jit` and `jax.vmap`, or differentiate "

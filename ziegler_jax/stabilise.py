@@ -61,8 +61,8 @@ def stabilise(
         A start on or outside a bound is moved inside by a hundredth of the width.
     - `rtol`: the relative step at which to stop; `max_steps`: evaluations.
 
-    **Raises:** `ValueError` for bounds that are not low < high, a start that is not
-    `found`, or friction.
+    **Raises:** `ValueError` for no bounds or such that are not low < high, a start
+    that is not `found`, `max_steps` below 1, or friction.
     """
     if not isinstance(parameters, Mapping) or not parameters:
         raise ValueError(
