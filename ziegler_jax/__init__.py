@@ -22,6 +22,7 @@ from .set_valued import SetValuedCoulomb
 from .simulate import Settled, Trajectory, settle, trajectory
 from .solvers import Explicit
 from .stabilise import stabilise
+from .sticking import StickingSet, sticking_set
 from .sweep import sweep
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "SmoothCoulomb",
     "State",
     "StickFraction",
+    "StickingSet",
     "Sum",
     "Trajectory",
     "Viscous",
@@ -59,6 +61,7 @@ __all__ = [
     "spectral_abscissa",
     "spectrum",
     "stabilise",
+    "sticking_set",
     "sweep",
     "tangent_column",
     "trajectory",

@@ -216,10 +216,16 @@ class Torques(AbstractFriction):
         """
         zero = 0.0 * u[0]
         given = jnp.sign(u[0]), jnp.sign(u[1])
-        return self.chosen(balance, given, rest, (zero, zero), (zero, zero))
+        return self.chosen(balance, given, rest, (zero, zero), (zero, zero), True)
 
     def chosen(
-        self, balance: Balance, given: Pair, rest: Pair, slack: Pair, layer: Pair
+        self,
+        balance: Balance,
+        given: Pair,
+        rest: Pair,
+        slack: Pair,
+        layer: Pair,
+        needed: Any,
     ) -> Pair:
         r"""The modes after an event, by the rule.
 
@@ -231,6 +237,7 @@ class Torques(AbstractFriction):
         - `slack`: by how much less than $\tau_s$ sets a joint free: the tolerance for
             one whose torque has just reached it.
         - `layer`: where each joint stands in its layer, $u_i / v$.
+        - `needed`: whether the answer is used, so that no layer is passed in vain.
         """
         thresholds = tuple(s - x for s, x in zip(self.static, slack, strict=True))
         modes = stick_first(balance, self.kinetic, thresholds, given, rest)
@@ -238,11 +245,13 @@ class Torques(AbstractFriction):
             return modes
         # with equal coefficients the law alone decides, and the layer has no slope
         falls = (self.static[0] > self.kinetic[0]) | (self.static[1] > self.kinetic[1])
-        ask = rest[0] & rest[1] & falls
-        limit = layer_limit(balance, self.static, self.kinetic, layer, ask)
-        return tuple(  # type: ignore[return-value]
-            jnp.where(ask, x, m) for x, m in zip(limit, modes, strict=True)
+        ask = rest[0] & rest[1] & falls & needed
+        first, second, found = layer_limit(
+            balance, self.static, self.kinetic, layer, ask
         )
+        # a passage that does not end, on the border between two ends, decides nothing
+        ask &= found
+        return jnp.where(ask, first, modes[0]), jnp.where(ask, second, modes[1])
 
     def valid(self) -> Any:
         """What it was made from has been checked."""

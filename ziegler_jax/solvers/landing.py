@@ -79,7 +79,8 @@ class LandingControl(dfx.AbstractAdaptiveStepSizeController):
     ):
         """Accept or reject the step, and choose the next one."""
         del args
-        signals: Any = y_error
+        assert isinstance(y_error, LandingSignals)
+        signals = y_error
         left = controller_state.left - 1
         small, factor = materialise(
             t0,

@@ -240,10 +240,10 @@ def _changed(column: Column, old: Any, torque: Pair, landed: Pair, tol: Pair) ->
         layer.append(jnp.where(stuck[i], inside, FAR * m))
     y = _at_rest(y, rest)
     balance = joint_balance(column, y)
-    modes = law.chosen(balance, modes, rest, slack, tuple(layer))
+    event = landed[0] | landed[1]
+    modes = law.chosen(balance, modes, rest, slack, tuple(layer), event)
     now = _in_modes(column, modes)
     slope = vector_field(0.0, y, now)
     value, fall, _ = _guards(now, y, slope)
-    event = landed[0] | landed[1]
     new = (y, slope, modes, (value, fall))
     return jax.tree.map(lambda a, b: jnp.where(event, a, b), new, old)
