@@ -40,7 +40,7 @@ def main():
         )
         ax.set_xlim(6e-7, 1.5)
         ax.set_ylim(0.7, 3.2)
-        ax.set_xlabel("damping $c_2$ at a fixed ratio $c_1/c_2$")
+        ax.set_xlabel(r"damping $c_2$ ($\sqrt{kml^2}$), ratio $c_1/c_2$ fixed")
         ax.set_title(name, loc="left")
         ax.spines[["top", "right"]].set_visible(False)
     axes[0].set_ylabel("critical load $q_{cr}$")

@@ -15,14 +15,14 @@ def main():
     end = zj.critical_load(zj.uniform_rods(), "flutter_end")
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.4), width_ratios=(1, 1))
     for ax, part, name in (
-        (left, s.imag, r"frequency $\mathrm{Im}\,s$"),
-        (right, s.real, r"growth rate $\mathrm{Re}\,s$"),
+        (left, s.imag, r"frequency $\mathrm{Im}\,s$  ($\sqrt{k/(ml^2)}$)"),
+        (right, s.real, r"growth rate $\mathrm{Re}\,s$  ($\sqrt{k/(ml^2)}$)"),
     ):
         ax.axvspan(float(begin.q), float(end.q), color="#FBE6D0", lw=0)
         ax.plot(q, part, ".", ms=2.2, color=style.BLUE)
         ax.axvline(float(begin.q), color=style.ORANGE, lw=1.5)
         ax.axvline(float(end.q), color=style.ORANGE, lw=1.5, ls="--")
-        ax.set_xlabel("load $q$")
+        ax.set_xlabel("load $q = Fl/k$")
         ax.set_title(name, loc="left")
         ax.set_xlim(0, 6)
         ax.spines[["top", "right"]].set_visible(False)

@@ -51,7 +51,7 @@ def main():
     )
     ax.text(0.92, 3.6, "flutter", ha="center", fontsize=15)
     ax.text(0.0, 2.6, "divergence", ha="center", va="top", fontsize=15)
-    ax.text(1.0, 0.7, "stable", ha="center", fontsize=15)
+    ax.text(1.0, 0.7, "marginal", ha="center", fontsize=15)
     ax.set_xlabel(r"follower fraction $\eta$   (0 dead load, 1 follower load)")
     ax.set_ylabel("load $q = Fl/k$")
     ax.set_ylim(0, 6)

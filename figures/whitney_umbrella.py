@@ -59,9 +59,10 @@ def main():
     ax.plot([0, 0], [0, 0], [float(np.min(q[0])), top], color="k", lw=3)
     ax.plot([0], [0], [top], "D", color=style.PINK, mec="k", ms=9)
     ax.text(0.0, -0.02, top + 0.16, f"undamped {top:.4f}", ha="center")
-    ax.set_xlabel("$c_1$", labelpad=8)
-    ax.set_ylabel("$c_2$", labelpad=8)
-    ax.set_zlabel("$q_{cr}$")
+    ax.set_xlabel(r"$c_1$  ($\sqrt{kml^2}$)", labelpad=13)
+    ax.set_ylabel(r"$c_2$  ($\sqrt{kml^2}$)", labelpad=13)
+    ax.set_yticks([0.0, 0.1, 0.2, 0.3])
+    ax.set_zlabel("$q_{cr} = F_{cr}l/k$")
     ax.view_init(elev=24, azim=38)
     ax.set_title(
         "Surface: critical_load. Points: sign changes of the numeric spectrum\n"

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import matplotlib
 import numpy as np
 import pytest
+import xarray as xr
 
 import ziegler_jax as zj
 from ziegler_jax.outcome import CRITICAL, REGIME
@@ -35,9 +36,16 @@ def test_elasticity_is_per_cent_of_load_per_per_cent_of_parameter():
     np.testing.assert_allclose(
         per_cent, table.elasticity.sel(parameter="damping.c2"), rtol=1e-3
     )
-    np.testing.assert_allclose(
-        table.elasticity, table.value / q * table.derivative, rtol=1e-14
+
+
+def test_the_table_prints_whole():
+    table = zj.sensitivity(zj.uniform_rods(follower=0.9, damping=zj.Viscous(0.1, 0.2)))
+    assert table.parameter.size == 8
+    assert str(table.to_dataframe()).count("\n") == 9 and "..." not in str(
+        table.to_dataframe()
     )
+    with xr.set_options(display_width=120):
+        assert "..." not in repr(table)
 
 
 def test_units_do_not_matter_elasticities_of_the_inertia_cancel():
@@ -52,6 +60,8 @@ def test_sensitivity_to_masses_and_lengths_goes_through_the_constructor():
     table = zj.sensitivity(zj.point_masses, parameters={"m1": 2.0, "m2": 1.0})
     slope = (1 - 1 / SQRT2) / 2
     np.testing.assert_allclose(table.derivative, [slope, -2 * slope], rtol=1e-13)
+    share = 2 * slope / (7 / 2 - SQRT2)
+    np.testing.assert_allclose(table.elasticity, [share, -share], rtol=1e-13)
 
 
 def test_sensitivity_has_no_number_where_the_load_jumps():
@@ -216,3 +226,39 @@ def test_a_smoothed_map_is_a_map_of_v_smooth():
         regime_of_smoothing, q=np.array([1.8, 2.0]), v_smooth=np.geomspace(1e-3, 1, 40)
     )
     assert {REGIME.stable, REGIME.flutter} == set(ds.regime.sel(q=1.8).values.tolist())
+
+
+@pytest.mark.parametrize(
+    ("parameters", "word"),
+    [({}, "at least one"), (["a"], "map"), ({"kappa": 1.0}, "two numbers")]
+    + [({"kappa": ("a", "b")}, "must be a number")],
+)
+def test_stabilise_refuses_what_are_no_bounds(parameters, word):
+    column = zj.uniform_rods(damping=zj.Viscous(0.1, 0.2))
+    with pytest.raises(ValueError, match=f"`parameters.*{word}"):
+        zj.stabilise(column, parameters)
+
+
+def test_stabilise_needs_a_step():
+    with pytest.raises(ValueError, match="`max_steps` must be positive, but is 0"):
+        zj.stabilise(zj.uniform_rods(), {"kappa": (0.5, 2.0)}, max_steps=0)
+
+
+def test_sensitivity_names_an_argument_that_the_function_does_not_have():
+    with pytest.raises(ValueError, match="`parameters` must name .*'mass'"):
+        zj.sensitivity(zj.uniform_rods, parameters={"mass": 1.0})
+
+
+def test_sensitivity_inside_jit_says_so():
+    ask = lambda k: zj.sensitivity(zj.uniform_rods(kappa=k))  # noqa: E731
+    with pytest.raises(ValueError, match="'kappa' is traced: call this outside"):
+        jax.jit(ask)(1.0)
+
+
+def test_a_jump_is_seen_through_a_square():
+    def scene(c, kappa):
+        return zj.uniform_rods(kappa=kappa, damping=zj.Viscous(c * c, c * c))
+
+    table = zj.sensitivity(scene, parameters={"c": 0.0, "kappa": 1.0})
+    assert np.isnan(table.derivative.sel(parameter="c"))
+    assert np.isfinite(table.derivative.sel(parameter="kappa"))

@@ -223,3 +223,38 @@ def test_32_bits_settle_within_their_digits():
     high = settle(rtol=1e-10, atol=1e-10, transient=0.0, window=5.0, max_windows=1)
     # measured 7.9e-5
     assert np.abs(low / np.asarray(high.amplitude.rod) - 1).max() < 1e-3
+
+
+def _slow(kick, **more):
+    """physics of the smoothed law at rest: viscous damping that makes it flutter."""
+    law = zj.SmoothCoulomb(
+        0.1, pin_radius=0.1, v_smooth=0.05, load=zj.ConstantLoad(1.0)
+    )
+    column = zj.uniform_rods(1.8, friction=law)
+    return zj.settle(column, zj.State(omega=(0.0, kick)), **more)
+
+
+def test_a_slow_motion_that_grows_is_not_stuck():
+    """v_smooth = 5 tau: the smoothed column flutters from rest (Ziegler's paradox)."""
+    found = zj.sweep(_slow, kick=[1e-4, 1e-2], progress=False)
+    assert (found.outcome == zj.OUTCOME.cycle).all()
+    # what long transients of 2000 time units end at: 0.519
+    np.testing.assert_allclose(found.joint_amplitude.sel(joint=2), 0.519, atol=2e-3)
+
+
+OPTIONS = ["transient", "window", "rtol_settle", "escape", "rate_cut", "rtol", "atol"]
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_a_traced_option_that_breaks_its_rule_is_invalid(option):
+    def point(value):
+        numbers = {"transient": 5.0, "window": 5.0, "rtol": 1e-4, "atol": 1e-4}
+        numbers[option] = value
+        return zj.settle(
+            zj.uniform_rods(1.0), zj.State(omega=(0.0, 0.3)), max_windows=2, **numbers
+        )
+
+    found = zj.sweep(point, value=[-1.0, 1e-3], progress=False)
+    assert found.outcome[0] == zj.OUTCOME.invalid
+    assert np.isnan(found.rod_amplitude[0]).all()
+    assert found.outcome[1] != zj.OUTCOME.invalid

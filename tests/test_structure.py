@@ -23,7 +23,7 @@ FLOORS = [
     ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters"],
-    ["critical", "_windows", "_events", "simulate"],
+    ["critical", "_windows", "_events", "_scene", "simulate"],
     ["sensitivity", "stabilise", "_lanes"],
     ["sweep"],
     ["plot", "plot_linear"],
@@ -37,6 +37,7 @@ SAME_FLOOR = {
     ("observers", "solvers"),
     ("simulate", "_windows"),
     ("simulate", "_events"),
+    ("simulate", "_scene"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
 }

@@ -1,6 +1,7 @@
 """Sweeps: labels, refusals, and lanes that depend on nothing but their own numbers."""
 
 import functools
+import json
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from jax import lax
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME, _lanes
@@ -157,7 +159,7 @@ def third(x):
 def test_float64_whatever_jax_is_set_to():
     x = np.linspace(0, 7, 11)
     wide = zj.sweep(third, x=x, progress=False)
-    _lanes.compile_point.cache_clear()
+    _lanes._kept.cache_clear()
     with jax.enable_x64(False):
         narrow = zj.sweep(third, x=x, progress=False)
     assert narrow.sine.dtype == np.float64 and same(wide, narrow)
@@ -389,7 +391,26 @@ quiet = functools.partial(zj.sweep, square, progress=False)
         (lambda: zj.sweep(lambda x: "no", x=[1.0]), ("`point`", "`value`", "str")),
         (lambda: zj.sweep(lambda x: None, x=[1.0]), ("`point`", "`value`", "None")),
         (lambda: zj.sweep(lambda x: (x, x), x=[1.0]), ("`point`", "`value`", "tuple")),
-        (lambda: zj.sweep(lambda rod: rod, rod=[1.0]), ("`rod`", "unlike a result")),
+        (
+            lambda: zj.sweep(lambda value: value, value=[1.0]),
+            ("`value`", "unlike a result"),
+        ),
+        (lambda: quiet(x=np.array([1 + 1j])), ("`x`", "real numbers")),
+        (lambda: quiet(x=["1.5"]), ("`x`", "real numbers")),
+        (
+            lambda: quiet(x=np.ma.array([1.0, 2.0], mask=[0, 1])),
+            ("`x`", "real numbers"),
+        ),
+        (lambda: zj.sweep(third, axes=3), ("`axes`", "map names", "3")),
+        (
+            lambda: zj.sweep(lambda **n: 1.0, axes={1: [1.0]}),
+            ("`axes`", "strings", "1"),
+        ),
+        (lambda: zj.sweep(lambda x: {}, x=[1.0]), ("`point`", "empty")),
+        (
+            lambda: quiet(x=[1.0], where=lambda x: 1 / 0),
+            ("`where`", "ZeroDivisionError"),
+        ),
         (lambda: zj.sweep(lambda value: value, value=[1.0]), ("`value`", "unlike")),
         (lambda: quiet(x=[1.0], threads=0), ("`threads`", "0", "at least 1")),
         (lambda: quiet(x=[1.0], threads=1.5), ("`threads`", "1.5", "whole")),
@@ -411,3 +432,47 @@ quiet = functools.partial(zj.sweep, square, progress=False)
 )
 def test_a_wrong_argument_is_refused_by_name_value_and_rule(refuses, call, parts):
     refuses(call, *parts)
+
+
+# What surrounds a point ---------------------------------------------------------------
+
+FACTOR = 1.0
+
+
+def scaled(x):
+    return FACTOR * x
+
+
+def test_a_changed_global_is_another_scene(monkeypatch):
+    before = zj.sweep(scaled, x=[2.0], progress=False)
+    monkeypatch.setitem(globals(), "FACTOR", 5.0)
+    after = zj.sweep(scaled, x=[2.0], progress=False)
+    assert before.value == 2.0 and after.value == 10.0
+    assert json.loads(after.attrs["scene_constants"]) == {"FACTOR": 5.0}
+
+
+def test_an_unhashable_callable_can_be_swept():
+    class Scale:
+        __hash__ = None
+        factor = 3.0
+
+        def __call__(self, x):
+            return self.factor * x
+
+    assert zj.sweep(Scale(), x=[2.0], progress=False).value == 6.0
+
+
+def test_left_out_points_are_nan_for_whole_and_complex_numbers():
+    found = zj.sweep(
+        lambda x: {"whole": x.astype(int), "turned": lax.complex(0 * x, x)},
+        x=[1.0, 2.0],
+        where=lambda x: x > 1,
+        progress=False,
+    )
+    assert np.isnan(found.whole[0]) and found.whole[1] == 2
+    assert np.isnan(found.turned[0]) and found.turned[1] == 2j
+
+
+def test_useful_steps_are_not_invented_where_no_lane_runs_in_legs():
+    found = zj.sweep(third, x=[1.0], progress=False)
+    assert np.isnan(found.attrs["useful_step_fraction"])

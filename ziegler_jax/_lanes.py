@@ -1,5 +1,6 @@
 """How many points run: compiled batches on threads, lanes refilled as they end."""
 
+import inspect
 import os
 import threading
 import time
@@ -84,7 +85,46 @@ class Packing:
         return zip(leaves, self.shapes, strict=True)
 
 
+def compiled(
+    point: Callable, names: tuple[str, ...], batch_size: int | None, wide: bool
+) -> Program:
+    """`point` for one batch of lanes; kept for the next call where it can be."""
+    around = surroundings(point)
+    try:
+        return _kept(point, names, batch_size, wide, around)
+    except TypeError as error:
+        if "unhashable" not in str(error):
+            raise
+        return compile_point(point, names, batch_size, wide)
+
+
 @lru_cache(maxsize=32)
+def _kept(point, names, batch_size, wide, around) -> Program:
+    del around  # a part of the key: a changed global is another scene
+    return compile_point(point, names, batch_size, wide)
+
+
+def surroundings(point: Callable, numbers_only: bool = False) -> tuple:
+    """What `point` refers to beyond its arguments: numbers by value, else by identity.
+
+    JAX would not notice that one has changed.
+    """
+    try:
+        around = inspect.getclosurevars(inspect.unwrap(point))
+    except (TypeError, ValueError):
+        return ()
+    plain = (bool, int, float, str)
+    found = []
+    for name, value in sorted({**around.globals, **around.nonlocals}.items()):
+        if isinstance(value, plain) or (
+            isinstance(value, tuple) and all(isinstance(v, plain) for v in value)
+        ):
+            found.append((name, value))
+        elif not numbers_only:
+            found.append((name, id(value)))
+    return tuple(found)
+
+
 def compile_point(
     point: Callable, names: tuple[str, ...], batch_size: int | None, wide: bool
 ) -> Program:
@@ -266,7 +306,7 @@ class _Work:
         return self.own_steps / self.finished if self.finished else 0.0
 
     def useful(self) -> float:
-        return self.own_steps / self.all_steps if self.all_steps else 1.0
+        return self.own_steps / self.all_steps if self.all_steps else float("nan")
 
     def finished_since(self) -> int:
         with self.lock:

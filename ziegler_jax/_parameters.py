@@ -1,13 +1,16 @@
 """A column as a function of named numbers: its own leaves, or a scene's arguments."""
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
-from .column import Column
+from .column import Column, point_masses, uniform_rods
 
+_PARTS = {"kappa", "follower", "damping", "friction"}
 Make = Callable[..., Column]
 
 
@@ -30,9 +33,13 @@ def as_function(
             raise ValueError(
                 "Argument `parameters` must be given where `column` is a function."
             )
-        if isinstance(parameters, Mapping):
-            return column, dict(parameters)
-        return column, dict.fromkeys(parameters)
+        values = (
+            dict(parameters)
+            if isinstance(parameters, Mapping)
+            else dict.fromkeys(parameters)
+        )
+        _takes(column, values)
+        return column, values
     paths, tree = jax.tree_util.tree_flatten_with_path(column)
     leaves = {
         jax.tree_util.keystr(path, simple=True, separator="."): leaf
@@ -50,4 +57,31 @@ def as_function(
     def make(**values: Any) -> Column:
         return jax.tree_util.tree_unflatten(tree, list((leaves | values).values()))
 
+    for name in names:
+        if isinstance(leaves[name], Tracer):
+            raise ValueError(
+                f"Argument `column` must have concrete numbers, but {name!r} is "
+                "traced: call this outside `jax.jit` and `jax.vmap`, or differentiate "
+                "`critical_load`."
+            )
     return make, {name: float(np.asarray(leaves[name])) for name in names}
+
+
+def _takes(function: Make, values: Mapping[str, Any]) -> None:
+    """Raise where the function takes no argument of such a name."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # a builtin without one
+        return
+    known = signature.parameters.values()
+    names = {
+        p.name for p in known if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
+    }
+    if any(p.kind is p.VAR_KEYWORD for p in known):
+        names |= _PARTS if function in (uniform_rods, point_masses) else set(values)
+    for name in values:
+        if name not in names:
+            raise ValueError(
+                "Argument `parameters` must name arguments of the function, "
+                f"{', '.join(sorted(names))}, but has {name!r}."
+            )

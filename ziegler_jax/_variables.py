@@ -54,6 +54,8 @@ def named_variables(result: Any) -> dict[str, Variable]:
         return result.variables()
     if not isinstance(result, dict):
         result = {"value": result}
+    if not result:
+        raise ValueError("`point` must return something, but returns an empty dict.")
     named = {}
     for name, value in result.items():
         shape = getattr(value, "shape", None)

@@ -22,6 +22,7 @@ class Watched(NamedTuple):
     previous: tuple  # the amplitudes of the window before
     drift: Scalar
     fastest: Scalar  # the largest joint rate of this window; 1 if any, by modes
+    faster: Scalar  # that of the window before
     outcome: Scalar  # `not_computed` while it runs
 
 
@@ -35,6 +36,16 @@ class Windows(AbstractFold):
     rate_cut: Scalar | None  # None: set-valued friction, by modes
     max_windows: int
     observers: tuple[AbstractObserver, ...]
+
+    def valid(self) -> Any:
+        """Whether the options keep their rules; for those only known when traced."""
+        good = jnp.asarray(self.transient) >= 0
+        for option in (self.window, self.rtol_settle, self.escape, self.rate_cut):
+            if option is not None:
+                good &= jnp.asarray(option) > 0
+        for observer in self.observers:
+            good &= observer.valid()
+        return good
 
     def first_stop(self) -> Scalar:
         """The end of the transient, or of the first window where there is none."""
@@ -58,10 +69,11 @@ class Windows(AbstractFold):
         return Watched(
             observed=self._fresh(column, t0, y0),
             window_end=self.first_stop() + zero,
-            windows=jnp.where(jnp.asarray(self.transient) > 0, -1, 0),
+            windows=jnp.where(jnp.asarray(self.transient) > 0, -1, 0).astype(jnp.int32),
             previous=(zero, zero, zero) if compares else (),
             drift=zero + jnp.inf,
             fastest=zero if self.by_modes else _fastest(y0),
+            faster=zero,
             outcome=jnp.asarray(OUTCOME.not_computed, jnp.int32),
         )
 
@@ -88,9 +100,14 @@ class Windows(AbstractFold):
         self, column: Column, seen: Watched, step: Step, ended: Any, turned: Any
     ) -> Watched:
         """The verdict on a lane whose window ended or that turned over."""
-        windows = seen.windows + jnp.where(ended, 1, 0)
+        windows = seen.windows + ended.astype(jnp.int32)
         judged = ended & (windows > 0)
-        at_rest = judged & (seen.fastest < (0.5 if self.by_modes else self.rate_cut))
+        if self.by_modes:
+            at_rest = judged & (seen.fastest < 0.5)
+        else:  # slow is not at rest where it grows: the window before tells
+            at_rest = judged & (seen.fastest < self.rate_cut)
+            at_rest &= seen.fastest <= seen.faster
+            at_rest &= windows >= min(2, self.max_windows)
         over = judged & (windows >= self.max_windows)
         amplitudes, drift, agreed = seen.observed[0], seen.drift, False
         if self.max_windows > 1:
@@ -117,6 +134,7 @@ class Windows(AbstractFold):
             fastest=where(
                 0.0 * step.t1 if self.by_modes else _fastest(step.y1), seen.fastest
             ),
+            faster=where(seen.fastest, seen.faster),
             outcome=outcome.astype(jnp.int32),
         )
 

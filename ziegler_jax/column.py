@@ -16,6 +16,7 @@ $T_i$. The published equations that this project started from carry two misprint
 the velocity terms; these here conserve energy at q = 0 and agree with a multibody code.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -26,7 +27,7 @@ from ._materialise import materialise
 from ._reactions import joint_reactions, reaction_loads
 from ._sincos import sincos
 from ._types import Pair, Scalar, Vector4, equals, is_concrete, number, pair
-from .damping import AbstractDamping
+from .damping import AbstractDamping, lengths
 from .friction import AbstractFriction, JointReaction
 from .set_valued import Balance, SetValuedCoulomb, Torques
 
@@ -69,7 +70,7 @@ class Column(eqx.Module):
         base (rod 2's about the knee is b), in m and m l. Only the joints' reactions
         need them; the constructors set them.
     - `l2`: the load's lever on rod 2, its length in l. Only a load that does not
-        follow ($\eta \ne 1$) needs it.
+        follow ($\eta \ne 1$) needs it, and `Air` must have the same.
 
     All are leaves: any of them can be traced, mapped over and differentiated.
 
@@ -127,6 +128,13 @@ class Column(eqx.Module):
                 raise ValueError(
                     f"Argument `{name}` must be None or a law, but is {part!r}."
                 )
+        for length in lengths(damping):
+            known = is_concrete(length) and is_concrete(self.l2)
+            if known and not math.isclose(length, self.l2, rel_tol=1e-12):
+                raise ValueError(
+                    "Argument `l2` of `Air` must be the column's, "
+                    f"{self.l2:g}, but is {length:g}."
+                )
         self.damping = damping
         self.friction = friction
         if friction is not None and isinstance(friction.load_law(), JointReaction):
@@ -142,6 +150,11 @@ class Column(eqx.Module):
         a, b, d = jnp.asarray(self.a), jnp.asarray(self.b), jnp.asarray(self.d)
         good = (a > 0) & (d > 0) & (a * d > b * b) & (jnp.asarray(self.kappa) >= 0)
         good &= jnp.isfinite(self.q) & jnp.isfinite(self.follower)
+        good &= (jnp.asarray(self.l2) > 0) & jnp.isfinite(self.l2)
+        if self.m2 is not None:
+            good &= jnp.asarray(self.m2) >= 0
+        if self.s1 is not None:
+            good &= jnp.isfinite(self.s1)
         if self.damping is not None:
             good &= self.damping.valid()
         if self.friction is not None:
@@ -367,4 +380,9 @@ def _needs_masses(column: Column, what: str) -> None:
 
 
 def _positive(**values: Any) -> list[Any]:
-    return [number(name, value, "positive") for name, value in values.items()]
+    """Positive numbers; NaN for a traced one that is not, so that its lane is invalid.
+
+    Without it a negative mass could still make a positive definite inertia.
+    """
+    checked = [number(name, value, "positive") for name, value in values.items()]
+    return [x if is_concrete(x) else jnp.where(x > 0, x, jnp.nan) for x in checked]

@@ -12,8 +12,8 @@ $p_0 s^4 + p_1 s^3 + p_2(q) s^2 + p_3(q) s + p_4(q)$ leaves one condition on q:
 
 Each is a quadratic in q, so its roots are known without a search, and the one that an
 eigenvalue crosses to the right is the critical load. The determinant over $p_1^2$
-depends on the damping through ratios and det C alone: damping may be as small as
-floating point allows.
+depends on the damping through ratios and det C alone: damping may be as small as the
+smallest normal number, 2.2e-308; below it counts as none.
 """
 
 from functools import partial
@@ -90,7 +90,10 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
     **Small damping.** As $C \to 0$ the damped q_cr has a limit that depends on the
     ratio c1/c2 and lies below the undamped q_cr for every ratio but one: Ziegler's
     paradox. Any c below 1e-9 gives that limit to rounding; across the ratio the
-    derivatives in c grow as 1/c, the second ones as 1/c^2. At C = 0 exactly
+    derivatives in c grow as 1/c, the second ones as 1/c^2: below c of about 1e-150
+    these overflow and come out infinite or NaN, the outcome still `found`, as it
+    speaks of the load. Below the smallest normal number, 2.2e-308, damping counts as
+    zero; from 1e150 det C overflows, `invalid` or `double_root`. At C = 0 exactly
     (`Viscous(0, 0)`) the column is undamped and so is the load returned, as with
     `damping=None`; but q_cr jumps there and has no derivative in the damping. The one
     returned is zero, and the outcome `undamped` (or `preceded`) says so.
@@ -137,18 +140,21 @@ def _discriminant(p: Characteristic, q: Scalar) -> _Condition:
 
 def _hurwitz(p: Characteristic, q: Scalar) -> _Condition:
     """Hurwitz' determinant over p1^2, r (p2 - p0 r) - p4 with r = p3/p1."""
-    assert p.p1 is not None and p.p3 is not None
-    # unit p1 before dividing: derivatives of p3/p1 square p1, and would underflow
-    scale = lax.stop_gradient(1 / jnp.where(p.p1 > 0, p.p1, 1.0))
-    p1 = jnp.where(p.p1 > 0, p.p1 * scale, 1.0)
-    r, dr = value(p.p3, q) * scale / p1, p.p3[1] * scale / p1
-    rest, drest = value(p.p2, q) - p.p0 * r, p.p2[1] - p.p0 * dr
-    return _Condition(
-        r * rest - value(p.p4, q),
-        dr * rest + r * drest - slope(p.p4, q),
-        2 * dr * drest - 2 * p.p4[2],
-        r,
-    )
+    assert p.damped is not None
+    f, r = p.damped.boundary, value(p.damped.ratio, q)
+    # on the boundary r (p2 - p0 r) = p4: whichever of both r subtracts less. Large
+    # damping makes p3 a small difference, and the sign of r that of p4
+    rest = value(p.p2, q) - p.p0 * r
+    size = _size(p.damped.ratio, q)
+    lost = _size(p.p4, q) + jnp.abs(r) * (_size(p.p2, q) + p.p0 * size)
+    other = rest * size > lost
+    squared = jnp.where(other, value(p.p4, q) / jnp.where(other, rest, 1.0), r)
+    return _Condition(value(f, q), slope(f, q), 2 * f[2], squared)
+
+
+def _size(p: tuple[Scalar, ...], q: Scalar) -> Any:
+    """The sum of the terms' sizes: times eps, the rounding of `value`."""
+    return value(tuple(map(jnp.abs, p)), jnp.abs(q))
 
 
 def _flutter(p: Characteristic, none: Any, q: Scalar) -> _Condition:
@@ -171,9 +177,7 @@ def _first_loss(p: Characteristic, kind: Kind) -> CriticalLoad:
     The search is not differentiated: a step of Chebyshev's method on the boundary
     function, exact for a quadratic to second order, carries both derivatives.
     """
-    none = None
-    if p.p1 is not None and p.p3 is not None:
-        none = (p.p1 == 0) & (p.p3[0] == 0) & (p.p3[1] == 0)
+    none = None if p.damped is None else p.damped.none
     at, code = _search(lax.stop_gradient(p), none, kind)
     stands = code >= int(CRITICAL.preceded)
     at = jnp.where(stands, at, 0.0)
@@ -212,12 +216,11 @@ def _search(p: Characteristic, none: Any, kind: Kind) -> tuple[Any, Any]:
     noise = 64 * jnp.finfo(zero.dtype).eps
     conservative = (p.p4[0] > 0) & (p.p2[0] > 0)
     one_frequency = start.value <= noise * p.p2[0] ** 2
-    if none is None or p.p1 is None:
+    if p.damped is None:
         stable = conservative
     else:
-        # zero here is a mode that the damping does not reach
-        reached = start.value > noise * start.squared * p.p2[0]
-        stable = conservative & (none | ((p.p1 > 0) & (start.squared > 0) & reached))
+        reached = (p.damped.ratio[0] > 0) & p.damped.reached
+        stable = conservative & (none | ((p.damped.p1 > 0) & reached))
         one_frequency &= none
     if kind != "divergence":
         double |= one_frequency
@@ -239,9 +242,10 @@ def _divergence(p: Characteristic, none: Any) -> tuple[Any, Any, Any]:
     """
 
     def weight(q):
-        if p.p3 is None:
+        if p.damped is None:
             return value(p.p2, q)
-        return jnp.where(none, value(p.p2, q), value(p.p3, q))
+        rate = jnp.where(p.damped.p1 > 0, value(p.damped.ratio, q), jnp.nan)
+        return jnp.where(none, value(p.p2, q), rate)
 
     first, exists, double = _root(p.p4)
     second, again, _ = _root(p.p4, second=True)

@@ -61,7 +61,8 @@ class Air(AbstractDamping):
     drag destabilises as the joints' damping does.
 
     **Arguments:** `e1`, `e2` in $\sqrt{k m}/l^2$, nonnegative; `l2`: rod 2's length
-    in l, positive.
+    in l, positive, the same as the column's: concrete numbers that differ are an
+        error of `Column`; traced ones are not compared.
     """
 
     e1: Any
@@ -115,3 +116,25 @@ class Sum(AbstractDamping):
     def valid(self) -> Any:
         """Both laws keep their rules."""
         return self.first.valid() & self.second.valid()
+
+
+def joint_matrix(law: AbstractDamping) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    r"""C at D = 0 in the joints' rates $\omega_1, \omega_2 - \omega_1$, row by row.
+
+    diag(c1, c2) for `Viscous`: however small, c1 is not lost beside c2.
+    """
+    if isinstance(law, Viscous):
+        return law.c1, 0.0, 0.0, law.c2
+    if isinstance(law, Sum):
+        parts = zip(joint_matrix(law.first), joint_matrix(law.second), strict=True)
+        g11, g12, g21, g22 = (x + y for x, y in parts)
+        return g11, g12, g21, g22
+    (c11, c12), (c21, c22) = law.matrix(1.0)
+    return (c11 + c12) + (c21 + c22), c12 + c22, c21 + c22, c22
+
+
+def lengths(law: AbstractDamping | None) -> list[Any]:
+    """The lengths of rod 2 that a law was given."""
+    if isinstance(law, Sum):
+        return lengths(law.first) + lengths(law.second)
+    return [law.l2] if isinstance(law, Air) else []

@@ -27,6 +27,10 @@ class AbstractLoad(eqx.Module):
     def given(self, q: Scalar) -> Pair:
         """The normal loads of joints 1 and 2, where the motion does not decide them."""
 
+    def valid(self) -> Any:
+        """Whether the numbers keep the load's rules; traced where they are."""
+        return True
+
 
 class FollowerLoad(AbstractLoad):
     """$N_1 = N_2 = |q|$: the follower force, which both pins carry at rest."""
@@ -49,6 +53,11 @@ class ConstantLoad(AbstractLoad):
         """Return n for each joint."""
         return both(self.n)
 
+    def valid(self) -> Any:
+        """Both loads nonnegative."""
+        n1, n2 = both(self.n)
+        return (jnp.asarray(n1) >= 0) & (jnp.asarray(n2) >= 0)
+
 
 class JointReaction(AbstractLoad):
     r"""$N_i = |R_i|$: the magnitude of the reaction that the joint transmits.
@@ -63,7 +72,7 @@ class JointReaction(AbstractLoad):
     (the default). There is one solution as long as $\|P\| < 1$. Beyond there may be
     none (at 0.4 in one random state of seven, at 1 in seven of ten: Painleve's
     paradox of rigid bodies with friction); a residual above 1e-6 makes the
-    accelerations NaN, and the lane ends as `not_finite`.
+    accelerations NaN, and the lane ends as `not_finite` or `step_vanished`.
     """
 
     newton_steps: int = eqx.field(static=True, default=4)
@@ -214,6 +223,7 @@ class SmoothCoulomb(AbstractFriction):
     def valid(self) -> Any:
         """0 <= mu_k <= mu_s, pin_radius >= 0, rates > 0."""
         good = (jnp.asarray(self.v_smooth) > 0) & jnp.isfinite(self.v_smooth)
+        good &= self.load.valid()
         for mu_s, rho in zip(both(self.mu_s), both(self.pin_radius), strict=True):
             good &= (jnp.asarray(mu_s) >= 0) & (jnp.asarray(rho) >= 0)
         if self.mu_k is not None:

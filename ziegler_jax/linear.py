@@ -87,9 +87,13 @@ def regime(column: Column) -> jax.Array:
     any real s > 0, whether or not a pair grows beside it; a point exactly on a
     boundary counts as marginal.
 
-    Damping however small is told from none: growth at a rate of 1e-100 is flutter.
+    Damping however small is told from none, down to the smallest normal number,
+    2.2e-308: growth at a rate of 1e-100 is flutter. Upward the coefficients overflow
+    near 1e75; and where one joint alone is damped beyond about 1e11, flutter cannot
+    be told from divergence with $\det K > 0$.
 
-    **Returns:** int32, `invalid` where numbers only known when traced break a rule.
+    **Returns:** int32, `invalid` for such damping, and where numbers only known when
+    traced break a rule.
 
     **Raises:** `ValueError` if the column has friction.
     """
@@ -163,24 +167,31 @@ def refuse_friction(who: str, column: Column) -> None:
 def _regime(p: Characteristic, q: jax.Array) -> jax.Array:
     p0, p2, p4 = p.p0, value(p.p2, q), value(p.p4, q)
     gap = p2 * p2 - 4 * p0 * p4
-    if p.p1 is None or p.p3 is None:
+    if p.p1 is None or p.p3 is None or p.damped is None:
         stable = jnp.zeros_like(gap, dtype=bool)
         marginal = (gap >= 0) & (p2 >= 0) & (p4 >= 0)
-        real = gap >= 0
+        real, lost = gap >= 0, jnp.zeros_like(stable)
     else:
         p1, p3 = p.p1, value(p.p3, q)
-        none = (p1 == 0) & (p3 == 0)  # a biquadratic: as if there were no law
-        # Hurwitz' determinant over p1^2: it does not underflow with the damping
-        ratio = p3 / jnp.where(p1 > 0, p1, 1.0)
-        hurwitz = ratio * (p2 - p0 * ratio) - p4
-        stable = (p1 > 0) & (p3 > 0) & (p4 > 0) & (hurwitz > 0)
-        marginal = (p2 >= 0) & (p3 >= 0) & (p4 >= 0)
-        marginal &= jnp.where(none, gap >= 0, (p1 > 0) & (hurwitz >= 0))
-        real = (p4 < 0) | (_positive_roots(p1 / p0, p2 / p0, p3 / p0, p4 / p0) > 0)
+        first, ratio = p.damped.p1, value(p.damped.ratio, q)
+        hurwitz = value(p.damped.boundary, q)
+        # a biquadratic: as if there were no law
+        none = (first == 0) & (ratio == 0)
+        stable = (first > 0) & (ratio > 0) & (p4 > 0) & (hurwitz > 0)
+        marginal = (p2 >= 0) & (ratio >= 0) & (p4 >= 0)
+        marginal &= jnp.where(none, gap >= 0, (first > 0) & (hurwitz >= 0))
+        real = _positive_roots(p1 / p0, p2 / p0, p3 / p0, p4 / p0) > 0
+        # large damping: two slow roots, p2 s^2 + p3 s + p4 = 0, that Sturm cannot tell
+        size = jnp.maximum(jnp.abs(p3) / p2, jnp.sqrt(jnp.abs(p4) / p2))
+        slow = (p1 * size < 1e-8 * p2) & (p0 * size * size < 1e-8 * p2) & (p2 > 0)
+        slow_real = (ratio < 0) & (p3 * (p3 / p2) >= 4 * p4)
+        real = (p4 < 0) | jnp.where(slow, slow_real, real)
+        # worst measured: Sturm's chain is right to 1e12
+        lost = (p1 > 1e11 * p0) & ~slow & (p4 >= 0) & ~stable & ~marginal
     code = jnp.where(real, int(REGIME.divergence), int(REGIME.flutter))
     code = jnp.where(marginal, int(REGIME.marginal), code)
     code = jnp.where(stable, int(REGIME.stable), code)
-    valid = p.valid & jnp.isfinite(gap)
+    valid = p.valid & jnp.isfinite(gap) & ~lost
     return jnp.where(valid, code, int(REGIME.invalid)).astype(jnp.int32)
 
 

@@ -29,6 +29,10 @@ class AbstractObserver(eqx.Module):
         """Refuse a column that lacks what is to be observed (ValueError)."""
         del column
 
+    def valid(self) -> Any:
+        """Whether the observer's numbers keep their rules; traced where they are."""
+        return True
+
     def integrand(self, column: Column, y: Vector4) -> tuple:
         """Functions of the state to integrate along the motion."""
         del column, y
@@ -218,6 +222,10 @@ class StickFraction(AbstractObserver):
         self.rate_cut = (
             None if rate_cut is None else number("rate_cut", rate_cut, "positive")
         )
+
+    def valid(self):
+        """A positive cut."""
+        return True if self.rate_cut is None else jnp.asarray(self.rate_cut) > 0
 
     def check(self, column):
         """Without friction nothing sticks, unless the cut is named."""

@@ -34,7 +34,10 @@ class OUTCOME(Code):
     chattering = 5, "stick and slip changed again and again without time going on"
     escaped = 6, "a rod's angle passed the named bound, e.g. it turned over"
     unsettled = 7, "no two consecutive windows agreed within the budget"
-    stuck = 8, "both joints stuck, or crept below the rate cut, for a whole window"
+    stuck = (
+        8,
+        "both joints stuck for a window, or crept below the cut and did not speed up",
+    )
     rest = 9, "the same without friction: the column came to rest"
     cycle = 10, "two consecutive windows agreed: the motion has settled"
     complete = 11, "the motion was followed to the last of the given times"

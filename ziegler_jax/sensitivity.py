@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jax.core import Tracer
 
 from ._parameters import Make, as_function
 from .column import Column
@@ -35,12 +36,23 @@ def sensitivity(
     **Returns:** a dataset along `parameter` with `value` p, `derivative`
     $dq_{cr}/dp$ and `elasticity` $(p/q_{cr})\,dq_{cr}/dp$, the per cent of load that
     a per cent of p brings; `attrs` hold q_cr, the frequency, kind and outcome.
-    `to_dataframe()` prints it as a table. At C = 0 exactly, where q_cr jumps, what
-    changes the damping has derivative NaN.
+    `print(table.to_dataframe())` shows it row by row; the dataset's own print leaves
+    out the middle beyond six parameters unless it is given room,
+    `xr.set_options(display_width=120)`. At C = 0 exactly, where q_cr jumps, what
+    changes the damping has derivative NaN: seen by its derivative and by steps of a
+    thousandth.
 
-    **Raises:** `ValueError` for friction, and where there is no such load.
+    **Raises:** `ValueError` for friction, where there is no such load, for a name
+    that is no parameter, and inside `jax.jit`: its numbers must be concrete.
     """
     make, values = as_function(column, parameters)
+    for name, p in values.items():
+        if isinstance(p, Tracer):
+            raise ValueError(
+                "Argument `parameters` must be concrete numbers, but "
+                f"{name!r} is traced: call `sensitivity` outside `jax.jit` and "
+                "`jax.vmap`, or differentiate `critical_load`."
+            )
     missing = [name for name, p in values.items() if p is None]
     if missing or not values:
         raise ValueError(
@@ -93,6 +105,10 @@ def _derivatives(make: Make, at: dict[str, jax.Array], kind: Kind) -> Any:
     slopes, result = jax.grad(load, has_aux=True)(at)
     # where C = 0, q_cr jumps along everything that changes C
     jumps = (kind == "flutter") & jnp.all(damping(at) == 0)
-    moves = jax.jacfwd(damping)(at)
-    undefined = {name: jumps & jnp.any(move != 0) for name, move in moves.items()}
+    undefined = {}
+    for name, p in at.items():
+        # by steps as well: through c = x^2 the first derivative at x = 0 is none
+        near = [damping(at | {name: p + h * (1 + jnp.abs(p))}) for h in (1e-3, -1e-3)]
+        moves = [jax.jacfwd(lambda p, n=name: damping(at | {n: p}))(p), *near]
+        undefined[name] = jumps & jnp.any(jnp.stack(moves) != 0)
     return result, slopes, undefined

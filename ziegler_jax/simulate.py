@@ -4,24 +4,35 @@ from typing import Any, NamedTuple
 
 import diffrax as dfx
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ._events import EventLog, Events
 from ._legs import current_legs
-from ._types import Scalar, Vector4, is_concrete, number
+from ._scene import (
+    check_scene,
+    float_state,
+    increasing_times,
+    nan_where,
+    outcome_of,
+    prepared,
+    rate_cut_of,
+    recorded,
+    tolerances,
+    valid_scene,
+    whole_number,
+    with_amplitude,
+)
+from ._types import number
 from ._variables import Variable
 from ._windows import Windows
 from .column import Column, State, vector_field
-from .observers import TIME, AbstractObserver, Amplitude
+from .observers import TIME, AbstractObserver
 from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
 from .solvers import Explicit, LandingControl, Observed, StepControl, StickSlip
 
 FIRST_STEP = 0.01
-REST_RATE = 1e-6  # without friction there is no rate of the column's own
-FINEST_IN_FLOAT32 = 1e-5
 
 
 class Settled(eqx.Module):
@@ -110,8 +121,8 @@ def settle(
     the amplitudes of two consecutive ones agree,
     $\max_j |A_j - A_j'| \le$ `rtol_settle` $\max_j A_j$ over the largest
     $|\phi_1|, |\phi_2|, |\phi_2 - \phi_1|$, until both joint rates stayed below
-    `rate_cut` for a whole window, or until `max_windows` are over. The result is that
-    of the last window.
+    `rate_cut` for a whole window and were no faster than in the window before, or until
+    `max_windows` are over. The result is that of the last window.
 
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 
@@ -141,25 +152,26 @@ def settle(
     than 1e-5 in a 32-bit session. `jax.jvp` passes through, `jax.grad` does not (the
     number of steps is not known beforehand).
     """
-    _check_scene(column, start)
-    rtol, atol = _tolerances(rtol, atol)
+    check_scene(column, start)
+    rtol, atol = tolerances(rtol, atol)
     solver = Explicit() if solver is None else solver
     watch = Windows(
         transient=number("transient", transient, "nonnegative"),
         window=number("window", window, "positive"),
-        max_windows=_whole("max_windows", max_windows),
+        max_windows=whole_number("max_windows", max_windows),
         rtol_settle=number("rtol_settle", rtol_settle, "positive"),
         escape=number("escape", escape, "positive"),
-        rate_cut=_rate_cut(column, rate_cut),
-        observers=_with_amplitude(observers, column),
+        rate_cut=rate_cut_of(column, rate_cut),
+        observers=with_amplitude(observers, column),
     )
-    args = _prepared(column)
+    args = prepared(column)
     watching, control = _machine(column, solver, watch, rtol, atol)
     terms = dfx.ODETerm(vector_field)
-    max_steps = _whole("max_steps", max_steps)
-    y0 = _float_state(start)
+    max_steps = whole_number("max_steps", max_steps)
+    y0 = float_state(start)
     zero = jnp.zeros((), y0[0].dtype)
-    invalid = jnp.where(_valid(column, y0), OUTCOME.not_computed, OUTCOME.invalid)
+    good = valid_scene(column, y0) & watch.valid() & (rtol > 0) & (atol > 0)
+    invalid = jnp.where(good, OUTCOME.not_computed, OUTCOME.invalid)
     begin = _Run(
         solver=watching.init(terms, zero, zero, y0, args),
         control=control.start(zero, FIRST_STEP, watch.first_stop()),
@@ -199,28 +211,28 @@ def settle(
     ended = jnp.where(spent, OUTCOME.budget_spent, watched.outcome)
     if isinstance(watching, StickSlip):
         ended = _unless_chattering(watching, after, ended)
-    ended = _outcome(solution.result, after.slope, ended)
+    ended = outcome_of(solution.result, after.slope, ended)
     outcome = jnp.where(run.outcome == OUTCOME.not_computed, ended, run.outcome)
     if legs is not None:
         paused = _Run(after, where, steps, outcome)
         legs.leave(paused, outcome == OUTCOME.not_computed, steps)
     failed = outcome < OUTCOME.unsettled
     observed = {
-        observer.name: _nan_where(
+        observer.name: nan_where(
             failed, observer.result(column, state, watch.window, y1)
         )
         for observer, state in zip(watch.observers, watched.observed, strict=True)
     }
     return Settled(
         observed=observed,
-        drift=_nan_where(failed | ~jnp.isfinite(watched.drift), watched.drift),
+        drift=nan_where(failed | ~jnp.isfinite(watched.drift), watched.drift),
         final=State(y1[:2], y1[2:]),
         time=where.t,
         steps=steps,
         windows=watched.windows,
         outcome=outcome.astype(jnp.int8),
         observers=watch.observers,
-        settings=_settings(
+        settings=recorded(
             solver=solver.name,
             rtol=rtol,
             atol=atol,
@@ -264,14 +276,14 @@ def trajectory(
 
     **Raises:** `ValueError` as `settle`, and for times that do not increase.
     """
-    _check_scene(column, start)
-    rtol, atol = _tolerances(rtol, atol)
-    y0 = _float_state(start)
-    ts = _times(ts, y0[0].dtype)
-    good = _valid(column, y0)
+    check_scene(column, start)
+    rtol, atol = tolerances(rtol, atol)
+    y0 = float_state(start)
+    ts = increasing_times(ts, y0[0].dtype)
+    good = valid_scene(column, y0)
     control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
     if isinstance(column.friction, SetValuedCoulomb):
-        log = EventLog(_whole("max_events", max_events))
+        log = EventLog(whole_number("max_events", max_events))
         solver = Explicit() if solver is None else solver
         method, control = _machine(column, solver, log, rtol, atol)
     else:
@@ -283,13 +295,13 @@ def trajectory(
         t1=jnp.where(good, ts[-1], ts[0]),
         dt0=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
         y0=y0,
-        args=_prepared(column),
+        args=prepared(column),
         stepsize_controller=dfx.ClipStepSizeController(
             control,
             step_ts=ts,
         ),
         saveat=dfx.SaveAt(ts=ts, solver_state=True),
-        max_steps=_whole("max_steps", max_steps),
+        max_steps=whole_number("max_steps", max_steps),
         throw=False,
         adjoint=dfx.ForwardMode(),
     )
@@ -301,7 +313,7 @@ def trajectory(
     if isinstance(method, StickSlip):
         events, slope = after.folded, after.slope
         ended = _unless_chattering(method, after, ended)
-    outcome = _outcome(solution.result, slope, ended)
+    outcome = outcome_of(solution.result, slope, ended)
     return Trajectory(
         ts=ts,
         phi=jnp.stack(ys[:2], axis=-1),
@@ -338,121 +350,3 @@ def _rule(column: Column) -> dict[str, str]:
     """The name of the friction law's rule, where it has one."""
     law = column.friction
     return {"release": law.release} if isinstance(law, SetValuedCoulomb) else {}
-
-
-def _outcome(result: Any, last_slope: Any, otherwise: Any) -> jax.Array:
-    """The code of a lane: what stopped the solver, or otherwise."""
-    finite = True
-    for slope in jax.tree.leaves(last_slope):
-        finite &= jnp.isfinite(slope)
-    stopped = result == dfx.RESULTS.dt_min_reached
-    reason = jnp.where(finite, OUTCOME.step_vanished, OUTCOME.not_finite)
-    outcome = jnp.where(stopped, reason, otherwise)
-    spent = result == dfx.RESULTS.max_steps_reached
-    return jnp.where(spent, OUTCOME.budget_spent, outcome)
-
-
-def _settings(**options: Any) -> tuple[tuple[str, Any], ...]:
-    """Options for the record; what differs from point to point says so."""
-    record = []
-    for name, value in options.items():
-        if isinstance(value, np.floating):
-            value = float(value)
-        elif not isinstance(value, (int, str)):
-            value = "set at each point"
-        record.append((name, value))
-    return tuple(record)
-
-
-def _nan_where(failed: Any, values: Any) -> Any:
-    return jax.tree.map(lambda x: jnp.where(failed, jnp.nan, x), values)
-
-
-def _prepared(column: Column) -> Column:
-    """The column for one motion: what does not change along it is worked out."""
-    if column.friction is not None:
-        friction = column.friction.prepared(column.q)
-        column = eqx.tree_at(lambda c: c.friction, column, friction)
-    if column.tangential:
-        column = eqx.tree_at(lambda c: c.follower, column, None)
-    return column
-
-
-def _valid(column: Column, y0: Vector4) -> jax.Array:
-    good = column.valid()
-    for x in y0:
-        good &= jnp.isfinite(x)
-    return good
-
-
-def _float_state(start: State) -> Vector4:
-    dtype = jnp.result_type(float)
-    return tuple(jnp.asarray(x, dtype) for x in start.y)  # type: ignore[return-value]
-
-
-def _check_scene(column: Any, start: Any) -> None:
-    if not isinstance(column, Column):
-        raise ValueError(f"Argument `column` must be a `Column`, but is {column!r}.")
-    if not isinstance(start, State):
-        raise ValueError(f"Argument `start` must be a `State`, but is {start!r}.")
-
-
-def _tolerances(rtol: Any, atol: Any) -> tuple[Scalar, Scalar]:
-    rtol, atol = number("rtol", rtol, "positive"), number("atol", atol, "positive")
-    if jnp.result_type(float) == jnp.float32:
-        for name, tol in (("rtol", rtol), ("atol", atol)):
-            if is_concrete(tol) and tol < FINEST_IN_FLOAT32:
-                raise ValueError(
-                    f"Argument `{name}` must be at least {FINEST_IN_FLOAT32:g} in "
-                    f"32-bit arithmetic, but is {tol:g}; enable 64 bits with "
-                    '`jax.config.update("jax_enable_x64", True)`, or use `sweep`.'
-                )
-    return rtol, atol
-
-
-def _whole(name: str, x: Any) -> int:
-    if isinstance(x, bool) or not isinstance(x, (int, np.integer)) or x < 1:
-        raise ValueError(
-            f"Argument `{name}` must be a whole number of at least 1, but is {x!r}."
-        )
-    return int(x)
-
-
-def _times(ts: Any, dtype: Any) -> jax.Array:
-    if np.ndim(ts) != 1 or np.shape(ts)[0] < 2:
-        raise ValueError(
-            "Argument `ts` must be at least two times in one dimension, but has shape "
-            f"{np.shape(ts)}."
-        )
-    if is_concrete(ts) and not np.all(np.diff(np.asarray(ts, dtype=float)) > 0):
-        raise ValueError("Argument `ts` must increase, but does not.")
-    return jnp.asarray(ts, dtype)
-
-
-def _rate_cut(column: Column, rate_cut: Any) -> Scalar | None:
-    if rate_cut is not None:
-        return number("rate_cut", rate_cut, "positive")
-    return REST_RATE if column.friction is None else column.friction.rate_cut()
-
-
-def _with_amplitude(observers: Any, column: Column) -> tuple[AbstractObserver, ...]:
-    """The observers, `Amplitude()` first: the windows are compared by it."""
-    try:
-        chosen = [o for o in observers if not isinstance(o, Amplitude)]
-    except TypeError:
-        chosen = [observers]
-    names = set()
-    for observer in chosen:
-        if not isinstance(observer, AbstractObserver):
-            raise ValueError(
-                "Argument `observers` must be a sequence of observers such as "
-                f"`Period()`, but contains {observer!r}."
-            )
-        if observer.name in names:
-            raise ValueError(
-                f"Argument `observers` must name each once, but has `{observer.name}` "
-                "twice."
-            )
-        names.add(observer.name)
-        observer.check(column)
-    return (Amplitude(), *chosen)

@@ -11,6 +11,7 @@ import optimistix as optx
 import xarray as xr
 
 from ._parameters import Make, as_function
+from ._types import pair
 from .column import Column
 from .critical import CriticalLoad, Kind, critical_load
 from .outcome import CRITICAL
@@ -60,16 +61,24 @@ def stabilise(
         A start on or outside a bound is moved inside by a hundredth of the width.
     - `rtol`: the relative step at which to stop; `max_steps`: evaluations.
 
-    **Raises:** `ValueError` for bounds that are not low < high, a start that is not
-    `found`, or friction.
+    **Raises:** `ValueError` for no bounds or such that are not low < high, a start
+    that is not `found`, `max_steps` below 1, or friction.
     """
+    if not isinstance(parameters, Mapping) or not parameters:
+        raise ValueError(
+            "Argument `parameters` must map at least one name to (low, high), but is "
+            f"{parameters!r}."
+        )
+    if max_steps < 1:
+        raise ValueError(f"Argument `max_steps` must be positive, but is {max_steps}.")
     make, own = as_function(column, list(parameters))
     start = dict(start or {})
     unknown = set(start) - set(parameters)
     if unknown:
         raise ValueError(f"Argument `start` must name `parameters`, but has {unknown}.")
     low, width, x = {}, {}, {}
-    for name, (lo, hi) in parameters.items():
+    for name, bounds in parameters.items():
+        lo, hi = pair(f"parameters[{name!r}]", bounds)
         if not (np.isfinite(lo) and np.isfinite(hi) and lo < hi):
             raise ValueError(
                 f"Argument `parameters` must give bounds low < high, but {name!r} has "

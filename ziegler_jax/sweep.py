@@ -1,6 +1,7 @@
 """A sweep: any function of named numbers, over named axes, as a labelled dataset."""
 
 import inspect
+import json
 import platform
 from collections.abc import Callable, Mapping
 from importlib import metadata
@@ -10,7 +11,15 @@ import numpy as np
 import xarray as xr
 from tqdm import tqdm
 
-from ._lanes import Effort, Program, all_cores, compile_point, grid_shape, run_lanes
+from ._lanes import (
+    Effort,
+    Program,
+    all_cores,
+    compiled,
+    grid_shape,
+    run_lanes,
+    surroundings,
+)
 from ._variables import AXES, DIMENSIONS, Variable
 from .outcome import flag_attributes
 
@@ -42,7 +51,9 @@ def sweep(
     - `point`: a function of named scalars that JAX can trace. It returns a scalar, a
         dict of scalars, or a result of the library, which knows its dimensions and
         units. It is compiled once for a batch of lanes and kept for the next sweep of
-        the same function.
+        the same function, as long as the numbers that it takes from around it stay the
+        same. Where it runs one `settle`, lanes run in legs and are refilled as they
+        end; whatever else it computes is then computed anew in each leg.
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other.
     - `batch_size`: lanes a batch. None is 8192 for points that run no `settle`, and
@@ -57,10 +68,14 @@ def sweep(
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
     or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
-    hold versions, precision, the scene's source and what the run cost.
+    hold versions, precision, the scene's source with the numbers that it takes from
+    around it, and what the run cost (the share of useful steps where lanes run in
+    legs, else NaN).
 
     **Raises:** `ValueError` that names the argument, its value and the rule.
     """
+    if axes is not None and not isinstance(axes, Mapping):
+        raise ValueError(f"Argument `axes` must map names to values, but is {axes!r}.")
     grid = _axes(point, dict(axes or {}), named_axes)
     names, values = tuple(grid), list(grid.values())
     shape = tuple(v.size for v in values)
@@ -73,7 +88,7 @@ def sweep(
             f"Argument `precision` must be float64 or float32, but is {precision!r}."
         )
     wide = precision == "float64"
-    program = compile_point(point, names, batch_size, wide)
+    program = compiled(point, names, batch_size, wide)
     _check_names(names, program)
     arrays = {
         name: _empty(variable, shape) for name, variable in program.variables.items()
@@ -88,7 +103,8 @@ def sweep(
     ) as bar:
 
         def on_batch(done: int, useful: float) -> None:
-            bar.set_postfix_str(f"{useful:.0%} useful steps", refresh=False)
+            if np.isfinite(useful):
+                bar.set_postfix_str(f"{useful:.0%} useful steps", refresh=False)
             bar.update(done)
 
         effort = run_lanes(
@@ -109,11 +125,18 @@ def _axes(point: Callable, extra: dict, named: dict) -> dict[str, np.ndarray]:
         )
     grid = {}
     for name, values in {**named, **extra}.items():
+        if not isinstance(name, str):
+            raise ValueError(
+                f"Argument `axes` must have strings as names, not {name!r}."
+            )
         try:
+            kind = np.asarray(values).dtype.kind
+            if kind not in "iuf" or np.ma.isMaskedArray(values):
+                raise TypeError
             values = np.asarray(values, dtype=np.float64)
         except (TypeError, ValueError):
             raise ValueError(
-                f"Axis `{name}` must be numbers, but is {values!r}."
+                f"Axis `{name}` must be real numbers, but is {values!r}."
             ) from None
         if values.ndim != 1:
             raise ValueError(
@@ -148,7 +171,7 @@ def _check_signature(function: Callable, names: list[str], what: str) -> None:
         if name not in known and not takes_any:
             raise ValueError(
                 f"Axis `{name}` must be a parameter of `{what}`, which takes "
-                f"{', '.join(sorted(known)) or 'none'}."
+                f"{', '.join(sorted(known)) or 'no parameters by name'}."
             )
     for p in by_name:
         if p.default is p.empty and p.name not in names:
@@ -159,11 +182,14 @@ def _check_signature(function: Callable, names: list[str], what: str) -> None:
 
 
 def _check_names(names: tuple[str, ...], program: Program) -> None:
+    taken = set(program.variables)
+    for variable in program.variables.values():
+        taken |= set(variable.dims)
     for name in names:
-        if name in program.variables or name in DIMENSIONS:
+        if name in taken:
             raise ValueError(
-                f"Axis `{name}` must be named unlike a result, but `point` returns "
-                f"{', '.join(program.variables)} over rod and joint."
+                f"Axis `{name}` must be named unlike a result or its dimensions, which "
+                f"are {', '.join(sorted(taken))}."
             )
 
 
@@ -177,10 +203,10 @@ def _valid_points(where: Callable | None, grid: dict, shape: tuple) -> np.ndarra
     try:
         chosen = np.asarray(where(**dict(zip(grid, mesh, strict=True))))
         valid = np.broadcast_to(chosen, shape)
-    except ValueError as error:
+    except Exception as error:
         raise ValueError(
             "Argument `where` must work on arrays that broadcast (use `&`, not `and`), "
-            f"but raised: {error}"
+            f"but raised {type(error).__name__}: {error}"
         ) from error
     if valid.dtype != bool:
         raise ValueError(
@@ -200,11 +226,11 @@ def _count(name: str, x: Any) -> int:
 
 
 def _empty(variable: Variable, shape: tuple[int, ...]) -> np.ndarray:
-    """NaN for numbers, 0 (`not_computed`) for codes and counts."""
+    """NaN for numbers, 0 (`not_computed`) for codes."""
     dtype = np.dtype(variable.value.dtype)
-    if dtype.kind == "b":
-        dtype = np.dtype(np.float64)  # so that a missing point can be told from False
-    fill = np.nan if dtype.kind == "f" else 0
+    if dtype.kind in "biu" and variable.codes is None:
+        dtype = np.dtype(np.float64)  # so that a missing point can be told from 0
+    fill = np.nan if dtype.kind in "fc" else 0
     return np.full(shape + grid_shape(variable), fill, dtype)
 
 
@@ -245,6 +271,7 @@ def _provenance(
         **versions,
         "python_version": platform.python_version(),
         "scene": scene,
+        "scene_constants": json.dumps(dict(surroundings(point, numbers_only=True))),
         **program.attributes,
         "precision": "float64" if program.wide else "float32",
         "batch_size": program.batch_size,

@@ -1,0 +1,140 @@
+"""What `settle` and `trajectory` ask of a scene, and what they make of it."""
+
+from typing import Any
+
+import diffrax as dfx
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._types import Scalar, Vector4, is_concrete, number
+from .column import Column, State
+from .observers import AbstractObserver, Amplitude
+from .outcome import OUTCOME
+
+REST_RATE = 1e-6  # without friction there is no rate of the column's own
+FINEST_IN_FLOAT32 = 1e-5
+MOST_STEPS = 2**31 - 1  # they are counted in 32 bits
+
+
+def outcome_of(result: Any, last_slope: Any, otherwise: Any) -> jax.Array:
+    """The code of a lane: what stopped the solver, or otherwise."""
+    finite = True
+    for slope in jax.tree.leaves(last_slope):
+        finite &= jnp.isfinite(slope)
+    stopped = result == dfx.RESULTS.dt_min_reached
+    reason = jnp.where(finite, OUTCOME.step_vanished, OUTCOME.not_finite)
+    outcome = jnp.where(stopped, reason, otherwise)
+    spent = result == dfx.RESULTS.max_steps_reached
+    return jnp.where(spent, OUTCOME.budget_spent, outcome)
+
+
+def recorded(**options: Any) -> tuple[tuple[str, Any], ...]:
+    """Options for the record; what differs from point to point says so."""
+    record = []
+    for name, value in options.items():
+        if isinstance(value, np.floating):
+            value = float(value)
+        elif not isinstance(value, (int, str)):
+            value = "set at each point"
+        record.append((name, value))
+    return tuple(record)
+
+
+def nan_where(failed: Any, values: Any) -> Any:
+    return jax.tree.map(lambda x: jnp.where(failed, jnp.nan, x), values)
+
+
+def prepared(column: Column) -> Column:
+    """The column for one motion: what does not change along it is worked out."""
+    if column.friction is not None:
+        friction = column.friction.prepared(column.q)
+        column = eqx.tree_at(lambda c: c.friction, column, friction)
+    if column.tangential:
+        column = eqx.tree_at(lambda c: c.follower, column, None)
+    return column
+
+
+def valid_scene(column: Column, y0: Vector4) -> jax.Array:
+    good = column.valid()
+    for x in y0:
+        good &= jnp.isfinite(x)
+    return good
+
+
+def float_state(start: State) -> Vector4:
+    dtype = jnp.result_type(float)
+    return tuple(jnp.asarray(x, dtype) for x in start.y)  # type: ignore[return-value]
+
+
+def check_scene(column: Any, start: Any) -> None:
+    if not isinstance(column, Column):
+        raise ValueError(f"Argument `column` must be a `Column`, but is {column!r}.")
+    if not isinstance(start, State):
+        raise ValueError(f"Argument `start` must be a `State`, but is {start!r}.")
+
+
+def tolerances(rtol: Any, atol: Any) -> tuple[Scalar, Scalar]:
+    rtol, atol = number("rtol", rtol, "positive"), number("atol", atol, "positive")
+    if jnp.result_type(float) == jnp.float32:
+        for name, tol in (("rtol", rtol), ("atol", atol)):
+            if is_concrete(tol) and tol < FINEST_IN_FLOAT32:
+                raise ValueError(
+                    f"Argument `{name}` must be at least {FINEST_IN_FLOAT32:g} in "
+                    f"32-bit arithmetic, but is {tol:g}; enable 64 bits with "
+                    '`jax.config.update("jax_enable_x64", True)`, or use `sweep`.'
+                )
+    return rtol, atol
+
+
+def whole_number(name: str, x: Any) -> int:
+    whole = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
+    if not whole or not 1 <= x <= MOST_STEPS:
+        raise ValueError(
+            f"Argument `{name}` must be a whole number of at least 1 and below 2^31, "
+            f"but is {x!r}."
+        )
+    return int(x)
+
+
+def increasing_times(ts: Any, dtype: Any) -> jax.Array:
+    if np.ndim(ts) != 1 or np.shape(ts)[0] < 2:
+        raise ValueError(
+            "Argument `ts` must be at least two times in one dimension, but has shape "
+            f"{np.shape(ts)}."
+        )
+    if is_concrete(ts):
+        known = np.asarray(ts, dtype=float)
+        if not (np.all(np.diff(known) > 0) and np.all(np.isfinite(known))):
+            raise ValueError("Argument `ts` must be finite and increase, but does not.")
+    return jnp.asarray(ts, dtype)
+
+
+def rate_cut_of(column: Column, rate_cut: Any) -> Scalar | None:
+    if rate_cut is not None:
+        return number("rate_cut", rate_cut, "positive")
+    return REST_RATE if column.friction is None else column.friction.rate_cut()
+
+
+def with_amplitude(observers: Any, column: Column) -> tuple[AbstractObserver, ...]:
+    """The observers, `Amplitude()` first: the windows are compared by it."""
+    try:
+        chosen = [o for o in observers if not isinstance(o, Amplitude)]
+    except TypeError:
+        chosen = [observers]
+    names = set()
+    for observer in chosen:
+        if not isinstance(observer, AbstractObserver):
+            raise ValueError(
+                "Argument `observers` must be a sequence of observers such as "
+                f"`Period()`, but contains {observer!r}."
+            )
+        if observer.name in names:
+            raise ValueError(
+                f"Argument `observers` must name each once, but has `{observer.name}` "
+                "twice."
+            )
+        names.add(observer.name)
+        observer.check(column)
+    return (Amplitude(), *chosen)
