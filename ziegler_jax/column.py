@@ -209,8 +209,7 @@ def vector_field(t: Any, y: Vector4, column: Column) -> Vector4:
     forces = _Forces(column, y)
     law = _set_valued(column, forces)
     if law is not None:
-        a1, a2 = forces.accelerations(law.torques(forces.balance()))
-        return w1, w2, *law.hold(a1, a2)
+        return w1, w2, *law.accelerations(forces.balance())
     torques = _friction_torques(column, forces, y)
     a1, a2 = forces.accelerations(torques)
     return w1, w2, a1, a2

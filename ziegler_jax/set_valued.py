@@ -202,8 +202,27 @@ class Torques(AbstractFriction):
             jnp.where(stuck2, jnp.where(stuck1, both2, balance.held2(t1)), t2),
         )
 
+    def accelerations(self, balance: Balance) -> Pair:
+        """The rods' accelerations in the frozen modes, with one division."""
+        assert self.modes is not None
+        a, h, d, r1, r2 = balance
+        m1, m2 = self.modes
+        t1, t2 = m1 * self.kinetic[0], m2 * self.kinetic[1]
+        stuck1, stuck2 = m1 == 0, m2 == 0
+        one, two, whole = r1 - t1 + t2, r2 - t2, r1 + r2 - t1
+        inertia = jnp.where(stuck1, d, a * d - h * h)
+        inverse = 1 / jnp.where(stuck2, a + 2 * h + d, inertia)
+        first = jnp.where(stuck2, whole, d * one - h * two)
+        second = jnp.where(stuck1, two, a * two - h * one)
+        second = jnp.where(stuck2, whole, second)
+        still = stuck1 & stuck2
+        return (
+            jnp.where(stuck1, 0.0, first * inverse),
+            jnp.where(still, 0.0, second * inverse),
+        )
+
     def hold(self, x1: Scalar, x2: Scalar) -> Pair:
-        """Rates or accelerations of the rods, those of stuck joints made exactly so."""
+        """Rates of the rods, with those of stuck joints exactly zero."""
         assert self.modes is not None
         m1, m2 = self.modes
         x1 = jnp.where(m1 == 0, 0.0, x1)

@@ -15,19 +15,16 @@ from .._types import Scalar
 ITERATIONS = 6  # of a Newton method that is kept in a bracket
 
 
-def falls_below(g0: Scalar, v0: Scalar, g1: Scalar, v1: Scalar, tol: Scalar) -> Any:
-    """Whether the guard falls below -tol, and the bracket of that.
+def extrema(g0: Scalar, v0: Scalar, g1: Scalar, v1: Scalar) -> tuple[Any, Any]:
+    """Where in (0, 1) the cubic has its extrema, in order; 1 for one that is absent.
 
-    **Arguments:** values and slopes, per step, at both ends; `tol`.
-
-    **Returns:** the verdict, and the two places in [0, 1] between which it falls.
+    **Arguments:** values and slopes, per step, at both ends.
     """
     rise = g1 - g0
     c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
     square = c2 * c2 - 3 * c3 * v0
     root = jnp.sqrt(jnp.maximum(square, 0.0))
-    # the extrema, so that nothing cancels; absent ones are put at the end
-    sum_ = -(c2 + jnp.where(c2 < 0, -root, root))
+    sum_ = -(c2 + jnp.where(c2 < 0, -root, root))  # nothing cancels
 
     def inside(top, bottom):
         x = top / jnp.where(bottom == 0, 1.0, bottom)
@@ -35,7 +32,22 @@ def falls_below(g0: Scalar, v0: Scalar, g1: Scalar, v1: Scalar, tol: Scalar) -> 
         return jnp.where(there, x, 1.0)
 
     x1, x2 = inside(sum_, 3 * c3), inside(v0, sum_)
-    a, b = jnp.minimum(x1, x2), jnp.maximum(x1, x2)
+    return jnp.minimum(x1, x2), jnp.maximum(x1, x2)
+
+
+def falls_below(
+    g0: Scalar, v0: Scalar, g1: Scalar, v1: Scalar, tol: Scalar, turns: Any
+) -> Any:
+    """Whether the guard falls below -tol, and the bracket of that.
+
+    **Arguments:** values and slopes, per step, at both ends; `tol`; `turns`: the
+    extrema.
+
+    **Returns:** the verdict, and the two places in [0, 1] between which it falls.
+    """
+    rise = g1 - g0
+    c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
+    a, b = turns
 
     def below(x):
         return g0 + x * (v0 + x * (c2 + x * c3)) < -tol

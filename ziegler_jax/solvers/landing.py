@@ -82,13 +82,13 @@ class LandingControl(dfx.AbstractAdaptiveStepSizeController):
         assert isinstance(y_error, LandingSignals)
         signals = y_error
         left = controller_state.left - 1
-        small, factor = materialise(
-            t0,
-            lambda: judge(
-                self.rtol, self.atol, y0, y1_candidate, signals.error, error_order
-            ),
-        )
-        keep = small & ~(signals.land < t1)
+        tols = self.rtol, self.atol
+
+        def verdict():
+            small, factor = judge(*tols, y0, y1_candidate, signals.error, error_order)
+            return small, small & ~(signals.land < t1), factor
+
+        small, keep, factor = materialise(t0, verdict)
         tried, allowed = t1 - t0, controller_state.h
         grown = tried * factor
         # a step that was cut short says little about how long one may be

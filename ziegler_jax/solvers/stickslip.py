@@ -22,7 +22,7 @@ from .._layer import FAR
 from .._materialise import if_any_lane, materialise
 from .._types import Pair, Scalar, Vector4
 from ..column import Column, joint_balance, vector_field
-from .crossing import falls_below, place
+from .crossing import extrema, falls_below, place
 from .explicit import OKAY, Explicit, dense
 from .landing import LandingSignals
 from .observed import AbstractFold, Step
@@ -112,7 +112,7 @@ class StickSlip(dfx.AbstractSolver):
             terms, t0, t1, y0, column, f0, self.fold.integrand(column)
         )
         y1 = (*y1[:2], *column.friction.hold(y1[2], y1[3]))
-        g1, v1, torque = materialise(t0, _guards, column, y1, f1)
+        g1, v1, torque = _guards(column, y1, f1)
         land, landed, tol = self._events(t0, t1, (g0, v0), (g1, v1))
         event = landed[0] | landed[1]
 
@@ -150,9 +150,11 @@ class StickSlip(dfx.AbstractSolver):
             (start[0][i], h * start[1][i], end[0][i], h * end[1][i]) for i in (0, 1)
         ]
 
+        turns = materialise(t0, lambda: [extrema(*p) for p in pieces])
+
         def search():
-            found = [falls_below(*p, e) for p, e in zip(pieces, tol, strict=True)]
-            return tuple(found)
+            each = zip(pieces, tol, turns, strict=True)
+            return [falls_below(*p, e, x) for p, e, x in each]
 
         found = materialise(t0, search)
         passed = tuple(f[0] for f in found)
@@ -166,22 +168,26 @@ class StickSlip(dfx.AbstractSolver):
 
         nowhere = jnp.full_like(h, jnp.inf)
         places = if_any_lane(passed[0] | passed[1], locate, (nowhere, nowhere))
-        # a step that cannot be shortened any more has landed where it ends
-        soonest = t0 + 16 * eps * jnp.maximum(jnp.abs(t0), eps)
-        times = tuple(jnp.maximum(t0 + x * h, soonest) for x in places)
-        cut = jnp.minimum(times[0], times[1])
-        too_late = cut >= t1
-        cut = jnp.where(too_late, jnp.inf, cut)
-        landed, ahead = [], []
-        for (_, _, g, v), p, e in zip(pieces, passed, tol, strict=True):
-            landed.append(jnp.where(p, too_late, (g <= e) & (v < 0)) & ~(cut < t1))
-            share = (g + 0.5 * e) / jnp.where(v < 0, -v, 1.0)
-            near = (v < 0) & (g > e) & (share < NEARLY)
-            ahead.append(jnp.where(near, t1 + share * h, jnp.inf))
-        aim = jnp.minimum(ahead[0], ahead[1])
-        event = landed[0] | landed[1]
-        land = jnp.where(cut < t1, cut, jnp.where(event, jnp.inf, aim))
-        return land, tuple(landed), tol
+
+        def verdict():
+            # a step that cannot be shortened any more has landed where it ends
+            soonest = t0 + 16 * eps * jnp.maximum(jnp.abs(t0), eps)
+            cut = jnp.maximum(t0 + jnp.minimum(*places) * h, soonest)
+            too_late = cut >= t1
+            cut = jnp.where(too_late, jnp.inf, cut)
+            landed, ahead = [], []
+            for (_, _, g, v), p, e in zip(pieces, passed, tol, strict=True):
+                on = jnp.where(p, too_late, (g <= e) & (v < 0))
+                landed.append(on & ~(cut < t1))
+                share = (g + 0.5 * e) / jnp.where(v < 0, -v, 1.0)
+                near = (v < 0) & (g > e) & (share < NEARLY)
+                ahead.append(jnp.where(near, t1 + share * h, jnp.inf))
+            aim = jnp.minimum(ahead[0], ahead[1])
+            event = landed[0] | landed[1]
+            land = jnp.where(cut < t1, cut, jnp.where(event, jnp.inf, aim))
+            return land, tuple(landed), tol
+
+        return materialise(t0, verdict)
 
 
 def _rates(y: Vector4) -> Pair:
@@ -203,20 +209,25 @@ def _guards(column: Any, y: Vector4, slope: Vector4) -> Guards:
     """The guards in the column's modes."""
     law = column.friction
 
-    def torques(y):
-        return law.torques(joint_balance(column, y))
+    def forces():
+        return jax.jvp(lambda y: joint_balance(column, y), (y,), (slope,))
 
-    torque, change = jax.jvp(torques, (y,), (slope,))
-    rates, faster = _rates(y), _rates(slope)
-    values, slopes = [], []
-    for i, m in enumerate(law.modes):
-        stuck = m == 0
-        most = jnp.maximum(law.static[i], 1e-30)
-        held = (most * most - torque[i] * torque[i]) / (2 * most)
-        values.append(jnp.where(stuck, held, m * rates[i]))
-        loosening = -torque[i] * change[i] / most
-        slopes.append(jnp.where(stuck, loosening, m * faster[i]))
-    return Guards(tuple(values), tuple(slopes), torque)  # type: ignore[arg-type]
+    balance, moving = materialise(y[0], forces)
+
+    def guards():
+        torque, change = jax.jvp(law.torques, (balance,), (moving,))
+        rates, faster = _rates(y), _rates(slope)
+        values, slopes = [], []
+        for i, m in enumerate(law.modes):
+            stuck = m == 0
+            most = jnp.maximum(law.static[i], 1e-30)
+            held = (most * most - torque[i] * torque[i]) / (2 * most)
+            values.append(jnp.where(stuck, held, m * rates[i]))
+            loosening = -torque[i] * change[i] / most
+            slopes.append(jnp.where(stuck, loosening, m * faster[i]))
+        return Guards(tuple(values), tuple(slopes), torque)  # type: ignore[arg-type]
+
+    return materialise(y[0], guards)
 
 
 def _changed(column: Column, old: Any, torque: Pair, landed: Pair, tol: Pair) -> Any:
@@ -239,11 +250,12 @@ def _changed(column: Column, old: Any, torque: Pair, landed: Pair, tol: Pair) ->
         inside = jnp.where(landed[i], 1.001 * jnp.sign(torque[i]), inside)
         layer.append(jnp.where(stuck[i], inside, FAR * m))
     y = _at_rest(y, rest)
-    balance = joint_balance(column, y)
+    balance = materialise(y[0], joint_balance, column, y)
     event = landed[0] | landed[1]
-    modes = law.chosen(balance, modes, rest, slack, tuple(layer), event)
+    parts = balance, modes, rest, slack, tuple(layer), event
+    modes = materialise(y[0], law.chosen, *parts)
     now = _in_modes(column, modes)
-    slope = vector_field(0.0, y, now)
+    slope = (y[2], y[3], *materialise(y[0], now.friction.accelerations, balance))
     value, fall, _ = _guards(now, y, slope)
     new = (y, slope, modes, (value, fall))
     return jax.tree.map(lambda a, b: jnp.where(event, a, b), new, old)
