@@ -36,7 +36,7 @@ def test_the_store_reopens_with_axes_outcomes_and_attributes(written):
     np.testing.assert_array_equal(ds["mu_s"], mu)
     np.testing.assert_array_equal(ds["mu_k"], mu)
     assert ds["joint_amplitude"].dims == ("q", "mu_s", "mu_k", "joint")
-    assert ds["outcome"].attrs["flag_meanings"].split()[9] == "cycle"
+    assert ds["outcome"].attrs["flag_meanings"].split()[zj.OUTCOME.cycle] == "cycle"
     assert ds["outcome"].attrs["flag_values"][zj.OUTCOME.cycle] == zj.OUTCOME.cycle
     assert ds["joint_amplitude"].attrs["units"] == "rad"
     assert "SmoothCoulomb" in ds.attrs["scene"]
@@ -156,7 +156,10 @@ def test_a_section_keeps_only_rows_whose_kinetic_friction_is_close():
     mu_k = np.broadcast_to(mu, (2, 6, 6))
     ds = xr.Dataset(
         {
-            "outcome": (("q", "mu_s", "mu_k"), np.full((2, 6, 6), 9, np.int8)),
+            "outcome": (
+                ("q", "mu_s", "mu_k"),
+                np.full((2, 6, 6), zj.OUTCOME.cycle, np.int8),
+            ),
             "own": (("q", "mu_s", "mu_k"), mu_k),
         },
         {"q": [1.0, 2.0], "mu_s": mu, "mu_k": mu},
