@@ -49,7 +49,7 @@ def spectrum(column: Column) -> jax.Array:
     r"""The four eigenvalues s of $\det(M s^2 + C s + K) = 0$, in $\sqrt{k/(m l^2)}$.
 
     By `jnp.linalg.eigvals` of the first-order matrix, one LAPACK call a column: for
-    maps of many points `regime` is some fifty times faster. Where two eigenvalues
+    maps of many points `regime` is tens of times faster. Where two eigenvalues
     meet (undamped flutter) they carry half the digits, and their derivatives do not
     exist: differentiate `critical_load`.
 
