@@ -56,6 +56,7 @@ def test_the_reference_motions_and_their_events(reference, case, tol, states, ti
         found.events.times[:count], ref["ev_t"], rtol=0, atol=times
     )
     assert np.isnan(found.events.times[count:]).all()
+    assert found.events.release == rule_of(case)
 
 
 # Scenes of one program each rule: the references, a cycle, random ones.

@@ -26,7 +26,7 @@ FLOORS = [
     ["critical", "_windows", "_events", "_scene", "simulate"],
     ["sensitivity", "stabilise", "_lanes"],
     ["sweep"],
-    ["plot", "plot_linear"],
+    ["plot", "plot_linear", "audit"],
     ["__main__"],
 ]
 # Within a floor: a room that was divided, and what stands on the solvers.

@@ -1,6 +1,7 @@
 """Flutter of the Ziegler column with dry friction: vectorised maps in JAX."""
 
 from ._cpu import configure_cpu
+from .audit import RegularisationError, regularisation_error
 from .column import (
     Column,
     State,
@@ -39,6 +40,7 @@ __all__ = [
     "JointReaction",
     "Mean",
     "Period",
+    "RegularisationError",
     "SetValuedCoulomb",
     "Settled",
     "SmoothCoulomb",
@@ -56,6 +58,7 @@ __all__ = [
     "power",
     "reactions",
     "regime",
+    "regularisation_error",
     "sensitivity",
     "settle",
     "spectral_abscissa",

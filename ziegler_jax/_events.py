@@ -13,13 +13,15 @@ class Events(eqx.Module):
 
     `times` (n,), NaN where there is no event; `joints` (n,): 1 or 2, 3 for both at
     once, 0 for the start; `modes` (n, 2) after the event: 1 and -1 slip, 0 sticks;
-    `count`: how many there were, which may be more than there is room for.
+    `count`: how many there were, which may be more than there is room for; `release`:
+    the rule that chose the modes.
     """
 
     times: Any
     joints: Any
     modes: Any
     count: Any
+    release: str = eqx.field(static=True)
 
 
 class EventLog(AbstractFold):
@@ -40,6 +42,7 @@ class EventLog(AbstractFold):
             jnp.zeros(n, jnp.int32),
             jnp.zeros((n, 2), jnp.int32),
             jnp.zeros((), jnp.int32),
+            column.friction.release,
         )
         return _with(none, True, t0, 0, column.friction.modes)
 
@@ -59,4 +62,5 @@ def _with(log: Events, happened: Any, t: Any, joint: Any, modes: Any) -> Events:
         log.joints.at[place].set(joint, mode="drop"),
         log.modes.at[place].set(row, mode="drop"),
         log.count + jnp.where(happened, 1, 0),
+        log.release,
     )

@@ -142,8 +142,7 @@ class SetValuedCoulomb(AbstractFriction):
         if self.mu_k is None:
             return Torques(static, static, self.release, None)
         kinetic = tuple(x * mu for x, mu in zip(lever, both(self.mu_k), strict=True))
-        release = "stick-first" if self.mu_k is self.mu_s else self.release
-        return Torques(static, kinetic, release, None)
+        return Torques(static, kinetic, self.release, None)
 
     def valid(self) -> Any:
         """0 <= mu_k <= mu_s, pin_radius >= 0."""
@@ -260,7 +259,7 @@ class Torques(AbstractFriction):
         """
         thresholds = tuple(s - x for s, x in zip(self.static, slack, strict=True))
         modes = stick_first(balance, self.kinetic, thresholds, given, rest)
-        if self.release == "stick-first":
+        if self.release == "stick-first" or self.static is self.kinetic:
             return modes
         # with equal coefficients the law alone decides, and the layer has no slope
         falls = (self.static[0] > self.kinetic[0]) | (self.static[1] > self.kinetic[1])
