@@ -14,7 +14,7 @@ import numpy as np
 from measure import rounded
 
 import ziegler_jax as zj
-from ziegler_jax.__main__ import KICK, POINTS, grid, scene
+from ziegler_jax.__main__ import POINTS, SETTLE, grid, point
 
 FINEST = (160, 2e-5)
 SETTINGS = (FINEST, (10, 1e-3), (40, 1e-3), (40, 2e-4), (40, 5e-5))
@@ -30,12 +30,7 @@ def main():
     chosen = np.random.default_rng(1).random(shape) < options.points / POINTS
     truth = None
     for max_windows, rtol_settle in SETTINGS:
-
-        def point(q, mu_s, mu_k, windows=max_windows, rtol=rtol_settle):
-            start = zj.State(omega=KICK)
-            column = scene(q, mu_s, mu_k)
-            return zj.settle(column, start, max_windows=windows, rtol_settle=rtol)
-
+        SETTLE.update(max_windows=max_windows, rtol_settle=rtol_settle)
         ds = zj.sweep(
             point,
             where=lambda q, mu_s, mu_k: chosen & (mu_k <= mu_s),

@@ -45,8 +45,8 @@ ONSET_AT = (0.05, 0.1, 0.12, 0.4)  # values of mu_s, printed where the grid has 
 STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"
 
 
-def scene(q, mu_s, mu_k):
-    """One column: N = q, v_smooth = tau_s / 5."""
+def point(q, mu_s, mu_k):
+    """Settle one column: N = q, v_smooth = tau_s / 5."""
     friction = zj.SmoothCoulomb(
         mu_s,
         mu_k,
@@ -54,12 +54,8 @@ def scene(q, mu_s, mu_k):
         v_stribeck=V_STRIBECK,
         v_smooth=mu_s * PIN_RADIUS * q / DAMPING_AT_REST,
     )
-    return zj.uniform_rods(q=q, friction=friction)
-
-
-def point(q, mu_s, mu_k):
-    """The long-run motion of one column after the kick."""
-    return zj.settle(scene(q, mu_s, mu_k), zj.State(omega=KICK), **SETTLE)
+    column = zj.uniform_rods(q=q, friction=friction)
+    return zj.settle(column, zj.State(omega=KICK), **SETTLE)
 
 
 def grid(points: int) -> tuple[np.ndarray, np.ndarray]:
