@@ -1,6 +1,5 @@
 """How many points run: compiled batches on threads, lanes refilled as they end."""
 
-import inspect
 import os
 import threading
 import time
@@ -16,6 +15,7 @@ from jax import lax
 
 from ._cpu import compiles_whole_loops
 from ._legs import Legs, in_legs
+from ._surroundings import surroundings
 from ._variables import DIMENSIONS, Variable, named_variables
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
@@ -89,9 +89,8 @@ def compiled(
     point: Callable, names: tuple[str, ...], batch_size: int | None, wide: bool
 ) -> Program:
     """`point` for one batch of lanes; kept for the next call where it can be."""
-    around = surroundings(point)
     try:
-        return _kept(point, names, batch_size, wide, around)
+        return _kept(point, names, batch_size, wide, surroundings(point))
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
@@ -102,27 +101,6 @@ def compiled(
 def _kept(point, names, batch_size, wide, around) -> Program:
     del around  # a part of the key: a changed global is another scene
     return compile_point(point, names, batch_size, wide)
-
-
-def surroundings(point: Callable, numbers_only: bool = False) -> tuple:
-    """What `point` refers to beyond its arguments: numbers by value, else by identity.
-
-    JAX would not notice that one has changed.
-    """
-    try:
-        around = inspect.getclosurevars(inspect.unwrap(point))
-    except (TypeError, ValueError):
-        return ()
-    plain = (bool, int, float, str)
-    found = []
-    for name, value in sorted({**around.globals, **around.nonlocals}.items()):
-        if isinstance(value, plain) or (
-            isinstance(value, tuple) and all(isinstance(v, plain) for v in value)
-        ):
-            found.append((name, value))
-        elif not numbers_only:
-            found.append((name, id(value)))
-    return tuple(found)
 
 
 def compile_point(
