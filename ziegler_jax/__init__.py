@@ -17,7 +17,8 @@ from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
 from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
-from .outcome import CRITICAL, OUTCOME, REGIME
+from .onset import Onset, critical_kick, flutter_onset
+from .outcome import CRITICAL, ONSET, OUTCOME, REGIME
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
 from .simulate import Settled, Trajectory, settle, trajectory
@@ -28,6 +29,7 @@ from .sweep import sweep
 
 __all__ = [
     "CRITICAL",
+    "ONSET",
     "OUTCOME",
     "REGIME",
     "Air",
@@ -39,6 +41,7 @@ __all__ = [
     "FollowerLoad",
     "JointReaction",
     "Mean",
+    "Onset",
     "Period",
     "RegularisationError",
     "SetValuedCoulomb",
@@ -51,8 +54,10 @@ __all__ = [
     "Trajectory",
     "Viscous",
     "configure_cpu",
+    "critical_kick",
     "critical_load",
     "energy",
+    "flutter_onset",
     "linearise",
     "point_masses",
     "power",
