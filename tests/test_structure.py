@@ -24,9 +24,9 @@ FLOORS = [
     ["column", "_reactions", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters"],
     ["critical", "_windows", "_events", "_scene", "_motion", "simulate"],
-    ["sensitivity", "stabilise", "_lanes"],
+    ["sensitivity", "stabilise", "_lanes"] + ["_sequence", "onset", "quasi_static"],
     ["sweep"],
-    ["plot", "plot_linear", "audit"],
+    ["plot", "plot_linear", "audit", "basin"],
     ["__main__"],
 ]
 # Within a floor: a room that was divided, and what stands on the solvers.
@@ -41,6 +41,8 @@ SAME_FLOOR = {
     ("simulate", "_windows"),
     ("simulate", "_events"),
     ("simulate", "_scene"),
+    ("onset", "_sequence"),
+    ("quasi_static", "_sequence"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
 }

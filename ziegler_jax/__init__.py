@@ -2,6 +2,7 @@
 
 from ._cpu import configure_cpu
 from .audit import RegularisationError, regularisation_error
+from .basin import basin
 from .column import (
     Column,
     State,
@@ -19,6 +20,7 @@ from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_colu
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .onset import Onset, critical_kick, flutter_onset
 from .outcome import CRITICAL, ONSET, OUTCOME, REGIME
+from .quasi_static import UpDown, sweep_up_down
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
 from .simulate import Settled, Trajectory, settle, trajectory
@@ -52,7 +54,9 @@ __all__ = [
     "StickingSet",
     "Sum",
     "Trajectory",
+    "UpDown",
     "Viscous",
+    "basin",
     "configure_cpu",
     "critical_kick",
     "critical_load",
@@ -71,6 +75,7 @@ __all__ = [
     "stabilise",
     "sticking_set",
     "sweep",
+    "sweep_up_down",
     "tangent_column",
     "trajectory",
     "uniform_rods",

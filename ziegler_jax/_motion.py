@@ -11,13 +11,16 @@ from ._scene import (
     float_state,
     outcome_of,
     prepared,
+    rate_cut_of,
     tolerances,
     valid_scene,
     whole_number,
+    with_amplitude,
 )
-from ._types import Vector4
+from ._types import Vector4, number
 from ._windows import Windows
 from .column import Column, State, vector_field
+from .observers import AbstractObserver
 from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
 from .solvers import Explicit, LandingControl, Observed, StepControl, StickSlip
@@ -45,22 +48,39 @@ class Run(NamedTuple):
 
 
 class Motion:
-    """A column and the watch over its motion, ready to run."""
+    """A column and the watch over its motion, by the options of `settle`."""
 
     def __init__(
         self,
         column: Column,
         start: State,
-        watch: Windows,
         *,
+        transient: Any,
+        window: Any,
+        max_windows: int,
+        rtol_settle: Any,
+        observers: tuple[AbstractObserver, ...],
         rtol: Any,
         atol: Any,
         solver: Explicit | None,
+        escape: Any,
+        rate_cut: Any,
         max_steps: int,
+        strict: bool = False,
     ):
         """Check the scene and choose the machine that its friction needs."""
         check_scene(column, start)
-        self.column, self.start, self.watch = column, start, watch
+        self.column, self.start = column, start
+        self.watch = watch = Windows(
+            transient=number("transient", transient, "nonnegative"),
+            window=number("window", window, "positive"),
+            max_windows=whole_number("max_windows", max_windows),
+            rtol_settle=number("rtol_settle", rtol_settle, "positive"),
+            escape=number("escape", escape, "positive"),
+            rate_cut=rate_cut_of(column, rate_cut),
+            observers=with_amplitude(observers, column),
+            strict=strict,
+        )
         self.rtol, self.atol = tolerances(rtol, atol)
         self.method = Explicit() if solver is None else solver
         self.max_steps = whole_number("max_steps", max_steps)
@@ -83,6 +103,22 @@ class Motion:
             steps=jnp.zeros((), jnp.int32),
             outcome=invalid.astype(jnp.int32),
         )
+
+    def settings(self) -> dict[str, Any]:
+        """The options, for the record."""
+        watch = self.watch
+        return {
+            "solver": self.method.name,
+            "rtol": self.rtol,
+            "atol": self.atol,
+            "transient": watch.transient,
+            "window": watch.window,
+            "max_windows": watch.max_windows,
+            "rtol_settle": watch.rtol_settle,
+            "escape": watch.escape,
+            "rate_cut": "by modes" if watch.by_modes else watch.rate_cut,
+            **_rule(self.column),
+        }
 
     def advance(self, run: Run, quota: Any = None) -> Run:
         """The motion after at most `quota` more steps; None: at its end."""
@@ -136,7 +172,7 @@ def unless_chattering(solver: StickSlip, state: Any, otherwise: Any) -> jax.Arra
     return jnp.where(solver.chatters(state), OUTCOME.chattering, otherwise)
 
 
-def rule(column: Column) -> dict[str, str]:
+def _rule(column: Column) -> dict[str, str]:
     """The name of the friction law's rule, where it has one."""
     law = column.friction
     return {"release": law.release} if isinstance(law, SetValuedCoulomb) else {}

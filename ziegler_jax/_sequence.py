@@ -30,7 +30,7 @@ class _Sequence(NamedTuple):
 
 def in_turn(
     motion: Callable[[Any], Motion],
-    heard: Callable[[Any, Run], Any],
+    heard: Callable[[Any, Motion, Run], Any],
     running: Callable[[Any], Any],
     state: Any,
 ) -> tuple[Any, Any]:
@@ -39,7 +39,7 @@ def in_turn(
     **Arguments:**
 
     - `motion`: the next motion, from the state.
-    - `heard`: the state after it, from the state and the ended run.
+    - `heard`: the state after it, from the state, the motion and its ended run.
     - `running`: whether there is a next one.
     - `state`: the first state, a pytree of scalars and arrays.
 
@@ -54,7 +54,7 @@ def in_turn(
         before = run.steps
         run = present.advance(run, quota)
         ended = ~run.running & running(now.state)
-        state = _where(ended, heard(now.state, run), now.state)
+        state = _where(ended, heard(now.state, present, run), now.state)
         steps = now.steps + (run.steps - before).astype(jnp.int32)
         return _Sequence(state, run, ended & running(state), steps)
 

@@ -13,9 +13,9 @@ first changes. A motion's verdict is
   joints stick at once, for then they stick for ever. Under a smoothed law both joints
   stay below the cut for two windows and do not speed up.
 - *moves*: it settled on a cycle, or a rod turned over (`escape`). Settled means that
-  windows agree to `rtol_settle` and draw nearer. Past an unstable cycle from which
-  motions part by a factor $e^{\lambda w}$ a window, a motion within
-  `rtol_settle` $/ (\lambda w)$ of it, against its amplitude, can still pass for settled.
+  windows agree to `rtol_settle` and draw nearer. Where motions part from an unstable
+  cycle by a factor $e^{\lambda w}$ a window, one that came within
+  `rtol_settle` $/ (\lambda w)$ of its amplitude can still pass for settled.
 - none: it neither rested nor settled within its budget, or failed.
 """
 
@@ -27,14 +27,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._motion import Motion, Run, rule
-from ._scene import check_scene, rate_cut_of, recorded, whole_number
+from ._motion import Motion, Run
+from ._scene import check_scene, recorded, whole_number
 from ._sequence import in_turn
-from ._types import is_concrete, number, pair
+from ._types import is_concrete, pair
 from ._variables import Variable
-from ._windows import Windows
 from .column import Column, State
-from .observers import Amplitude
 from .outcome import ONSET, OUTCOME
 from .solvers import Explicit
 
@@ -149,7 +147,8 @@ def flutter_onset(
         column = make_column(x)
         if not isinstance(column, Column):
             raise ValueError(
-                f"Argument `make_column` must return a `Column`, but returns {column!r}."
+                "Argument `make_column` must return a `Column`, but returns "
+                f"{column!r}."
             )
         return column, start
 
@@ -202,27 +201,25 @@ def _search(
 
     def motion(search: _Search) -> Motion:
         column, start = scene(search.x)
-        watch = Windows(
-            transient=np.float64(0),
-            window=number("window", window, "positive"),
-            max_windows=whole_number("max_windows", max_windows),
-            rtol_settle=number("rtol_settle", rtol_settle, "positive"),
-            escape=number("escape", escape, "positive"),
-            rate_cut=rate_cut_of(column, rate_cut),
-            observers=(Amplitude(),),
-            strict=True,
-        )
         return Motion(
             column,
             start,
-            watch,
+            transient=np.float64(0),
+            window=window,
+            max_windows=max_windows,
+            rtol_settle=rtol_settle,
+            observers=(),
             rtol=rtol,
             atol=atol,
             solver=solver,
+            escape=escape,
+            rate_cut=rate_cut,
             max_steps=max_steps,
+            strict=True,
         )
 
-    def heard(search: _Search, run: Run) -> _Search:
+    def heard(search: _Search, motion: Motion, run: Run) -> _Search:
+        del motion
         return _heard(search, run.outcome, least, largest, scan, halvings)
 
     zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
@@ -241,7 +238,6 @@ def _search(
         over=~(jnp.isfinite(largest - least) & (least < largest)),
     )
     search, steps = in_turn(motion, heard, lambda search: ~search.over, first)
-    trial = motion(first)
     found = search.changes > 0
     value = jnp.where(found, (search.low + search.high) / 2, jnp.nan)
     return Onset(
@@ -255,18 +251,7 @@ def _search(
         outcome=_outcome(search, scan, halvings),
         name=name,
         long_name=long_name,
-        settings=recorded(
-            solver=trial.method.name,
-            rtol=trial.rtol,
-            atol=trial.atol,
-            scan=scan,
-            halvings=halvings,
-            window=trial.watch.window,
-            max_windows=trial.watch.max_windows,
-            rtol_settle=trial.watch.rtol_settle,
-            escape=trial.watch.escape,
-            **rule(trial.column),
-        ),
+        settings=recorded(**motion(first).settings(), scan=scan, halvings=halvings),
     )
 
 

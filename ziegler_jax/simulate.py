@@ -9,7 +9,7 @@ import numpy as np
 
 from ._events import EventLog, Events
 from ._legs import current_legs
-from ._motion import FIRST_STEP, Motion, machine, rule, unless_chattering
+from ._motion import FIRST_STEP, Motion, Run, machine, unless_chattering
 from ._scene import (
     check_scene,
     float_state,
@@ -17,16 +17,12 @@ from ._scene import (
     nan_where,
     outcome_of,
     prepared,
-    rate_cut_of,
     recorded,
     tolerances,
     valid_scene,
     whole_number,
-    with_amplitude,
 )
-from ._types import number
 from ._variables import Variable
-from ._windows import Windows
 from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
 from .outcome import OUTCOME
@@ -151,18 +147,20 @@ def settle(
     than 1e-5 in a 32-bit session. `jax.jvp` passes through, `jax.grad` does not (the
     number of steps is not known beforehand).
     """
-    check_scene(column, start)
-    watch = Windows(
-        transient=number("transient", transient, "nonnegative"),
-        window=number("window", window, "positive"),
-        max_windows=whole_number("max_windows", max_windows),
-        rtol_settle=number("rtol_settle", rtol_settle, "positive"),
-        escape=number("escape", escape, "positive"),
-        rate_cut=rate_cut_of(column, rate_cut),
-        observers=with_amplitude(observers, column),
-    )
     motion = Motion(
-        column, start, watch, rtol=rtol, atol=atol, solver=solver, max_steps=max_steps
+        column,
+        start,
+        transient=transient,
+        window=window,
+        max_windows=max_windows,
+        rtol_settle=rtol_settle,
+        observers=observers,
+        rtol=rtol,
+        atol=atol,
+        solver=solver,
+        escape=escape,
+        rate_cut=rate_cut,
+        max_steps=max_steps,
     )
     legs = current_legs()
     if legs is None:
@@ -170,11 +168,16 @@ def settle(
     else:
         run = motion.advance(legs.enter(motion.begin()), legs.quota)
         legs.leave(run, run.running, run.steps)
-    watched, y1, outcome = run.solver.folded, run.y, run.outcome
-    failed = outcome < OUTCOME.unsettled
+    return settled(motion, run)
+
+
+def settled(motion: Motion, run: Run) -> Settled:
+    """What a motion that has ended amounts to."""
+    watch, watched, y1 = motion.watch, run.solver.folded, run.y
+    failed = run.outcome < OUTCOME.unsettled
     observed = {
         observer.name: nan_where(
-            failed, observer.result(column, state, watch.window, y1)
+            failed, observer.result(motion.column, state, watch.window, y1)
         )
         for observer, state in zip(watch.observers, watched.observed, strict=True)
     }
@@ -185,20 +188,9 @@ def settle(
         time=run.control.t,
         steps=run.steps,
         windows=watched.windows,
-        outcome=outcome.astype(jnp.int8),
+        outcome=run.outcome.astype(jnp.int8),
         observers=watch.observers,
-        settings=recorded(
-            solver=motion.method.name,
-            rtol=motion.rtol,
-            atol=motion.atol,
-            transient=watch.transient,
-            window=watch.window,
-            max_windows=watch.max_windows,
-            rtol_settle=watch.rtol_settle,
-            escape=watch.escape,
-            rate_cut="by modes" if watch.by_modes else watch.rate_cut,
-            **rule(column),
-        ),
+        settings=recorded(**motion.settings()),
     )
 
 
