@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ._scene import check_scene
 from .column import Column, State
 from .outcome import OUTCOME
 from .simulate import Settled, settle
@@ -54,6 +53,8 @@ def basin(
             f"Argument `axes` must have one of {', '.join(STARTS)} at least, but is "
             f"{axes!r}."
         )
+    if not isinstance(start, State):
+        raise ValueError(f"Argument `start` must be a `State`, but is {start!r}.")
     over = [name for name in axes if name in STARTS]
     if callable(column) == (len(over) == len(axes)) or not (
         callable(column) or isinstance(column, Column)
@@ -68,9 +69,7 @@ def basin(
         given = dict(zip(STARTS, start.y, strict=True))
         y = [values.pop(name, given[name]) for name in STARTS]
         scene = column(**values) if callable(column) else column
-        here = State(y[:2], y[2:])
-        check_scene(scene, here)
-        return settle(scene, here, **options)
+        return settle(scene, State(y[:2], y[2:]), **options)
 
     found = sweep(point, axes=axes, threads=threads, progress=progress)
     codes = [code for code in OUTCOME if (found.outcome == code).any()]

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._motion import Motion, Run
-from ._scene import check_scene, recorded, whole_number
+from ._scene import recorded, whole_number
 from ._sequence import in_turn
 from ._types import is_concrete, pair
 from ._variables import Variable
@@ -100,7 +100,10 @@ def critical_kick(
 
     **Raises:** `ValueError` for arguments that break a rule. A derivative is refused.
     """
-    check_scene(column, direction)
+    if not isinstance(direction, State):
+        raise ValueError(
+            f"Argument `direction` must be a `State`, but is {direction!r}."
+        )
     if all(is_concrete(x) and x == 0 for x in direction.y):
         raise ValueError("Argument `direction` must not be zero, but is.")
 
@@ -134,8 +137,7 @@ def flutter_onset(
     verdict inside the halved interval ends the search there, as `undecided`: its
     width is then what is known.
 
-    **Raises:** `ValueError` for arguments that break a rule. A derivative is refused:
-    a search by halves has none but that of its bracket.
+    **Raises:** `ValueError` for arguments that break a rule. A derivative is refused.
     """
     if not callable(make_column):
         raise ValueError(
@@ -190,7 +192,7 @@ def _search(
     rate_cut: Any = None,
     max_steps: int = 1_000_000,
 ) -> Onset:
-    least, largest = pair("bracket", bracket)
+    least, largest = _without_derivative(pair("bracket", bracket), name)
     if is_concrete(least) and is_concrete(largest) and not least < largest:
         raise ValueError(
             f"Argument `bracket` must increase, but is ({least:g}, {largest:g})."
@@ -200,7 +202,7 @@ def _search(
     least, largest = jnp.asarray(least, dtype), jnp.asarray(largest, dtype)
 
     def motion(search: _Search) -> Motion:
-        column, start = scene(search.x)
+        column, start = _without_derivative(scene(search.x), name)
         return Motion(
             column,
             start,
@@ -241,7 +243,7 @@ def _search(
     found = search.changes > 0
     value = jnp.where(found, (search.low + search.high) / 2, jnp.nan)
     return Onset(
-        value=_without_derivative(value, name),
+        value=value,
         width=jnp.where(found, search.high - search.low, jnp.nan),
         rises=jnp.where(found, -search.below, jnp.nan),
         changes=search.changes,
@@ -308,7 +310,12 @@ def _outcome(search: _Search, scan: int, halvings: int) -> Any:
     return jnp.where(invalid, ONSET.invalid, outcome).astype(jnp.int8)
 
 
-def _without_derivative(x: Any, name: str) -> Any:
+def _without_derivative(tree: Any, name: str) -> Any:
+    """The same numbers, from which no derivative may be taken.
+
+    Those of a search would be zero: its value depends on verdicts alone.
+    """
+
     @jax.custom_jvp
     def same(x):
         return x
@@ -316,8 +323,9 @@ def _without_derivative(x: Any, name: str) -> Any:
     @same.defjvp
     def refuse(primals, tangents):
         raise ValueError(
-            f"`{name}` must not be differentiated: halving an interval has no "
-            "derivative but that of its ends. Use differences over `width`."
+            f"`{name}` must not be differentiated: a search by halves has no "
+            "derivative. Use differences that are larger than `width`."
         )
 
-    return same(x)
+    # what is known now stays so: terms are left out by it
+    return jax.tree.map(lambda x: same(x) if isinstance(x, jax.Array) else x, tree)

@@ -74,7 +74,7 @@ def sweep_up_down(
     axis: str = "q",
     transient: Any = 0.0,
     window: Any = 40.0,
-    max_windows: int = 40,
+    max_windows: int = 100,
     rtol_settle: Any = 2e-4,
     observers: tuple[AbstractObserver, ...] = (),
     rtol: Any = 1e-6,
@@ -130,7 +130,7 @@ def sweep_up_down(
     check_scene(make_column(values[0]), start)
     y0, shove = float_state(start), float_state(kick)
     n, dtype = values.size, jnp.result_type(float)
-    way = np.concatenate([np.arange(n), n + np.arange(n)[::-1]]).reshape(2, n)
+    way = np.stack([np.arange(n), 2 * n - 1 - np.arange(n)]).astype(np.int32)
 
     def motion(now: _Way) -> Motion:
         here = jnp.where(way == now.place, jnp.asarray(values, dtype)[None, :], 0.0)

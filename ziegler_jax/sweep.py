@@ -19,7 +19,7 @@ from ._lanes import (
     run_lanes,
     surroundings,
 )
-from ._variables import AXES, DIMENSIONS, Variable
+from ._variables import AXES, Variable
 from .outcome import flag_attributes
 
 
@@ -248,13 +248,13 @@ def _dataset(
         data[name] = (dims + variable.dims, arrays[name], attrs)
         used |= {dim: program.coordinates[dim] for dim in variable.dims}
     coords = {}
-    for name, values in {**grid, **used}.items():
-        if name in DIMENSIONS:
+    for name, values in {**used, **grid}.items():
+        if name in used and name not in AXES:  # rods, joints, branches
             coords[name] = list(values)
             continue
         meaning, units, symbol = AXES.get(name, (name, "1", name))
         attrs = {"long_name": meaning, "units": units, "symbol": symbol}
-        coords[name] = (name, values, attrs)
+        coords[name] = (name, np.asarray(values), attrs)
     return xr.Dataset(data, coords, attributes)
 
 
