@@ -6,7 +6,7 @@ import onset_style as style
 
 import ziegler_jax as zj
 
-LOADS = np.linspace(1.2, 2.6, 57)
+LOADS = np.linspace(1.2, 2.6, 43)
 KICK = zj.State(omega=(0.0, 0.2))
 
 
@@ -21,8 +21,8 @@ def point(mu_s, mu_k):
 
 
 def main():
-    scenes = ((0.02, 0.02), (0.06, 0.06), (0.06, 0.03))
-    mu = [0.02, 0.03, 0.06]
+    scenes = ((0.02, 0.02), (0.04, 0.04), (0.06, 0.03))
+    mu = [0.02, 0.03, 0.04, 0.06]
     ds = zj.sweep(
         point,
         mu_s=mu,

@@ -12,15 +12,15 @@ TAU = 0.02
 
 def point(q, angle):
     kick = zj.State(omega=(jnp.cos(angle), jnp.sin(angle)))
-    return zj.critical_kick(style.dry(q, TAU), kick, (0.0, 1.2), scan=12)
+    return zj.critical_kick(style.dry(q, TAU), kick, (0.0, 3.0), scan=16)
 
 
 def main():
-    angle = np.linspace(0, np.pi, 180, endpoint=False)
-    ds = zj.sweep(point, q=[1.6, 1.8, 2.0, 2.3], angle=angle)
+    angle = np.linspace(0, np.pi, 240, endpoint=False)
+    ds = zj.sweep(point, q=[1.6, 1.9, 2.3], angle=angle)
     print(np.unique(ds.outcome, return_counts=True), ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(6.6, 6), subplot_kw={"projection": "polar"})
-    colours = (style.BLUE, style.GREEN, style.ORANGE, style.PINK)
+    colours = (style.BLUE, style.GREEN, style.ORANGE)
     around = np.append(np.concatenate([angle, angle + np.pi]), 0.0)
     for q, colour in zip(ds.q.values, colours, strict=True):
         kick = ds.critical_kick.sel(q=q).values
@@ -39,10 +39,11 @@ def main():
     )
     ax.set_rlabel_position(22)
     ax.legend(title="load $q$", loc="upper left", bbox_to_anchor=(1.02, 1.0))
-    ax.set_title(
-        rf"Rest inside, flutter outside; $\tau$ = {TAU:g} k, rates in $\sqrt{{k/(ml^2)}}$",
-        pad=18,
-    )
+    ax.set_rscale("log")
+    ax.set_rlim(0.02, 3.0)
+    ax.set_rticks([0.1, 1.0], ["0.1", "1"])
+    title = r"Rest inside, flutter outside; $\tau$ = 0.02 k, rates in $\sqrt{k/(ml^2)}$"
+    ax.set_title(title, pad=18)
     style.save(figure, __file__)
 
 

@@ -60,7 +60,6 @@ def test_the_critical_kick_collapses_over_the_torque():
         assert (found.outcome == zj.ONSET.found).all()
         scaled.append(found.critical_kick.values / tau)
     departure = np.array(scaled[1:]) / scaled[0] - 1
-    print(departure)
     assert (np.abs(departure[0]) < 1e-3).all()  # 2e-4 at q = 2
     # four times as much at twice the torque: 4.1
     np.testing.assert_allclose(departure[2] / departure[1], 4.0, rtol=0.1)

@@ -4,7 +4,7 @@ import numpy as np
 
 import ziegler_jax as zj
 
-LOADS = np.array([1.1, 1.2, 1.3, 1.7, 2.1, 2.5])
+LOADS = np.array([1.1, 1.2, 1.4, 1.7, 2.1, 2.5])
 
 
 def dry(q, tau):
