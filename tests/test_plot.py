@@ -53,6 +53,16 @@ def closed():
     plt.close("all")
 
 
+def test_the_outcome_of_a_search_is_not_taken_for_a_motions(plane):
+    """Their codes are other ones: 8 says stuck here, nothing there."""
+    flags = {"flag_meanings": " ".join(code.name for code in zj.ONSET)}
+    plane["outcome"] = plane.outcome.assign_attrs(flags)
+    ax = zj.plot.map(plane, "joint_amplitude", x="q", y="mu")
+    assert ax.get_legend() is None
+    shown = ax.collections[0].get_array()
+    assert np.ma.count(shown) == plane.joint_amplitude.notnull().sum()
+
+
 def layer(ax, name):
     """The centres of the cells of an outcome's layer, and the layer."""
     (cells,) = [c for c in ax.collections if c.get_label() == name]

@@ -23,10 +23,10 @@ FLOORS = [
     ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters"],
-    ["critical", "_windows", "_events", "_scene", "simulate"],
-    ["sensitivity", "stabilise", "_lanes"],
+    ["critical", "_windows", "_events", "_scene", "_motion", "simulate"],
+    ["sensitivity", "stabilise", "_lanes"] + ["_sequence", "onset", "quasi_static"],
     ["sweep"],
-    ["plot", "plot_linear", "audit"],
+    ["plot", "plot_linear", "audit", "basin"],
     ["__main__"],
 ]
 # Within a floor: a room that was divided, and what stands on the solvers.
@@ -35,9 +35,14 @@ SAME_FLOOR = {
     ("_sincos", "_materialise"),
     ("column", "_reactions"),
     ("observers", "solvers"),
+    ("_motion", "_windows"),
+    ("_motion", "_scene"),
+    ("simulate", "_motion"),
     ("simulate", "_windows"),
     ("simulate", "_events"),
     ("simulate", "_scene"),
+    ("onset", "_sequence"),
+    ("quasi_static", "_sequence"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
 }

@@ -2,6 +2,7 @@
 
 from ._cpu import configure_cpu
 from .audit import RegularisationError, regularisation_error
+from .basin import basin
 from .column import (
     Column,
     State,
@@ -17,7 +18,9 @@ from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
 from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
-from .outcome import CRITICAL, OUTCOME, REGIME
+from .onset import Onset, critical_kick, flutter_onset
+from .outcome import CRITICAL, ONSET, OUTCOME, REGIME
+from .quasi_static import UpDown, sweep_up_down
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
 from .simulate import Settled, Trajectory, settle, trajectory
@@ -28,6 +31,7 @@ from .sweep import sweep
 
 __all__ = [
     "CRITICAL",
+    "ONSET",
     "OUTCOME",
     "REGIME",
     "Air",
@@ -39,6 +43,7 @@ __all__ = [
     "FollowerLoad",
     "JointReaction",
     "Mean",
+    "Onset",
     "Period",
     "RegularisationError",
     "SetValuedCoulomb",
@@ -49,10 +54,14 @@ __all__ = [
     "StickingSet",
     "Sum",
     "Trajectory",
+    "UpDown",
     "Viscous",
+    "basin",
     "configure_cpu",
+    "critical_kick",
     "critical_load",
     "energy",
+    "flutter_onset",
     "linearise",
     "point_masses",
     "power",
@@ -66,6 +75,7 @@ __all__ = [
     "stabilise",
     "sticking_set",
     "sweep",
+    "sweep_up_down",
     "tangent_column",
     "trajectory",
     "uniform_rods",

@@ -38,6 +38,7 @@ class Program(NamedTuple):
     carry: "Packing | None"  # None: the lanes do not run in legs
     variables: dict[str, Variable]  # values are shapes and dtypes
     attributes: dict[str, Any]
+    coordinates: dict[str, Any]  # of the dimensions of results
     batch_size: int
     wide: bool  # float64
     compile_seconds: float
@@ -120,6 +121,8 @@ def compile_point(
         described["variables"] = variables
         attributes = getattr(result, "attributes", dict)
         described["attributes"] = attributes()
+        own = getattr(result, "coordinates", dict)()
+        described["coordinates"] = {**DIMENSIONS, **own}
         return [jnp.asarray(v.value) for v in variables.values()]
 
     def find_legs(quota, fresh, values):
@@ -179,8 +182,17 @@ def compile_point(
             begun = [np.ones(size, dtype)] * len(names)
             run(np.int32(1), np.ones(size, bool), begun, carry.empty(size))
         seconds = time.perf_counter() - started
-    attributes = described["attributes"]
-    return Program(run, results, carry, variables, attributes, size, wide, seconds)
+    return Program(
+        run,
+        results,
+        carry,
+        variables,
+        described["attributes"],
+        described["coordinates"],
+        size,
+        wide,
+        seconds,
+    )
 
 
 class Effort(NamedTuple):
@@ -342,8 +354,3 @@ def all_cores() -> int:
         return len(os.sched_getaffinity(0))
     except AttributeError:
         return os.cpu_count() or 1
-
-
-def grid_shape(variable: Variable) -> tuple[int, ...]:
-    """The shape of a variable at one point."""
-    return tuple(len(DIMENSIONS[dim]) for dim in variable.dims)

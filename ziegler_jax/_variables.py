@@ -36,6 +36,10 @@ AXES = {
     "follower": ("follower fraction", "1", r"$\eta$"),
     "c1": ("damping of joint 1", "sqrt(k m l^2)", "$c_1$"),
     "c2": ("damping of joint 2", "sqrt(k m l^2)", "$c_2$"),
+    "phi1": ("angle of rod 1 at the start", "rad", r"$\varphi_1$"),
+    "phi2": ("angle of rod 2 at the start", "rad", r"$\varphi_2$"),
+    "omega1": ("rate of rod 1 at the start", "sqrt(k/(m l^2))", r"$\dot\varphi_1$"),
+    "omega2": ("rate of rod 2 at the start", "sqrt(k/(m l^2))", r"$\dot\varphi_2$"),
 }
 
 # Names that scenes give codes which come without a result: flag variables.

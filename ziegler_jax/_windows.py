@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -36,6 +37,9 @@ class Windows(AbstractFold):
     rate_cut: Scalar | None  # None: set-valued friction, by modes
     max_windows: int
     observers: tuple[AbstractObserver, ...]
+    # For a verdict alone: what sticks in both joints sticks for ever and need not be
+    # watched, and windows agree only if they draw nearer, as at a stable cycle.
+    strict: bool = eqx.field(static=True, default=False)
 
     def valid(self) -> Any:
         """Whether the options keep their rules; for those only known when traced."""
@@ -90,20 +94,31 @@ class Windows(AbstractFold):
         ended = step.t1 >= state.window_end
         turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
 
-        def judge(seen: Watched) -> Watched:
-            return self._judge(column, seen, step, ended, turned)
+        held: Any = False
+        if self.strict and self.by_modes:
+            m1, m2 = step.event[1]
+            held = (m1 == 0) & (m2 == 0)
 
-        after = if_any_lane(ended | turned, judge, seen)
+        def judge(seen: Watched) -> Watched:
+            return self._judge(column, seen, step, ended, turned, held)
+
+        after = if_any_lane(ended | turned | held, judge, seen)
         return after, after.window_end, after.outcome != OUTCOME.not_computed
 
     def _judge(
-        self, column: Column, seen: Watched, step: Step, ended: Any, turned: Any
+        self,
+        column: Column,
+        seen: Watched,
+        step: Step,
+        ended: Any,
+        turned: Any,
+        held: Any,
     ) -> Watched:
-        """The verdict on a lane whose window ended or that turned over."""
+        """The verdict on a lane whose window ended, or that turned over or is held."""
         windows = seen.windows + ended.astype(jnp.int32)
         judged = ended & (windows > 0)
         if self.by_modes:
-            at_rest = judged & (seen.fastest < 0.5)
+            at_rest = held | (judged & (seen.fastest < 0.5))
         else:  # slow is not at rest where it grows: the window before tells
             at_rest = judged & (seen.fastest < self.rate_cut)
             at_rest &= seen.fastest <= seen.faster
@@ -114,6 +129,8 @@ class Windows(AbstractFold):
             relative = _relative_change(amplitudes, seen.previous)
             drift = jnp.where(judged & (windows > 1), relative, drift)
             agreed = judged & (drift <= self.rtol_settle)
+            if self.strict:
+                agreed &= (windows > 2) & (drift <= seen.drift)
 
         resting = OUTCOME.rest if column.friction is None else OUTCOME.stuck
         outcome = jnp.where(over, OUTCOME.unsettled, seen.outcome)

@@ -71,6 +71,22 @@ class CRITICAL(Code):
     found = 7, "the column loses stability here first"
 
 
+class ONSET(Code):
+    """How the search for an onset ended.
+
+    Up to `moves` there is no onset to name, but for `undecided`, whose interval may be
+    known and wide.
+    """
+
+    not_computed = 0, "the point was left out or has not been computed yet"
+    invalid = 1, "the scene's numbers or the bracket break a rule"
+    undecided = 2, "a motion that mattered neither came to rest nor settled in time"
+    rests = 3, "the column comes to rest all along the scanned bracket"
+    moves = 4, "the column never comes to rest along the scanned bracket"
+    repeated = 5, "found, but the verdict changes more than once along the bracket"
+    found = 6, "the verdict changes once along the scanned bracket, here"
+
+
 def flag_attributes(codes: type[Code]) -> dict[str, object]:
     """The CF-convention attributes that explain a variable of such codes."""
     return {

@@ -86,7 +86,7 @@ def map(
         handles = []
         numbers = np.asarray(values, dtype=float)
         outcome = None
-        if "outcome" in dataset:
+        if _has_motions(dataset):
             outcome = np.asarray(dataset["outcome"].transpose(y, x))
             flat = np.isin(outcome, (OUTCOME.not_computed, *AT_REST))
             numbers = np.where(flat, np.nan, numbers)
@@ -130,7 +130,7 @@ def bifurcation_diagram(
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     places = np.asarray(dataset[along])
     numbers = np.asarray(values, dtype=float)
-    if "outcome" not in dataset:
+    if not _has_motions(dataset):
         ax.plot(places, numbers, "o", color=BLUE, markersize=3)
     else:
         outcome = np.asarray(dataset["outcome"])
@@ -237,6 +237,14 @@ def _variable(dataset: Any, variable: str, dims: dict[str, str]) -> xr.DataArray
             f"`dataset.sel({spare[0]}=...)`."
         )
     return values
+
+
+def _has_motions(dataset: xr.Dataset) -> bool:
+    """Whether `outcome` says how motions ended, not how a search did."""
+    meanings = " ".join(code.name for code in OUTCOME)
+    if "outcome" not in dataset:
+        return False
+    return dataset["outcome"].attrs.get("flag_meanings", meanings) == meanings
 
 
 def _edges(dataset: xr.Dataset, dim: str) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Motions of a column: a time history to look at, and the long run as numbers."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import diffrax as dfx
 import equinox as eqx
@@ -9,6 +9,7 @@ import numpy as np
 
 from ._events import EventLog, Events
 from ._legs import current_legs
+from ._motion import FIRST_STEP, Motion, Run, machine, unless_chattering
 from ._scene import (
     check_scene,
     float_state,
@@ -16,23 +17,17 @@ from ._scene import (
     nan_where,
     outcome_of,
     prepared,
-    rate_cut_of,
     recorded,
     tolerances,
     valid_scene,
     whole_number,
-    with_amplitude,
 )
-from ._types import number
 from ._variables import Variable
-from ._windows import Windows
 from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
 from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit, LandingControl, Observed, StepControl, StickSlip
-
-FIRST_STEP = 0.01
+from .solvers import Explicit, StepControl, StickSlip
 
 
 class Settled(eqx.Module):
@@ -153,74 +148,37 @@ def settle(
     than 1e-5 in a 32-bit session. `jax.jvp` passes through, `jax.grad` does not (the
     number of steps is not known beforehand).
     """
-    check_scene(column, start)
-    rtol, atol = tolerances(rtol, atol)
-    solver = Explicit() if solver is None else solver
-    watch = Windows(
-        transient=number("transient", transient, "nonnegative"),
-        window=number("window", window, "positive"),
-        max_windows=whole_number("max_windows", max_windows),
-        rtol_settle=number("rtol_settle", rtol_settle, "positive"),
-        escape=number("escape", escape, "positive"),
-        rate_cut=rate_cut_of(column, rate_cut),
-        observers=with_amplitude(observers, column),
-    )
-    args = prepared(column)
-    watching, control = _machine(column, solver, watch, rtol, atol)
-    terms = dfx.ODETerm(vector_field)
-    max_steps = whole_number("max_steps", max_steps)
-    y0 = float_state(start)
-    zero = jnp.zeros((), y0[0].dtype)
-    good = valid_scene(column, y0) & watch.valid() & (rtol > 0) & (atol > 0)
-    invalid = jnp.where(good, OUTCOME.not_computed, OUTCOME.invalid)
-    begin = _Run(
-        solver=watching.init(terms, zero, zero, y0, args),
-        control=control.start(zero, FIRST_STEP, watch.first_stop()),
-        steps=jnp.zeros((), jnp.int32),
-        outcome=invalid.astype(jnp.int32),
+    motion = Motion(
+        column,
+        start,
+        transient=transient,
+        window=window,
+        max_windows=max_windows,
+        rtol_settle=rtol_settle,
+        observers=observers,
+        rtol=rtol,
+        atol=atol,
+        solver=solver,
+        escape=escape,
+        rate_cut=rate_cut,
+        max_steps=max_steps,
     )
     legs = current_legs()
-    run = begin if legs is None else legs.enter(begin)
-    left = max_steps - run.steps
-    left = left if legs is None else jnp.minimum(left, legs.quota)
-    # the watch ends a lane before this; one that has ended does not move
-    end = watch.transient + watch.window * (watch.max_windows + 1)
-    t = run.control.t
-    solution = dfx.diffeqsolve(
-        terms,
-        watching,
-        t0=t,
-        t1=jnp.where(run.outcome == OUTCOME.not_computed, zero + end, t),
-        # t + (t_next - t) is t_next to the last bit as soon as t >= t_next / 2
-        # (Sterbenz), and a leg is many steps long: a pause changes nothing
-        dt0=run.control.t_next - t,
-        y0=run.solver.y,
-        args=args,
-        stepsize_controller=control,
-        solver_state=run.solver,
-        controller_state=run.control._replace(left=left.astype(jnp.int32)),
-        saveat=dfx.SaveAt(solver_state=True, controller_state=True),
-        max_steps=None,  # the controller counts
-        throw=False,
-        adjoint=dfx.ForwardMode(),
-    )
-    after: Any = solution.solver_state
-    where: Any = solution.controller_state
-    watched, y1 = after.folded, after.y
-    steps = run.steps + solution.stats["num_steps"]
-    spent = (watched.outcome == OUTCOME.not_computed) & (steps >= max_steps)
-    ended = jnp.where(spent, OUTCOME.budget_spent, watched.outcome)
-    if isinstance(watching, StickSlip):
-        ended = _unless_chattering(watching, after, ended)
-    ended = outcome_of(solution.result, after.slope, ended)
-    outcome = jnp.where(run.outcome == OUTCOME.not_computed, ended, run.outcome)
-    if legs is not None:
-        paused = _Run(after, where, steps, outcome)
-        legs.leave(paused, outcome == OUTCOME.not_computed, steps)
-    failed = outcome < OUTCOME.unsettled
+    if legs is None:
+        run = motion.advance(motion.begin())
+    else:
+        run = motion.advance(legs.enter(motion.begin()), legs.quota)
+        legs.leave(run, run.running, run.steps)
+    return settled(motion, run)
+
+
+def settled(motion: Motion, run: Run) -> Settled:
+    """What a motion that has ended amounts to."""
+    watch, watched, y1 = motion.watch, run.solver.folded, run.y
+    failed = run.outcome < OUTCOME.unsettled
     observed = {
         observer.name: nan_where(
-            failed, observer.result(column, state, watch.window, y1)
+            failed, observer.result(motion.column, state, watch.window, y1)
         )
         for observer, state in zip(watch.observers, watched.observed, strict=True)
     }
@@ -228,23 +186,12 @@ def settle(
         observed=observed,
         drift=nan_where(failed | ~jnp.isfinite(watched.drift), watched.drift),
         final=State(y1[:2], y1[2:]),
-        time=where.t,
-        steps=steps,
+        time=run.control.t,
+        steps=run.steps,
         windows=watched.windows,
-        outcome=outcome.astype(jnp.int8),
+        outcome=run.outcome.astype(jnp.int8),
         observers=watch.observers,
-        settings=recorded(
-            solver=solver.name,
-            rtol=rtol,
-            atol=atol,
-            transient=watch.transient,
-            window=watch.window,
-            max_windows=watch.max_windows,
-            rtol_settle=watch.rtol_settle,
-            escape=watch.escape,
-            rate_cut="by modes" if watch.by_modes else watch.rate_cut,
-            **_rule(column),
-        ),
+        settings=recorded(**motion.settings()),
     )
 
 
@@ -286,7 +233,7 @@ def trajectory(
     if isinstance(column.friction, SetValuedCoulomb):
         log = EventLog(whole_number("max_events", max_events))
         solver = Explicit() if solver is None else solver
-        method, control = _machine(column, solver, log, rtol, atol)
+        method, control = machine(column, solver, log, rtol, atol)
     else:
         method = Explicit(dfx.Dopri8.tableau) if solver is None else solver
     solution = dfx.diffeqsolve(
@@ -313,7 +260,7 @@ def trajectory(
     events, slope, ended = None, after, OUTCOME.complete
     if isinstance(method, StickSlip):
         events, slope = after.folded, after.slope
-        ended = _unless_chattering(method, after, ended)
+        ended = unless_chattering(method, after, ended)
     outcome = outcome_of(solution.result, slope, ended)
     return Trajectory(
         ts=ts,
@@ -323,31 +270,3 @@ def trajectory(
         outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
         events=events,
     )
-
-
-class _Run(NamedTuple):
-    """Where a lane is: what a leg hands to the next."""
-
-    solver: Any
-    control: Any
-    steps: Any
-    outcome: Any
-
-
-def _machine(column: Column, solver: Explicit, fold: Any, rtol: Any, atol: Any) -> Any:
-    """The observing solver and the controller that the friction law needs."""
-    if isinstance(column.friction, SetValuedCoulomb):
-        control = LandingControl(rtol, atol)  # pyright: ignore[reportCallIssue]
-        return StickSlip(solver, fold, atol), control
-    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
-    return Observed(solver, fold), control
-
-
-def _unless_chattering(solver: StickSlip, state: Any, otherwise: Any) -> Any:
-    return jnp.where(solver.chatters(state), OUTCOME.chattering, otherwise)
-
-
-def _rule(column: Column) -> dict[str, str]:
-    """The name of the friction law's rule, where it has one."""
-    law = column.friction
-    return {"release": law.release} if isinstance(law, SetValuedCoulomb) else {}

@@ -16,11 +16,10 @@ from ._lanes import (
     Program,
     all_cores,
     compiled,
-    grid_shape,
     run_lanes,
 )
 from ._surroundings import constants
-from ._variables import AXES, DIMENSIONS, Variable
+from ._variables import AXES, Variable
 from .outcome import flag_attributes
 
 
@@ -111,7 +110,7 @@ def sweep(
             program, values, valid, arrays, threads=threads, on_batch=on_batch
         )
     attributes = _provenance(point, program, effort, threads, count)
-    return _dataset(grid, program.variables, arrays, attributes)
+    return _dataset(grid, program, arrays, attributes)
 
 
 def _axes(point: Callable, extra: dict, named: dict) -> dict[str, np.ndarray]:
@@ -231,15 +230,15 @@ def _empty(variable: Variable, shape: tuple[int, ...]) -> np.ndarray:
     if dtype.kind in "biu" and variable.codes is None:
         dtype = np.dtype(np.float64)  # so that a missing point can be told from 0
     fill = np.nan if dtype.kind in "fc" else 0
-    return np.full(shape + grid_shape(variable), fill, dtype)
+    return np.full(shape + tuple(variable.value.shape), fill, dtype)
 
 
 def _dataset(
-    grid: dict, variables: dict[str, Variable], arrays: dict, attributes: dict
+    grid: dict, program: Program, arrays: dict, attributes: dict
 ) -> xr.Dataset:
     dims = tuple(grid)
     data, used = {}, {}
-    for name, variable in variables.items():
+    for name, variable in program.variables.items():
         attrs: dict[str, Any] = {
             "long_name": variable.long_name,
             "units": variable.units,
@@ -247,13 +246,16 @@ def _dataset(
         if variable.codes is not None:
             attrs = {"long_name": variable.long_name, **flag_attributes(variable.codes)}
         data[name] = (dims + variable.dims, arrays[name], attrs)
-        used |= {dim: list(DIMENSIONS[dim]) for dim in variable.dims}
+        used |= {dim: program.coordinates[dim] for dim in variable.dims}
     coords = {}
-    for name, values in grid.items():
+    for name, values in {**used, **grid}.items():
+        if name in used and name not in AXES:  # rods, joints, branches
+            coords[name] = list(values)
+            continue
         meaning, units, symbol = AXES.get(name, (name, "1", name))
         attrs = {"long_name": meaning, "units": units, "symbol": symbol}
-        coords[name] = (name, values, attrs)
-    return xr.Dataset(data, {**coords, **used}, attributes)
+        coords[name] = (name, np.asarray(values), attrs)
+    return xr.Dataset(data, coords, attributes)
 
 
 def _provenance(

@@ -1,0 +1,51 @@
+"""The critical kick by its direction: rates of the two rods at the start."""
+
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import onset_style as style
+
+import ziegler_jax as zj
+
+TAU = 0.02
+
+
+def point(q, angle):
+    kick = zj.State(omega=(jnp.cos(angle), jnp.sin(angle)))
+    return zj.critical_kick(style.dry(q, TAU), kick, (0.0, 3.0), scan=16)
+
+
+def main():
+    angle = np.linspace(0, np.pi, 240, endpoint=False)
+    ds = zj.sweep(point, q=[1.6, 1.9, 2.3], angle=angle)
+    print(np.unique(ds.outcome, return_counts=True), ds.attrs["run_seconds"])
+    figure, ax = plt.subplots(figsize=(6.6, 6), subplot_kw={"projection": "polar"})
+    colours = (style.BLUE, style.GREEN, style.ORANGE)
+    around = np.append(np.concatenate([angle, angle + np.pi]), 0.0)
+    for q, colour in zip(ds.q.values, colours, strict=True):
+        kick = ds.critical_kick.sel(q=q).values
+        # the column is symmetric: the opposite kick has the same threshold
+        ax.plot(
+            around, np.append(np.tile(kick, 2), kick[0]), color=colour, label=f"{q:g}"
+        )
+    ax.set_xticks(np.arange(4) * np.pi / 2)
+    ax.set_xticklabels(
+        [
+            r"$\dot\varphi_1$",
+            r"$\dot\varphi_2$",
+            r"$-\dot\varphi_1$",
+            r"$-\dot\varphi_2$",
+        ]
+    )
+    ax.set_rlabel_position(22)
+    ax.legend(title="load $q$", loc="upper left", bbox_to_anchor=(1.02, 1.0))
+    ax.set_rscale("log")
+    ax.set_rlim(0.02, 3.0)
+    ax.set_rticks([0.1, 1.0], ["0.1", "1"])
+    title = r"Rest inside, flutter outside; $\tau$ = 0.02 k, rates in $\sqrt{k/(ml^2)}$"
+    ax.set_title(title, pad=18)
+    style.save(figure, __file__)
+
+
+if __name__ == "__main__":
+    main()
