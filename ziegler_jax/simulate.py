@@ -1,6 +1,6 @@
 """Motions of a column: a time history to look at, and the long run as numbers."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import diffrax as dfx
 import equinox as eqx
@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._events import EventLog, Events
-from ._legs import current_legs
+from ._follow import FIRST_STEP, follow, machine, unless_chattering
 from ._scene import (
     check_scene,
     float_state,
@@ -30,9 +30,7 @@ from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
 from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit, LandingControl, Observed, StepControl, StickSlip
-
-FIRST_STEP = 0.01
+from .solvers import Explicit, StepControl, StickSlip
 
 
 class Settled(eqx.Module):
@@ -164,58 +162,20 @@ def settle(
         rate_cut=rate_cut_of(column, rate_cut),
         observers=with_amplitude(observers, column),
     )
-    args = prepared(column)
-    watching, control = _machine(column, solver, watch, rtol, atol)
-    terms = dfx.ODETerm(vector_field)
-    max_steps = whole_number("max_steps", max_steps)
     y0 = float_state(start)
-    zero = jnp.zeros((), y0[0].dtype)
-    good = valid_scene(column, y0) & watch.valid() & (rtol > 0) & (atol > 0)
-    invalid = jnp.where(good, OUTCOME.not_computed, OUTCOME.invalid)
-    begin = _Run(
-        solver=watching.init(terms, zero, zero, y0, args),
-        control=control.start(zero, FIRST_STEP, watch.first_stop()),
-        steps=jnp.zeros((), jnp.int32),
-        outcome=invalid.astype(jnp.int32),
+    valid = valid_scene(column, y0) & watch.valid() & (rtol > 0) & (atol > 0)
+    watched, y1, time, steps, outcome = follow(
+        column,
+        y0,
+        watch,
+        solver=solver,
+        rtol=rtol,
+        atol=atol,
+        valid=valid,
+        first_stop=watch.first_stop(),
+        end=watch.transient + watch.window * (watch.max_windows + 1),
+        max_steps=whole_number("max_steps", max_steps),
     )
-    legs = current_legs()
-    run = begin if legs is None else legs.enter(begin)
-    left = max_steps - run.steps
-    left = left if legs is None else jnp.minimum(left, legs.quota)
-    # the watch ends a lane before this; one that has ended does not move
-    end = watch.transient + watch.window * (watch.max_windows + 1)
-    t = run.control.t
-    solution = dfx.diffeqsolve(
-        terms,
-        watching,
-        t0=t,
-        t1=jnp.where(run.outcome == OUTCOME.not_computed, zero + end, t),
-        # t + (t_next - t) is t_next to the last bit as soon as t >= t_next / 2
-        # (Sterbenz), and a leg is many steps long: a pause changes nothing
-        dt0=run.control.t_next - t,
-        y0=run.solver.y,
-        args=args,
-        stepsize_controller=control,
-        solver_state=run.solver,
-        controller_state=run.control._replace(left=left.astype(jnp.int32)),
-        saveat=dfx.SaveAt(solver_state=True, controller_state=True),
-        max_steps=None,  # the controller counts
-        throw=False,
-        adjoint=dfx.ForwardMode(),
-    )
-    after: Any = solution.solver_state
-    where: Any = solution.controller_state
-    watched, y1 = after.folded, after.y
-    steps = run.steps + solution.stats["num_steps"]
-    spent = (watched.outcome == OUTCOME.not_computed) & (steps >= max_steps)
-    ended = jnp.where(spent, OUTCOME.budget_spent, watched.outcome)
-    if isinstance(watching, StickSlip):
-        ended = _unless_chattering(watching, after, ended)
-    ended = outcome_of(solution.result, after.slope, ended)
-    outcome = jnp.where(run.outcome == OUTCOME.not_computed, ended, run.outcome)
-    if legs is not None:
-        paused = _Run(after, where, steps, outcome)
-        legs.leave(paused, outcome == OUTCOME.not_computed, steps)
     failed = outcome < OUTCOME.unsettled
     observed = {
         observer.name: nan_where(
@@ -227,7 +187,7 @@ def settle(
         observed=observed,
         drift=nan_where(failed | ~jnp.isfinite(watched.drift), watched.drift),
         final=State(y1[:2], y1[2:]),
-        time=where.t,
+        time=time,
         steps=steps,
         windows=watched.windows,
         outcome=outcome.astype(jnp.int8),
@@ -285,7 +245,7 @@ def trajectory(
     if isinstance(column.friction, SetValuedCoulomb):
         log = EventLog(whole_number("max_events", max_events))
         solver = Explicit() if solver is None else solver
-        method, control = _machine(column, solver, log, rtol, atol)
+        method, control = machine(column, solver, log, rtol, atol)
     else:
         method = Explicit(dfx.Dopri8.tableau) if solver is None else solver
     solution = dfx.diffeqsolve(
@@ -312,7 +272,7 @@ def trajectory(
     events, slope, ended = None, after, OUTCOME.complete
     if isinstance(method, StickSlip):
         events, slope = after.folded, after.slope
-        ended = _unless_chattering(method, after, ended)
+        ended = unless_chattering(method, after, ended)
     outcome = outcome_of(solution.result, slope, ended)
     return Trajectory(
         ts=ts,
@@ -322,28 +282,6 @@ def trajectory(
         outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
         events=events,
     )
-
-
-class _Run(NamedTuple):
-    """Where a lane is: what a leg hands to the next."""
-
-    solver: Any
-    control: Any
-    steps: Any
-    outcome: Any
-
-
-def _machine(column: Column, solver: Explicit, fold: Any, rtol: Any, atol: Any) -> Any:
-    """The observing solver and the controller that the friction law needs."""
-    if isinstance(column.friction, SetValuedCoulomb):
-        control = LandingControl(rtol, atol)  # pyright: ignore[reportCallIssue]
-        return StickSlip(solver, fold, atol), control
-    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
-    return Observed(solver, fold), control
-
-
-def _unless_chattering(solver: StickSlip, state: Any, otherwise: Any) -> Any:
-    return jnp.where(solver.chatters(state), OUTCOME.chattering, otherwise)
 
 
 def _rule(column: Column) -> dict[str, str]:
