@@ -41,6 +41,7 @@ SAME_FLOOR = {
     ("simulate", "_follow"),
     ("_follow", "_scene"),
     ("verdict", "poincare"),
+    ("verdict", "lyapunov"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
 }

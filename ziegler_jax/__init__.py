@@ -16,8 +16,10 @@ from .critical import critical_load
 from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
 from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
+from .lyapunov import Exponents, lyapunov_exponents
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
-from .outcome import CRITICAL, OUTCOME, REGIME
+from .outcome import CRITICAL, OUTCOME, REGIME, VERDICT
+from .poincare import Section, poincare
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
 from .simulate import Settled, Trajectory, settle, trajectory
@@ -25,22 +27,26 @@ from .solvers import Explicit
 from .stabilise import stabilise
 from .sticking import StickingSet, sticking_set
 from .sweep import sweep
+from .verdict import Verdict, verdict
 
 __all__ = [
     "CRITICAL",
     "OUTCOME",
     "REGIME",
+    "VERDICT",
     "Air",
     "Amplitude",
     "Column",
     "ConstantLoad",
     "EnergyBalance",
+    "Exponents",
     "Explicit",
     "FollowerLoad",
     "JointReaction",
     "Mean",
     "Period",
     "RegularisationError",
+    "Section",
     "SetValuedCoulomb",
     "Settled",
     "SmoothCoulomb",
@@ -49,12 +55,15 @@ __all__ = [
     "StickingSet",
     "Sum",
     "Trajectory",
+    "Verdict",
     "Viscous",
     "configure_cpu",
     "critical_load",
     "energy",
     "linearise",
+    "lyapunov_exponents",
     "point_masses",
+    "poincare",
     "power",
     "reactions",
     "regime",
@@ -69,6 +78,7 @@ __all__ = [
     "tangent_column",
     "trajectory",
     "uniform_rods",
+    "verdict",
     "vector_field",
 ]
 
