@@ -118,9 +118,10 @@ def verdict(
     - `conservative`: neither friction nor damping took anything out at the end of any
         step after the transient: no motion attracts.
     - `chaotic`: $\lambda_1 >$ `zero_rate` and $\lambda_1 > 3$ standard errors.
-    - `quasi_periodic`: $|\lambda_1|, |\lambda_2| \le$ `zero_rate`.
-    - `cycle` with a period count of 0: $|\lambda_1| \le$ `zero_rate`
-        $< -\lambda_2$: its period is longer, or it is approached slowly.
+    - `quasi_periodic`: both are zero: $|\lambda| \le$ `zero_rate`, and
+        $|\lambda| \le 1/T + 3$ standard errors after blocks of T in all.
+    - `cycle` with a period count of 0: $\lambda_1$ is zero and $\lambda_2$ is
+        negative beyond that: its period is longer, or it is approached slowly.
     - `undecided` else.
 
     A motion that creeps past the ghost of a cycle can pass for one if it moves by less
@@ -178,7 +179,13 @@ def verdict(
     found = run.outcome == OUTCOME.cycle
     unmeasured = (rates.blocks < 1) | (run.outcome < OUTCOME.unsettled)
     return Verdict(
-        verdict=_judged(run.outcome, rates, run.folded.dissipates, zero_rate),
+        verdict=_judged(
+            run.outcome,
+            rates,
+            run.folded.dissipates,
+            zero_rate,
+            blocks * fold.block,
+        ),
         period_count=jnp.where(found, returns.found, 0.0),
         period=jnp.where(found, returns.period, jnp.nan),
         exponents=nan_where(unmeasured, jnp.stack(rates.mean)),
@@ -202,12 +209,19 @@ def verdict(
     )
 
 
-def _judged(outcome: Any, rates: Rates, dissipates: Any, zero_rate: Any) -> jax.Array:
+def _judged(
+    outcome: Any, rates: Rates, dissipates: Any, zero_rate: Any, span: Any
+) -> jax.Array:
     """The code of VERDICT."""
-    (first, second), (error, _) = rates.mean, standard_errors(rates)
-    alone = jnp.abs(first) <= zero_rate
-    by_rates = jnp.where(alone & (second < -zero_rate), VERDICT.cycle, 0)
-    both = alone & (jnp.abs(second) <= zero_rate)
+    (first, second), (error, other) = rates.mean, standard_errors(rates)
+
+    def zero(rate, error):
+        """Not to be told from zero: by one e-fold in all, and by its error."""
+        within = jnp.abs(rate) <= 1 / span + SURE * error
+        return within & (jnp.abs(rate) <= zero_rate)
+
+    alone, both = zero(first, error), zero(first, error) & zero(second, other)
+    by_rates = jnp.where(alone & ~both & (second < 0), VERDICT.cycle, 0)
     by_rates = jnp.where(both, VERDICT.quasi_periodic, by_rates)
     chaotic = (first > zero_rate) & (first > SURE * error)
     by_rates = jnp.where(chaotic, VERDICT.chaotic, by_rates)
