@@ -41,6 +41,12 @@ TANGENT_SHARE = 1000.0
 LOST = 2**16  # units of rounding: what is left of a vector that has lost its dimension
 # products of lengths stay within these before their logarithm is taken
 LEAST, MOST = 1e-100, 1e100
+HADAMARD = (
+    (0.5, 0.5, 0.5, 0.5),
+    (0.5, -0.5, 0.5, -0.5),
+    (0.5, 0.5, -0.5, -0.5),
+    (0.5, -0.5, -0.5, 0.5),
+)
 
 
 class Growing(NamedTuple):
@@ -52,9 +58,12 @@ class Growing(NamedTuple):
 
 
 def unit_tangents(column: Any, y: Vector4, count: int) -> Growing:
-    """The first `count` unit vectors, without the rates of joints that stick."""
+    """`count` orthonormal vectors, without the rates of joints that stick.
+
+    Hadamard's: where joints stick, the last ones are those that are lost.
+    """
     zero = 0.0 * y[0]
-    vectors = tuple(tuple(zero + float(i == j) for j in range(4)) for i in range(count))
+    vectors = tuple(tuple(zero + x for x in row) for row in HADAMARD[:count])
     if isinstance(column.friction, Torques):
         vectors = tuple(_held(column.friction, v) for v in vectors)
     vectors, _ = orthonormal(vectors)  # type: ignore[arg-type]

@@ -98,8 +98,9 @@ def lyapunov_exponents(
     \mathrm{error} = \sqrt{\frac{\sum_b (r_b - \bar r)^2}{B(B-1)}}.$$
 
     The error is that of blocks that know little of each other: `block` should be many
-    periods, and longer than the motion remembers. Where an exponent is zero because
-    growth is not exponential, it is still of the size $\ln t / t$ after a time t.
+    periods, and longer than the motion remembers. It does not see what the ends of the
+    whole time T contribute, of order $1/T$, nor that an exponent which is zero because
+    growth is not exponential is still of the size $\ln T / T$.
 
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 

@@ -7,6 +7,7 @@ set that no curve holds.
 from typing import Any, Literal, NamedTuple, get_args
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -27,6 +28,7 @@ from .solvers.crossing import place
 
 Coordinate = Literal["phi1", "phi2", "omega1", "omega2"]
 COORDINATES = get_args(Coordinate)
+LONGEST_PERIOD = 16  # passages
 
 
 class Plane(NamedTuple):
@@ -66,6 +68,55 @@ def passage(plane: Plane, step: Step) -> Passage:
 def _cubic(x, y0, y1, v0, v1):
     rise = y1 - y0
     return y0 + x * (v0 + x * (3 * rise - 2 * v0 - v1 + x * (v0 + v1 - 2 * rise)))
+
+
+class Returns(NamedTuple):
+    """Brent's cycle detection on the passages of a section."""
+
+    point: Vector4  # the reference
+    time: Scalar
+    count: Scalar  # passages since; -1 before the first
+    most: Scalar  # after so many the reference is renewed
+    found: Scalar  # the period in passages, once seen; else 0
+    period: Scalar
+    nearest: Scalar  # the least relative distance from a reference, in this block
+    confirmed: Any
+
+
+def returned(returns: Returns, seen: Passage, rtol: Scalar) -> Returns:
+    """Hear one passage more."""
+    count = returns.count + 1.0
+    apart, size = 0.0 * count, 0.0 * count
+    for x, x0 in zip(seen.y, returns.point, strict=True):
+        apart = jnp.maximum(apart, jnp.abs(x - x0))
+        size = jnp.maximum(size, jnp.abs(x0))
+    back = (count > 0) & (apart <= rtol * size)
+    first = back & (returns.found == 0)
+    again = (returns.found > 0) & (count == 2 * returns.found)
+    # a period that was not confirmed was none
+    renew = (count == 0) | (again & ~back)
+    renew |= ~first & (returns.found == 0) & (count >= returns.most)
+    doubled = jnp.where(
+        returns.most >= LONGEST_PERIOD, 1.0 + 0.0 * count, 2 * returns.most
+    )
+    new = Returns(
+        point=jax.tree.map(lambda a, b: jnp.where(renew, a, b), seen.y, returns.point),
+        time=jnp.where(renew, seen.time, returns.time),
+        count=jnp.where(renew, 0.0, count),
+        most=jnp.where(renew & (count > 0), doubled, returns.most),
+        found=jnp.where(renew, 0.0, jnp.where(first, count, returns.found)),
+        period=jnp.where(first, seen.time - returns.time, returns.period),
+        nearest=jnp.minimum(returns.nearest, jnp.where(count > 0, apart / size, 1.0)),
+        confirmed=returns.confirmed | (again & back),
+    )
+    return jax.tree.map(lambda a, b: jnp.where(seen.there, a, b), new, returns)
+
+
+def no_returns(t: Any, y: Vector4) -> Returns:
+    """Before the first passage."""
+    zero = 0.0 * y[0]
+    no = jnp.zeros((), bool)
+    return Returns(y, t + zero, zero - 1, zero + 1, zero, zero, zero + 1, no)
 
 
 class Section(eqx.Module):

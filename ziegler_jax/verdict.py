@@ -26,17 +26,17 @@ from ._scene import (
     whole_number,
 )
 from ._tangents import Growing, grow, in_logs, unit_tangents
-from ._types import Scalar, Vector4, number
+from ._types import Scalar, number
 from ._variables import Variable
 from .column import Column, State, power
 from .lyapunov import RATE, Rates, first_stop, no_rates, standard_errors, with_block
 from .observers import TIME, joint_rates
 from .outcome import OUTCOME, VERDICT
-from .poincare import Passage, Plane, passage
+from .poincare import Plane, Returns, no_returns, passage, returned
 from .solvers import AbstractFold, Explicit, Step
 
-LONGEST_PERIOD = 16  # passages
 SURE = 3.0  # standard errors
+NEAR = 1e-3  # of a point: a passage this near one before it is on its way to a cycle
 PLANE = Plane()
 
 
@@ -119,7 +119,8 @@ def verdict(
         step after the transient: no motion attracts.
     - `chaotic`: $\lambda_1 >$ `zero_rate` and $\lambda_1 > 3$ standard errors.
     - `quasi_periodic`: both are zero: $|\lambda| \le$ `zero_rate`, and
-        $|\lambda| \le 1/T + 3$ standard errors after blocks of T in all.
+        $|\lambda| \le 1/T + 3$ standard errors after blocks of T in all; and in the
+        last block no passage came to within 1e-3 of a reference.
     - `cycle` with a period count of 0: $\lambda_1$ is zero and $\lambda_2$ is
         negative beyond that: its period is longer, or it is approached slowly.
     - `undecided` else.
@@ -181,8 +182,7 @@ def verdict(
     return Verdict(
         verdict=_judged(
             run.outcome,
-            rates,
-            run.folded.dissipates,
+            run.folded,
             zero_rate,
             blocks * fold.block,
         ),
@@ -210,9 +210,10 @@ def verdict(
 
 
 def _judged(
-    outcome: Any, rates: Rates, dissipates: Any, zero_rate: Any, span: Any
+    outcome: Any, heard: "WitnessState", zero_rate: Any, span: Any
 ) -> jax.Array:
     """The code of VERDICT."""
+    rates = heard.rates
     (first, second), (error, other) = rates.mean, standard_errors(rates)
 
     def zero(rate, error):
@@ -222,56 +223,17 @@ def _judged(
 
     alone, both = zero(first, error), zero(first, error) & zero(second, other)
     by_rates = jnp.where(alone & ~both & (second < 0), VERDICT.cycle, 0)
-    by_rates = jnp.where(both, VERDICT.quasi_periodic, by_rates)
+    apart = heard.returns.nearest > NEAR
+    by_rates = jnp.where(both & apart, VERDICT.quasi_periodic, by_rates)
     chaotic = (first > zero_rate) & (first > SURE * error)
     by_rates = jnp.where(chaotic, VERDICT.chaotic, by_rates)
     by_rates = jnp.where(by_rates == 0, VERDICT.undecided, by_rates)
-    by_rates = jnp.where(dissipates, by_rates, VERDICT.conservative)
+    by_rates = jnp.where(heard.dissipates, by_rates, VERDICT.conservative)
     code = jnp.where(outcome == OUTCOME.unsettled, by_rates, VERDICT.failed)
     at_rest = (outcome == OUTCOME.stuck) | (outcome == OUTCOME.rest)
     code = jnp.where(at_rest, VERDICT.stuck, code)
     code = jnp.where(outcome == OUTCOME.cycle, VERDICT.cycle, code)
     return jnp.where(outcome == OUTCOME.escaped, VERDICT.escaped, code).astype(jnp.int8)
-
-
-class Returns(NamedTuple):
-    """Brent's cycle detection on the passages of a section."""
-
-    point: Vector4  # the reference
-    time: Scalar
-    count: Scalar  # passages since; -1 before the first
-    most: Scalar  # after so many the reference is renewed
-    found: Scalar  # the period in passages, once seen; else 0
-    period: Scalar
-    confirmed: Any
-
-
-def returned(returns: Returns, seen: Passage, rtol: Scalar) -> Returns:
-    """Hear one passage more."""
-    count = returns.count + 1.0
-    apart, size = 0.0 * count, 0.0 * count
-    for x, x0 in zip(seen.y, returns.point, strict=True):
-        apart = jnp.maximum(apart, jnp.abs(x - x0))
-        size = jnp.maximum(size, jnp.abs(x0))
-    back = (count > 0) & (apart <= rtol * size)
-    first = back & (returns.found == 0)
-    again = (returns.found > 0) & (count == 2 * returns.found)
-    # a period that was not confirmed was none
-    renew = (count == 0) | (again & ~back)
-    renew |= ~first & (returns.found == 0) & (count >= returns.most)
-    doubled = jnp.where(
-        returns.most >= LONGEST_PERIOD, 1.0 + 0.0 * count, 2 * returns.most
-    )
-    new = Returns(
-        point=jax.tree.map(lambda a, b: jnp.where(renew, a, b), seen.y, returns.point),
-        time=jnp.where(renew, seen.time, returns.time),
-        count=jnp.where(renew, 0.0, count),
-        most=jnp.where(renew & (count > 0), doubled, returns.most),
-        found=jnp.where(renew, 0.0, jnp.where(first, count, returns.found)),
-        period=jnp.where(first, seen.time - returns.time, returns.period),
-        confirmed=returns.confirmed | (again & back),
-    )
-    return jax.tree.map(lambda a, b: jnp.where(seen.there, a, b), new, returns)
 
 
 class WitnessState(NamedTuple):
@@ -318,7 +280,7 @@ class Witnesses(AbstractFold):
         return WitnessState(
             growing=unit_tangents(column, y0, 2),
             rates=no_rates(self.transient, zero, 2),
-            returns=Returns(y0, t0 + zero, zero - 1, zero + 1, zero, zero, no),
+            returns=no_returns(t0, y0),
             fastest=zero,
             faster=zero,
             dissipates=no,
@@ -380,9 +342,8 @@ class Witnesses(AbstractFold):
             slow = heard.fastest < self.rate_cut
             stuck = ended & slow & (heard.fastest <= heard.faster)
         resting = OUTCOME.rest if column.friction is None else OUTCOME.stuck
-        outcome = jnp.where(
-            rates.blocks >= self.blocks, OUTCOME.unsettled, heard.outcome
-        )
+        over = rates.blocks >= self.blocks
+        outcome = jnp.where(over, OUTCOME.unsettled, heard.outcome)
         repeats = heard.returns.confirmed & heard.dissipates
         outcome = jnp.where(repeats, OUTCOME.cycle, outcome)
         outcome = jnp.where(stuck, resting, outcome)
@@ -392,6 +353,9 @@ class Witnesses(AbstractFold):
                 logs=tuple(jnp.where(ended, 0.0, x) for x in growing.logs)
             ),
             rates=rates,
+            returns=heard.returns._replace(
+                nearest=jnp.where(ended & ~over, 1.0, heard.returns.nearest)
+            ),
             fastest=jnp.where(ended, 0.0, heard.fastest),
             faster=jnp.where(ended, heard.fastest, heard.faster),
             stop=jnp.where(ended, step.t1 + self.block, heard.stop),
