@@ -17,9 +17,11 @@ from .critical import critical_load
 from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
 from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
+from .lyapunov import Exponents, lyapunov_exponents
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .onset import Onset, critical_kick, flutter_onset
-from .outcome import CRITICAL, ONSET, OUTCOME, REGIME
+from .outcome import CRITICAL, ONSET, OUTCOME, REGIME, VERDICT
+from .poincare import Section, poincare
 from .quasi_static import UpDown, sweep_up_down
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
@@ -28,17 +30,20 @@ from .solvers import Explicit
 from .stabilise import stabilise
 from .sticking import StickingSet, sticking_set
 from .sweep import sweep
+from .verdict import Verdict, verdict
 
 __all__ = [
     "CRITICAL",
     "ONSET",
     "OUTCOME",
     "REGIME",
+    "VERDICT",
     "Air",
     "Amplitude",
     "Column",
     "ConstantLoad",
     "EnergyBalance",
+    "Exponents",
     "Explicit",
     "FollowerLoad",
     "JointReaction",
@@ -46,6 +51,7 @@ __all__ = [
     "Onset",
     "Period",
     "RegularisationError",
+    "Section",
     "SetValuedCoulomb",
     "Settled",
     "SmoothCoulomb",
@@ -55,6 +61,7 @@ __all__ = [
     "Sum",
     "Trajectory",
     "UpDown",
+    "Verdict",
     "Viscous",
     "basin",
     "configure_cpu",
@@ -63,7 +70,9 @@ __all__ = [
     "energy",
     "flutter_onset",
     "linearise",
+    "lyapunov_exponents",
     "point_masses",
+    "poincare",
     "power",
     "reactions",
     "regime",
@@ -79,6 +88,7 @@ __all__ = [
     "tangent_column",
     "trajectory",
     "uniform_rods",
+    "verdict",
     "vector_field",
 ]
 

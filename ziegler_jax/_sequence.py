@@ -30,7 +30,7 @@ class _Sequence(NamedTuple):
 
 def in_turn(
     motion: Callable[[Any], Motion],
-    heard: Callable[[Any, Motion, Run], Any],
+    heard: Callable[[Any, Any, Run], Any],
     running: Callable[[Any], Any],
     state: Any,
 ) -> tuple[Any, Any]:

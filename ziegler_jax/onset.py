@@ -27,9 +27,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._motion import Motion, Run
+from ._motion import Run
 from ._scene import recorded, whole_number
 from ._sequence import in_turn
+from ._settling import Settling
 from ._types import is_concrete, pair
 from ._variables import Variable
 from .column import Column, State
@@ -201,9 +202,9 @@ def _search(
     dtype = jnp.result_type(float)
     least, largest = jnp.asarray(least, dtype), jnp.asarray(largest, dtype)
 
-    def motion(search: _Search) -> Motion:
+    def motion(search: _Search) -> Settling:
         column, start = _without_derivative(scene(search.x), name)
-        return Motion(
+        return Settling(
             column,
             start,
             transient=np.float64(0),
@@ -220,7 +221,7 @@ def _search(
             strict=True,
         )
 
-    def heard(search: _Search, motion: Motion, run: Run) -> _Search:
+    def heard(search: _Search, motion: Settling, run: Run) -> _Search:
         del motion
         return _heard(search, run.outcome, least, largest, scan, halvings)
 

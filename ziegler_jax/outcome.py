@@ -1,4 +1,4 @@
-"""Why a lane ended, which regime a linear column is in: one small integer each.
+"""Why a lane ended, what its motion is, which regime a linear column is in: codes.
 
 A sweep runs thousands of lanes at once and cannot stop at one that fails; every lane
 therefore carries a code, and every code a sentence.
@@ -41,6 +41,20 @@ class OUTCOME(Code):
     rest = 9, "the same without friction: the column came to rest"
     cycle = 10, "two consecutive windows agreed: the motion has settled"
     complete = 11, "the motion was followed to the last of the given times"
+
+
+class VERDICT(Code):
+    """What kind of motion a start leads to (see `verdict`)."""
+
+    not_computed = 0, "the point was left out or has not been computed yet"
+    failed = 1, "the motion could not be followed: the outcome says why"
+    escaped = 2, "a rod's angle passed the named bound, e.g. it turned over"
+    undecided = 3, "neither sections nor exponents decide within the budget"
+    conservative = 4, "nothing is dissipated: no motion attracts, there is no attractor"
+    stuck = 5, "it came to rest"
+    cycle = 6, "sections repeat, or only one exponent is zero and no other positive"
+    quasi_periodic = 7, "two exponents are zero and sections do not repeat"
+    chaotic = 8, "the largest exponent is positive, beyond its error"
 
 
 class REGIME(Code):

@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._motion import Motion, Run
+from ._motion import Run
 from ._scene import check_scene, float_state, recorded
 from ._sequence import in_turn
+from ._settling import Settling
 from ._types import is_concrete
 from ._variables import Variable
 from .column import Column, State
@@ -132,10 +133,10 @@ def sweep_up_down(
     n, dtype = values.size, jnp.result_type(float)
     way = np.stack([np.arange(n), 2 * n - 1 - np.arange(n)]).astype(np.int32)
 
-    def motion(now: _Way) -> Motion:
+    def motion(now: _Way) -> Settling:
         here = jnp.where(way == now.place, jnp.asarray(values, dtype)[None, :], 0.0)
         y = [a + b for a, b in zip(now.y, shove, strict=True)]
-        return Motion(
+        return Settling(
             make_column(jnp.sum(here)),
             State(y[:2], y[2:]),
             transient=transient,
@@ -151,7 +152,7 @@ def sweep_up_down(
             max_steps=max_steps,
         )
 
-    def heard(now: _Way, motion: Motion, run: Run) -> _Way:
+    def heard(now: _Way, motion: Settling, run: Run) -> _Way:
         failed = run.outcome < OUTCOME.unsettled
         y = tuple(jnp.where(failed, a, b) for a, b in zip(y0, run.y, strict=True))
 

@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._events import EventLog, Events
-from ._legs import current_legs
-from ._motion import FIRST_STEP, Motion, Run, machine, unless_chattering
+from ._motion import FIRST_STEP, Run, follow, machine, unless_chattering
 from ._scene import (
     check_scene,
     float_state,
@@ -22,6 +21,7 @@ from ._scene import (
     valid_scene,
     whole_number,
 )
+from ._settling import Settling
 from ._variables import Variable
 from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
@@ -148,7 +148,7 @@ def settle(
     than 1e-5 in a 32-bit session. `jax.jvp` passes through, `jax.grad` does not (the
     number of steps is not known beforehand).
     """
-    motion = Motion(
+    motion = Settling(
         column,
         start,
         transient=transient,
@@ -163,18 +163,12 @@ def settle(
         rate_cut=rate_cut,
         max_steps=max_steps,
     )
-    legs = current_legs()
-    if legs is None:
-        run = motion.advance(motion.begin())
-    else:
-        run = motion.advance(legs.enter(motion.begin()), legs.quota)
-        legs.leave(run, run.running, run.steps)
-    return settled(motion, run)
+    return settled(motion, follow(motion))
 
 
-def settled(motion: Motion, run: Run) -> Settled:
+def settled(motion: Settling, run: Run) -> Settled:
     """What a motion that has ended amounts to."""
-    watch, watched, y1 = motion.watch, run.solver.folded, run.y
+    watch, watched, y1 = motion.watch, run.folded, run.y
     failed = run.outcome < OUTCOME.unsettled
     observed = {
         observer.name: nan_where(
@@ -186,7 +180,7 @@ def settled(motion: Motion, run: Run) -> Settled:
         observed=observed,
         drift=nan_where(failed | ~jnp.isfinite(watched.drift), watched.drift),
         final=State(y1[:2], y1[2:]),
-        time=run.control.t,
+        time=run.time,
         steps=run.steps,
         windows=watched.windows,
         outcome=run.outcome.astype(jnp.int8),

@@ -1,0 +1,58 @@
+"""Sections phi1 = 0, rising: a chaotic stick-slip motion and frictionless ones.
+
+Into poincare_section.png. With friction one set attracts every start; without it each
+start keeps its own curve, or fills a region: nothing attracts.
+"""
+
+from pathlib import Path
+
+import jax
+import matplotlib.pyplot as plt
+import numpy as np
+
+import ziegler_jax as zj
+
+Q, TAU_S, TAU_K = 3.9, 0.226, 0.0565
+Q_FREE, KICKS = 3.2, np.array([0.02, 0.06, 0.1, 0.14, 0.18, 0.3])
+
+
+def chaotic(kick):
+    load = zj.ConstantLoad(1.0)
+    friction = zj.SetValuedCoulomb(TAU_S, TAU_K, pin_radius=1.0, load=load)
+    start = zj.State(omega=(0.0, kick))
+    column = zj.uniform_rods(Q, friction=friction)
+    return zj.poincare(column, start, points=1000, rtol=1e-8, atol=1e-8)
+
+
+def free(kick):
+    start = zj.State(omega=(0.0, kick))
+    column = zj.uniform_rods(Q_FREE)
+    return zj.poincare(column, start, points=400, transient=0.0, escape=100.0)
+
+
+def main():
+    jax.config.update("jax_enable_x64", True)
+    _, axes = plt.subplots(1, 2, figsize=(8.3, 3.8), layout="constrained")
+    found = jax.jit(jax.vmap(chaotic))(np.array([0.3, 0.4, 0.5, 0.6]))
+    axes[0].plot(
+        np.ravel(found.phi[..., 1]), np.ravel(found.omega[..., 1]), "k.", ms=1.2
+    )
+    axes[0].set_title(rf"$q = {Q}$, $\tau_s = {TAU_S}\,k$, $\tau_k = {TAU_K}\,k$")
+    found = jax.jit(jax.vmap(free))(KICKS)
+    colours = plt.colormaps["viridis"](np.linspace(0, 0.9, KICKS.size))
+    for phi, omega, kick, colour in zip(
+        found.phi, found.omega, KICKS, colours, strict=True
+    ):
+        axes[1].plot(phi[:, 1], omega[:, 1], ".", ms=2, color=colour, label=f"{kick:g}")
+    axes[1].set_title(f"$q = {Q_FREE}$, no friction")
+    axes[1].legend(title=r"kick $\dot\varphi_2$", markerscale=4, fontsize=8)
+    for ax in axes:
+        ax.set(
+            xlabel=r"angle $\varphi_2$ (rad)",
+            ylabel=r"rate $\dot\varphi_2$ (rad $\sqrt{k/(m l^2)}$)",
+        )
+    axes[0].figure.savefig(Path(__file__).with_suffix(".png"), dpi=200)
+
+
+if __name__ == "__main__":
+    main()

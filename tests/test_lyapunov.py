@@ -1,0 +1,200 @@
+"""Lyapunov exponents: eigenvalues, divergence, multipliers, chaos; stick and slip."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from rods import benettin, floquet, mean_divergence
+
+import ziegler_jax as zj
+from ziegler_jax import OUTCOME
+from ziegler_jax._tangents import HADAMARD
+
+# Smooth columns: q, tau, v_smooth, c1, c2, start (4), transient, block ----------------
+
+BLOCKS = 12
+SMOOTH = {
+    "linear": (1.5, 0, 1, 0.05, 0.02, 0, 0, 0, 0, 100, 20),
+    "creep": (1.2, 0.01, 0.3, 0, 0, 0, 0, 0, 0, 100, 20),
+    "free": (2.0, 0, 1, 0, 0, 0, 0, 0, 0.2, 200, 40),
+    "chaos": (4.0, 0, 1, 0, 0, 0, 0, 0, 0.3, 200, 200),
+    "chaos again": (4.0, 0, 1, 0, 0, 0, 0, 0, 0.2, 300, 200),
+    "viscous": (2.3, 0, 1, 0.2, 0.2, 0, 0, 0, 0.3, 300, 20),
+    "friction": (2.6, 0.026, 0.1, 0, 0, 0, 0, 0, 0.3, 100, 20),
+}
+
+
+@jax.jit
+@jax.vmap
+def of_smooth(n):
+    load = zj.ConstantLoad(1.0)
+    friction = zj.SmoothCoulomb(n[1], pin_radius=1.0, v_smooth=n[2], load=load)
+    column = zj.uniform_rods(n[0], friction=friction, damping=zj.Viscous(n[3], n[4]))
+    start = zj.State((n[5], n[6]), (n[7], n[8]))
+    return zj.lyapunov_exponents(
+        column, start, transient=n[9], block=n[10], blocks=BLOCKS, escape=1000.0
+    )
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    found = of_smooth(np.array(list(SMOOTH.values()), float))
+    assert (np.asarray(found.outcome) == OUTCOME.complete).all()
+    rates, errors = np.asarray(found.exponents), np.asarray(found.errors)
+    final = np.hstack([np.transpose(found.final.phi), np.transpose(found.final.omega)])
+    return dict(zip(SMOOTH, zip(rates, errors, final, strict=True), strict=True))
+
+
+def test_at_rest_they_are_the_real_parts_of_the_eigenvalues(smooth):
+    for name in ("linear", "creep"):
+        q, tau, v, c1, c2 = SMOOTH[name][:5]
+        damping = zj.Viscous(c1 + tau / v, c2 + tau / v)
+        roots = zj.spectrum(zj.uniform_rods(q, damping=damping))
+        exact = np.sort(np.asarray(roots).real)[::-1]
+        rates, errors, _ = smooth[name]
+        # vectors of a pair turn: the ends of the time T contribute, measured 0.4 / T
+        assert (np.abs(rates - exact) < 3 * errors + 1 / (BLOCKS * 20)).all()
+        pairs = rates.reshape(2, 2).sum(axis=1)
+        np.testing.assert_allclose(pairs, exact.reshape(2, 2).sum(axis=1), atol=2e-5)
+
+
+def test_their_sum_is_the_mean_divergence(smooth):
+    for name in ("viscous", "friction"):
+        numbers, start = SMOOTH[name][:5], SMOOTH[name][5:9]
+        begin, block = SMOOTH[name][9:]
+        mean = mean_divergence(start, begin, begin + BLOCKS * block, numbers)
+        np.testing.assert_allclose(smooth[name][0].sum(), mean, rtol=1e-5)
+
+
+def test_without_dissipation_they_sum_to_zero_and_are_symmetric(smooth):
+    for name in ("free", "chaos", "chaos again"):
+        rates, errors, _ = smooth[name]
+        # the flow keeps det M dphi domega: what is left is ln det M over the time
+        assert abs(rates.sum()) < 1e-3
+        # and runs backward in time as forward
+        assert abs(rates[0] + rates[3]) < 3 * np.hypot(errors[0], errors[3])
+        assert abs(rates[1] + rates[2]) < 3 * np.hypot(errors[1], errors[2])
+
+
+def test_a_cycle_has_a_zero_one_and_the_rate_of_its_multiplier(smooth):
+    for name in ("viscous", "friction"):
+        rates, errors, final = smooth[name]
+        period, multipliers = floquet(final, SMOOTH[name][:5])
+        assert abs(multipliers[0] - 1) < 1e-5
+        exact = np.log(np.abs(multipliers)) / period
+        assert (np.abs(rates[:2] - exact[:2]) < 3 * errors[:2] + 1e-4).all()
+        assert abs(rates[0]) < 0.01 and errors[:2].max() < 0.01
+
+
+def test_chaos_has_one_largest_exponent_whoever_computes_it(smooth):
+    runs = [smooth[name][:2] for name in ("chaos", "chaos again")]
+    rates, errors = np.array(runs)[:, :, 0].T
+    assert (rates > 5 * errors).all()
+    assert abs(rates[0] - rates[1]) < 3 * np.hypot(*errors)
+    numbers, start = SMOOTH["chaos"][:5], np.array(SMOOTH["chaos"][5:9], float)
+    other, its_error = benettin(start, numbers, 200.0, 800.0, 10)
+    assert abs(other - rates.mean()) < 3 * np.hypot(its_error, np.hypot(*errors) / 2)
+
+
+# Set-valued friction: q, tau_s, tau_k, start (4), transient, block --------------------
+
+APART = 1e-6
+SETS = {
+    "sticks, mu_s = mu_k": (2.6, 0.15, 0.15, 0.2, 0.1, 0.3, -0.4, 0, 9.0),
+    "sticks, mu_s > mu_k": (2.6, 0.05, 0.02, 0.2, 0.1, 0.3, -0.4, 0, 9.0),
+    "reverses": (3.5, 0.02, 0.02, 0.5, -0.4, 0.3, -0.4, 0, 0.8),
+    "sticks often": (3.9, 0.22, 0.055, 0.3, 0.1, 0.5, -0.4, 0, 6.0),
+}
+LONG = {
+    "cycle": (2.6, 0.026, 0.026, 0, 0, 0, 0.3, 200, 50),
+    "chaos": (3.9, 0.226, 0.0565, 0, 0, 0, 0.3, 200, 50),
+    "chaos again": (3.9, 0.226, 0.0565, 0, 0, 0, 0.5, 400, 50),
+}
+
+
+@jax.jit
+@jax.vmap
+def of_set_valued(n):
+    friction = zj.SetValuedCoulomb(
+        n[1], n[2], pin_radius=1.0, load=zj.ConstantLoad(1.0)
+    )
+    start = zj.State((n[3], n[4]), (n[5], n[6]))
+    return zj.lyapunov_exponents(
+        zj.uniform_rods(n[0], friction=friction),
+        start,
+        transient=n[7],
+        block=n[8],
+        blocks=BLOCKS,
+        rtol=n[9],
+        atol=n[9],
+        escape=100.0,
+    )
+
+
+def moved(lane, i, by):
+    lane = list(lane)
+    lane[3 + i] += by
+    return lane
+
+
+@pytest.fixture(scope="module")
+def set_valued():
+    lanes = [[*lane, 1e-8] for lane in LONG.values()]
+    for lane in SETS.values():
+        lane = [*lane[:8], lane[8] / BLOCKS, 1e-12]
+        lanes.append(lane)
+        lanes += [moved(lane, i, s * APART) for i in range(4) for s in (1, -1)]
+    found = of_set_valued(np.array(lanes))
+    assert (np.asarray(found.outcome) == OUTCOME.complete).all()
+    return found
+
+
+def test_growth_through_events_is_that_of_neighbours(set_valued):
+    """D H = Q R, with D the map's derivative: the tangents grew by R's diagonal."""
+    lost = []
+    y = np.hstack(
+        [np.transpose(set_valued.final.phi), np.transpose(set_valued.final.omega)]
+    )
+    for k, (name, lane) in enumerate(SETS.items()):
+        first = len(LONG) + 9 * k
+        mates = y[first + 1 : first + 9].reshape(4, 2, 4)
+        derivative = (mates[:, 0] - mates[:, 1]).T / (2 * APART)
+        expected = np.abs(np.diag(np.linalg.qr(derivative @ np.transpose(HADAMARD))[1]))
+        found = np.exp(np.asarray(set_valued.exponents)[first] * lane[8])
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4, err_msg=name)
+        lost.append(found[3] == 0)
+    assert any(lost) and not all(lost)  # scenes that stick, and one that only slips
+
+
+def test_a_stick_slip_cycle_has_a_zero_one_and_loses_a_dimension(set_valued):
+    rates, errors = set_valued.exponents[0], set_valued.errors[0]
+    assert abs(rates[0]) < 3 * errors[0] + 1e-3
+    assert rates[1] < -0.1 and rates[3] == -np.inf
+
+
+def test_stick_slip_chaos_has_one_largest_exponent_whatever_the_start(set_valued):
+    rates, errors = set_valued.exponents[1:3, :2].T, set_valued.errors[1:3, :2].T
+    assert (rates[0] > 5 * errors[0]).all()
+    assert abs(rates[0, 0] - rates[0, 1]) < 3 * np.hypot(*errors[0])
+    assert (np.abs(rates[1]) < 3 * errors[1] + 1e-3).all()
+    assert (set_valued.exponents[1:3, 3] == -np.inf).all()
+
+
+def test_what_breaks_a_rule_is_named(refuses):
+    column, start = zj.uniform_rods(1.0), zj.State()
+
+    def of(**options):
+        return lambda: zj.lyapunov_exponents(column, start, **options)
+
+    refuses(of(count=5), "`count`", "at most 4", "5")
+    refuses(of(blocks=1), "`blocks`", "at least 2", "1")
+    refuses(of(block=0.0), "`block`", "positive", "0")
+    refuses(of(transient=-1.0), "`transient`", "nonnegative", "-1")
+
+
+@pytest.mark.slow
+def test_numbers_that_break_a_rule_when_traced_end_the_lane():
+    lane = jnp.array(SMOOTH["free"], float).at[3].set(-1.0)
+    found = of_smooth(lane[None])
+    assert found.outcome[0] == OUTCOME.invalid
+    assert np.isnan(found.exponents).all()

@@ -1,0 +1,92 @@
+"""A motion under the watch of `settle`, from its start to its verdict."""
+
+from typing import Any
+
+from ._motion import Motion
+from ._scene import (
+    check_scene,
+    float_state,
+    rate_cut_of,
+    tolerances,
+    valid_scene,
+    whole_number,
+    with_amplitude,
+)
+from ._types import number
+from ._windows import Windows
+from .column import Column, State
+from .observers import AbstractObserver
+from .set_valued import SetValuedCoulomb
+from .solvers import Explicit
+
+
+class Settling(Motion):
+    """A column and the watch over its motion, by the options of `settle`."""
+
+    def __init__(
+        self,
+        column: Column,
+        start: State,
+        *,
+        transient: Any,
+        window: Any,
+        max_windows: int,
+        rtol_settle: Any,
+        observers: tuple[AbstractObserver, ...],
+        rtol: Any,
+        atol: Any,
+        solver: Explicit | None,
+        escape: Any,
+        rate_cut: Any,
+        max_steps: int,
+        strict: bool = False,
+    ):
+        """Check the scene and set up the watch."""
+        check_scene(column, start)
+        y0 = float_state(start)
+        rtol, atol = tolerances(rtol, atol)
+        self.watch = watch = Windows(
+            transient=number("transient", transient, "nonnegative"),
+            window=number("window", window, "positive"),
+            max_windows=whole_number("max_windows", max_windows),
+            rtol_settle=number("rtol_settle", rtol_settle, "positive"),
+            escape=number("escape", escape, "positive"),
+            rate_cut=rate_cut_of(column, rate_cut),
+            observers=with_amplitude(observers, column),
+            strict=strict,
+        )
+        valid = valid_scene(column, y0) & watch.valid() & (rtol > 0) & (atol > 0)
+        super().__init__(
+            column,
+            y0,
+            watch,
+            solver=Explicit() if solver is None else solver,
+            rtol=rtol,
+            atol=atol,
+            valid=valid,
+            first_stop=watch.first_stop(),
+            end=watch.transient + watch.window * (watch.max_windows + 1),
+            max_steps=whole_number("max_steps", max_steps),
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """The options, for the record."""
+        watch = self.watch
+        return {
+            "solver": self.method.name,
+            "rtol": self.rtol,
+            "atol": self.atol,
+            "transient": watch.transient,
+            "window": watch.window,
+            "max_windows": watch.max_windows,
+            "rtol_settle": watch.rtol_settle,
+            "escape": watch.escape,
+            "rate_cut": "by modes" if watch.by_modes else watch.rate_cut,
+            **_rule(self.column),
+        }
+
+
+def _rule(column: Column) -> dict[str, str]:
+    """The name of the friction law's rule, where it has one."""
+    law = column.friction
+    return {"release": law.release} if isinstance(law, SetValuedCoulomb) else {}
