@@ -24,7 +24,7 @@ FLOORS = [
     ["column", "_reactions", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters"],
     ["critical", "_windows", "_events", "_scene", "simulate"],
-    ["sensitivity", "stabilise", "_lanes"],
+    ["sensitivity", "stabilise", "_lanes", "si"],
     ["sweep"],
     ["plot", "plot_linear", "audit"],
     ["__main__"],

@@ -20,6 +20,7 @@ from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .outcome import CRITICAL, OUTCOME, REGIME
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
+from .si import SI
 from .simulate import Settled, Trajectory, settle, trajectory
 from .solvers import Explicit
 from .stabilise import stabilise
@@ -30,6 +31,7 @@ __all__ = [
     "CRITICAL",
     "OUTCOME",
     "REGIME",
+    "SI",
     "Air",
     "Amplitude",
     "Column",
