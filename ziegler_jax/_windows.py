@@ -115,6 +115,9 @@ class Windows(AbstractFold):
             drift = jnp.where(judged & (windows > 1), relative, drift)
             agreed = judged & (drift <= self.rtol_settle)
 
+        if not self.by_modes:
+            # at rest steps leave noise, and two windows of it may agree: no cycle
+            agreed &= seen.fastest >= self.rate_cut
         resting = OUTCOME.rest if column.friction is None else OUTCOME.stuck
         outcome = jnp.where(over, OUTCOME.unsettled, seen.outcome)
         outcome = jnp.where(agreed, OUTCOME.cycle, outcome)
