@@ -21,7 +21,7 @@ def main():
     figure, axes = style.rows(3)
     spectrum = np.abs(np.imag(zj.spectrum(zj.uniform_rods(q=Q))))
     beat = 2 * np.pi / (spectrum.max() - spectrum.min())
-    style.draw(axes[0], run(Q, beat / 2), f"$q = {Q}$, as shown: half a beat")
+    style.draw(axes[0], run(Q, beat / 2), f"$q = {Q}$, half a beat looks like flutter")
     style.draw(
         axes[1],
         run(Q, 4 * beat),

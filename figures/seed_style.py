@@ -48,18 +48,18 @@ def part(motion, begin, end):
 
 
 def draw(axes, motion, title):
-    """The motion in seconds below and the seed's time above, and its phase plane."""
+    """The motion in seconds below and in the seed's time above, and its phase plane."""
     history, phase = zj.plot.time_history(motion, ax=axes, units=UNITS)
     history.set_title(title, loc="left")
     history.margins(x=0)
     history.get_legend().remove()
     scale = SEED_TIME / UNITS.time
     other = history.secondary_xaxis(
-        -0.32, functions=(lambda s: s * scale, lambda s: s / scale)
+        "top", functions=(lambda s: s * scale, lambda s: s / scale)
     )
     other.set_xlabel("the seed's time")
+    phase.ticklabel_format(scilimits=(-2, 3), useMathText=True)
     for panel, width in ((history, 0.8), (phase, 0.5)):
-        panel.ticklabel_format(scilimits=(-2, 3), useMathText=True)
         for line, depth in zip(panel.lines, (3, 2), strict=True):
             line.set(linewidth=width, zorder=depth)  # phi1 is the smaller one
     return history, phase
