@@ -258,3 +258,20 @@ def test_a_traced_option_that_breaks_its_rule_is_invalid(option):
     assert found.outcome[0] == zj.OUTCOME.invalid
     assert np.isnan(found.rod_amplitude[0]).all()
     assert found.outcome[1] != zj.OUTCOME.invalid
+
+
+def test_the_noise_of_steps_at_rest_is_no_cycle():
+    """Of these lanes, all at rest at 1e-8 rad, three once passed for cycles."""
+
+    def point(q, rho):
+        friction = zj.SmoothCoulomb(
+            0.3, 0.2, pin_radius=rho, v_smooth=0.01, v_stribeck=0.1
+        )
+        column = zj.uniform_rods(q=q, m2=0.5, kappa=1.5, friction=friction)
+        return zj.settle(column, zj.State(omega=(0.0, 0.3)))
+
+    ds = zj.sweep(
+        point, q=np.linspace(1.1, 1.5, 8), rho=np.linspace(0.1, 0.2, 8), progress=False
+    )
+    assert float(ds.joint_amplitude.max()) < 1e-6
+    assert (ds.outcome == int(OUTCOME.stuck)).all()

@@ -27,7 +27,7 @@ FLOORS = [
     ["sensitivity", "stabilise", "_windows", "_motion", "_tangents"],
     ["_settling"],
     ["_lanes", "_sequence", "simulate", "lyapunov", "poincare"],
-    ["onset", "quasi_static", "verdict"],
+    ["onset", "quasi_static", "verdict", "si"],
     ["sweep"],
     ["plot", "plot_linear", "audit", "basin"],
     ["__main__"],

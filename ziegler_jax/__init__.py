@@ -25,6 +25,7 @@ from .poincare import Section, poincare
 from .quasi_static import UpDown, sweep_up_down
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
+from .si import SI
 from .simulate import Settled, Trajectory, settle, trajectory
 from .solvers import Explicit
 from .stabilise import stabilise
@@ -37,14 +38,15 @@ __all__ = [
     "ONSET",
     "OUTCOME",
     "REGIME",
+    "SI",
     "VERDICT",
     "Air",
     "Amplitude",
     "Column",
     "ConstantLoad",
     "EnergyBalance",
-    "Exponents",
     "Explicit",
+    "Exponents",
     "FollowerLoad",
     "JointReaction",
     "Mean",
@@ -71,8 +73,8 @@ __all__ = [
     "flutter_onset",
     "linearise",
     "lyapunov_exponents",
-    "point_masses",
     "poincare",
+    "point_masses",
     "power",
     "reactions",
     "regime",
@@ -88,8 +90,8 @@ __all__ = [
     "tangent_column",
     "trajectory",
     "uniform_rods",
-    "verdict",
     "vector_field",
+    "verdict",
 ]
 
 

@@ -132,6 +132,9 @@ class Windows(AbstractFold):
             if self.strict:
                 agreed &= (windows > 2) & (drift <= seen.drift)
 
+        if not self.by_modes:
+            # at rest steps leave noise, and two windows of it may agree: no cycle
+            agreed &= seen.fastest >= self.rate_cut
         resting = OUTCOME.rest if column.friction is None else OUTCOME.stuck
         outcome = jnp.where(over, OUTCOME.unsettled, seen.outcome)
         outcome = jnp.where(agreed, OUTCOME.cycle, outcome)

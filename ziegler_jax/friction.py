@@ -132,6 +132,12 @@ class SmoothCoulomb(AbstractFriction):
     Without a static part (`mu_k` left out, or `v_stribeck` left out and
     `mu_k` equal to `mu_s`) the exponential is not in the program.
 
+    **A multibody program's joint friction** (coefficients, pin radius R, transition
+    velocity v of the pin's surface, all in the program's units) is this law with
+    $\rho = R/l$, $v_{stribeck} = 1.5\,(v/R)\sqrt{m l^2/k}$ and `JointReaction()`;
+    $v_{smooth}$ has no counterpart there. `SI.joint_friction` translates, and
+    `SI.transition_rate` gives the rate by which to tell the regimes that a run enters.
+
     **Arguments:**
 
     - `mu_s`, `mu_k`: static and kinetic coefficient, one number or one a joint,

@@ -18,6 +18,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from .outcome import OUTCOME
+from .si import SI
 
 # Okabe and Ito's colours, which the colour-blind can tell apart
 BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
@@ -161,13 +162,15 @@ def bifurcation_diagram(
     return ax
 
 
-def time_history(motion: Any, *, ax: Any = None) -> np.ndarray:
+def time_history(motion: Any, *, ax: Any = None, units: SI | None = None) -> np.ndarray:
     r"""Draw a motion: $\phi_1, \phi_2$ over time, and beside it the phase plane.
 
     **Arguments:**
 
     - `motion`: a `Trajectory` of one column.
     - `ax`: two axes to draw in; None opens a figure.
+    - `units`: the column's `SI` units, for seconds on the axes; None leaves
+        $\sqrt{m l^2/k}$.
 
     **Returns:** the two axes, as an array. A motion that ended before its last time
     says so in the first one's title.
@@ -175,6 +178,9 @@ def time_history(motion: Any, *, ax: Any = None) -> np.ndarray:
     **Raises:** `ValueError` for a `motion` of many columns and for an `ax` that is not
     two axes.
     """
+    time, rate = _units("sqrt(m l^2/k)"), _units("sqrt(k/(m l^2))")
+    if units is not None:
+        motion, time, rate = units.restore(motion), "s", "s$^{-1}$"
     ts, phi, omega = (np.asarray(a) for a in (motion.ts, motion.phi, motion.omega))
     if ts.ndim != 1 or phi.shape != (ts.size, 2):
         raise ValueError(
@@ -192,7 +198,6 @@ def time_history(motion: Any, *, ax: Any = None) -> np.ndarray:
         name = rf"$\varphi_{i + 1}$"
         axes[0].plot(ts, phi[:, i], color=colour, lw=1.2, label=name)
         axes[1].plot(phi[:, i], omega[:, i], color=colour, lw=1.0, label=name)
-    time, rate = _units("sqrt(m l^2/k)"), _units("sqrt(k/(m l^2))")
     axes[0].set(xlabel=f"time $t$ ({time})", ylabel=r"angle $\varphi_i$ (rad)")
     axes[1].set(
         xlabel=r"angle $\varphi_i$ (rad)",

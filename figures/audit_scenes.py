@@ -1,0 +1,336 @@
+"""The scenes by which `audit.py` judges the seed's claims: one function a question.
+
+Times are in sqrt(m l^2/k), torques in k, angles in rad.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import seed_style as style
+from scipy.integrate import solve_ivp
+from seed_fig3 import as_printed, printed
+from seed_fig3 import resolved as run_resolved
+from seed_fig3 import stiff as run_stiff
+
+import ziegler_jax as zj
+
+zj.configure_cpu()
+resolved, stiff = functools.cache(run_resolved), functools.cache(run_stiff)
+UNITS, MU_S, MU_K = style.UNITS, style.MU_S, style.MU_K
+TRANSITION = 0.1  # rad/s: the usual default, 0.1 units a second at a pin of one unit
+RADII = (0.001, 0.01, 0.03, 0.1, 0.3, 1.0)  # m
+__all__ = ["np", "jnp", "zj", "printed", "resolved", "stiff", "MU_K"]
+
+
+def public(function):
+    """Name a scene for the lines of the table."""
+    __all__.append(function.__name__)
+    return function
+
+
+def mean_rate(ts, size):
+    """The slope of log(size), by the envelope's maxima."""
+    top = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
+    return np.polyfit(ts[top], np.log(size[top]), 1)[0]
+
+
+@public
+def growth(q, kick=1e-8, begin=30.0, end=60.0):
+    """The growth rate of the nonlinear column after a kick."""
+    motion = resolved(q, end, kick, rtol=1e-11, atol=1e-16)
+    ts = np.asarray(motion.ts)
+    late = ts > begin
+    return mean_rate(ts[late], np.abs(np.asarray(motion.phi[late, 1])))
+
+
+@public
+def onset(kick=1e-8):
+    """Where the nonlinear column's growth rate squared, extrapolated, is zero."""
+    q = np.array([2.56, 2.58, 2.60, 2.62])
+    rate = np.array([growth(x, kick) for x in q])
+    return np.polynomial.Polynomial.fit(q, rate**2, 2).roots().min()
+
+
+@public
+def peak(motion, begin=0.0, end=np.inf):
+    """The largest angles of both rods between two times."""
+    here = style.part(motion, begin, end)
+    return np.abs(here.phi).max(axis=0)
+
+
+def crossings(motion):
+    """The states (phi1, phi2, omega1) where rod 2 turns back."""
+    y = np.concatenate([motion.phi, motion.omega], axis=1)
+    w = y[:, 3]
+    at = np.flatnonzero((w[:-1] > 0) & (w[1:] <= 0))
+    share = (w[at] / (w[at] - w[at + 1]))[:, None]
+    return (y[at] + share * (y[at + 1] - y[at]))[:, :3]
+
+
+@public
+def section(motion, begin=0.0, near=0.01):
+    """How many of a motion's turning points differ by more than 1 %, and how many."""
+    points = crossings(style.part(motion, begin, np.inf))
+    scale = np.abs(points).max()
+    found = []
+    for point in points:
+        if all(np.abs(point - other).max() > near * scale for other in found):
+            found.append(point)
+    return len(found), len(points)
+
+
+@public
+def reversal(q, span=40.0, kick=0.02):
+    """Run, reverse the rates, run as long: how far from the start, relative."""
+    ts = np.array([0.0, span])
+    column, start = zj.uniform_rods(q=q), zj.State(omega=(0.0, kick))
+    tight = {"rtol": 1e-12, "atol": 1e-14}
+    there = zj.trajectory(column, start, ts, **tight)
+    middle = zj.State(tuple(there.phi[-1]), tuple(-there.omega[-1]))
+    back = zj.trajectory(column, middle, ts, **tight)
+    miss = np.array([*back.phi[-1], *(back.omega[-1] + jnp.array([0.0, kick]))])
+    return np.abs(miss).max() / float(np.abs(there.phi).max())
+
+
+@public
+def volume(q, span=20.0, kick=0.02):
+    """The flow's change of the volume det M dphi dphi'."""
+    column = zj.uniform_rods(q=q)
+
+    def end(y):
+        start = zj.State(y[:2], y[2:])
+        m = zj.trajectory(column, start, np.array([0.0, span]), rtol=1e-11, atol=1e-13)
+        return jnp.concatenate([m.phi[-1], m.omega[-1]])
+
+    def density(y):
+        return column.a * column.d - (column.b * np.cos(y[0] - y[1])) ** 2
+
+    y0 = jnp.array([0.0, 0.0, 0.0, kick])
+    jacobian = np.asarray(jax.jit(jax.jacfwd(end))(y0))
+    y1 = np.asarray(jax.jit(end)(y0))
+    return np.linalg.det(jacobian) * density(y1) / density(np.asarray(y0))
+
+
+@public
+def printed_energy(span=50.0, kick=1.0):
+    """At q = 0 the energy of Eq (3)'s own mass matrix, end over start."""
+    m = printed(0.0, span, kick)
+    (p1, p2), (w1, w2) = m.phi.T, m.omega.T / style.SEED_TIME
+    e = 4 / 3 * w1**2 + np.cos(p1 - p2) * w1 * w2 + w2**2 / 3
+    e = e + (p1**2 + (p2 - p1) ** 2) / 2
+    return e.min() / e[0], e.max() / e[0]
+
+
+@public
+def right_energy(span=50.0, kick=1.0):
+    """The same of the right equations."""
+    m = resolved(0.0, span, kick)
+    y = (m.phi[:, 0], m.phi[:, 1], m.omega[:, 0], m.omega[:, 1])
+    e = np.asarray(zj.energy(zj.uniform_rods(), y))
+    return e.min() / e[0], e.max() / e[0]
+
+
+@public
+def bdf_energy(span=1000.0, kick=0.2):
+    """At q = 0, what is left of the energy by BDF at error 1e-5."""
+    m = stiff(0.0, span, kick)
+    y = (m.phi[:, 0], m.phi[:, 1], m.omega[:, 0], m.omega[:, 1])
+    e = np.asarray(zj.energy(zj.uniform_rods(), y))
+    return e[-1] / e[0]
+
+
+@public
+def printed_linear_error(q=2.6, h=1e-6):
+    """Eq (3) against Eq (4) near 0: the largest difference of their Jacobians."""
+    step = [
+        (np.array(as_printed(0, h * e, q)) - as_printed(0, -h * e, q)) / (2 * h)
+        for e in np.eye(4)
+    ]
+    m, k = np.array([[8 / 3, 1], [1, 2 / 3]]), np.array([[2 - q, q - 1], [-1, 1]])
+    return np.abs(np.array(step).T[2:, :2] + np.linalg.solve(m, k)).max()
+
+
+@public
+def work(q=2.6, span=20.0, kick=0.02):
+    """Gain of energy and work of the follower load over a span."""
+    m = resolved(q, span, kick)
+    y = (m.phi[:, 0], m.phi[:, 1], m.omega[:, 0], m.omega[:, 1])
+    column = zj.uniform_rods(q=q)
+    e, power = np.asarray(zj.energy(column, y)), zj.power(column, y).follower
+    return e[-1] - e[0], np.trapezoid(power, m.ts)
+
+
+@public
+def linear_with_friction(q=2.6, tau=0.026, kick=3.0, spans=(20.0, 40.0, 60.0)):
+    """Largest angle of the linearised column with Coulomb friction in its joints."""
+    linear = zj.linearise(zj.uniform_rods(q=q))
+    m, k = np.asarray(linear.mass), np.asarray(linear.stiffness)
+
+    def field(t, y):
+        t1, t2 = tau * np.tanh(y[2] / 0.01), tau * np.tanh((y[3] - y[2]) / 0.01)
+        force = -k @ y[:2] + np.array([t2 - t1, -t2])
+        return np.concatenate([y[2:], np.linalg.solve(m, force)])
+
+    y = solve_ivp(field, (0, spans[-1]), (0, 0, 0, kick), "Radau", spans, rtol=1e-6).y
+    return np.abs(y).max(axis=0)
+
+
+@public
+def law(radius, load=None, mu_s=MU_S, mu_k=MU_K):
+    """Set-valued friction on a pin of this radius in m; the load F if none is named."""
+    return zj.SetValuedCoulomb(mu_s, mu_k, pin_radius=radius / UNITS.l, load=load)
+
+
+@public
+def settled(friction, q=2.6, kick=2.0, **options):
+    """What a kick of rod 2 settles to."""
+    watch = (zj.StickFraction(), zj.Period())
+    return zj.settle(
+        zj.uniform_rods(q=q, friction=friction),
+        zj.State(omega=(0.0, kick)),
+        **{"observers": watch} | options,
+    )
+
+
+@public
+def below_critical(q, kick=0.5, small=0.01):
+    """Joint 1's swing without and with friction, and what a small kick ends in."""
+    friction = law(0.03)
+    free = float(peak(resolved(q, 1000, kick))[0])
+    cycle = settled(friction, q, kick)
+    quiet = settled(friction, q, small)
+    swings = free, float(cycle.amplitude.joint[0])
+    return swings, zj.OUTCOME(int(quiet.outcome)).name
+
+
+@public
+def softer(friction, factor):
+    """The same joint of the same program on a column with a unit of time so longer."""
+    return zj.SmoothCoulomb(
+        friction.mu_s,
+        friction.mu_k,
+        pin_radius=friction.pin_radius,
+        v_stribeck=factor * friction.v_stribeck,
+        v_smooth=factor * friction.v_smooth,
+        load=friction.load,
+    )
+
+
+@public
+def losses(radius, q=2.6):
+    """The spread of friction's loss over ten cycles of the settled motion, relative."""
+    friction = law(radius)
+    end = settled(friction, q, rtol_settle=1e-6, max_windows=200, rtol=1e-9, atol=1e-9)
+    column = zj.uniform_rods(q=q, friction=friction)
+    period = float(end.period)
+    motion = zj.trajectory(column, end.final, np.linspace(0, 10 * period, 20001))
+    y = (*motion.phi.T, *motion.omega.T)
+    # over a cycle the energy comes back: the loss is the load's work
+    power = np.asarray(zj.power(zj.uniform_rods(q=q), y).follower)
+    ts = np.asarray(motion.ts)
+    loss = [np.trapezoid(power[i : i + 2001], ts[i : i + 2001])
+            for i in range(0, 20000, 2000)]  # fmt: skip
+    return np.ptp(loss) / np.mean(loss)
+
+
+@public
+def regimes(radius, q=2.6):
+    """Joint 2's share of time in static friction, and between v and 1.5 v."""
+    cut = UNITS.transition_rate(radius, TRANSITION * radius)
+    shares = [
+        float(
+            settled(
+                joint(radius, zj.FollowerLoad()), q, observers=(zj.StickFraction(x),)
+            ).stick_fraction[1]
+        )
+        for x in (cut, 1.5 * cut)
+    ]
+    return shares[0], shares[1] - shares[0]
+
+
+def joint(radius, load):
+    """The law of a multibody program: half the fall at 1.25 times 0.1 rad/s."""
+    return UNITS.joint_friction(
+        MU_S,
+        MU_K,
+        pin_radius=radius,
+        transition_velocity=TRANSITION * radius,
+        load=load,
+    )
+
+
+READINGS = {
+    "F": lambda radius: law(radius),
+    "constant 10 N": lambda radius: law(radius, zj.ConstantLoad(10.0 / UNITS.force)),
+    "F, smoothed": lambda radius: joint(radius, zj.FollowerLoad()),
+    "|R|, smoothed": lambda radius: joint(radius, zj.JointReaction()),
+}
+__all__.append("READINGS")
+
+
+def transverse_exponent(column, y):
+    """The largest Lyapunov exponent across the flow, by two neighbours (Benettin).
+
+    Negative: a stable cycle; zero: quasi-periodic; positive: chaos. The separation is
+    brought back to its size after each span, without its part along the flow.
+    """
+    spans, span, size = 60, 10.0, 1e-6
+
+    def advance(y):
+        start = zj.State(y[:2], y[2:])
+        tight = {"rtol": 1e-9, "atol": 1e-11, "solver": zj.Explicit()}
+        m = zj.trajectory(column, start, (0.0, span), **tight)
+        return jnp.concatenate([m.phi[-1], m.omega[-1]])
+
+    def body(carry, _):
+        y, d = carry
+        y, z = jax.vmap(advance)(jnp.stack([y, y + d]))
+        flow = jnp.stack(zj.vector_field(0.0, tuple(y), column))
+        d = z - y
+        d = d - jnp.dot(d, flow) / jnp.dot(flow, flow) * flow
+        length = jnp.linalg.norm(d)
+        return (y, d * size / length), jnp.log(length / size)
+
+    d = size * jnp.array([0.5, -0.5, 0.5, 0.5])
+    _, logs = jax.lax.scan(body, (y, d), None, length=spans)
+    return jnp.mean(logs[12:]) / span
+
+
+def long_run(name, kick, ts, radius):
+    """The settled motion on one pin, its exponent and its turning points."""
+    friction = READINGS[name](radius)
+    long = {"max_windows": 400, "rtol_settle": 1e-5, "rtol": 1e-8, "atol": 1e-8}
+    end = settled(friction, kick=kick, **long)
+    column = zj.uniform_rods(q=2.6, friction=friction)
+    late = zj.trajectory(column, end.final, ts)
+    return end, transverse_exponent(column, jnp.stack(end.final.y)), late
+
+
+@public
+@functools.cache
+def reading(name, kick=2.0):
+    """One reading of the missing data: what the kick leads to on every pin.
+
+    One dict a radius: the outcome's name, the exponent across the flow, how many
+    turning points differ of how many in 120 time units, stick fractions, amplitudes.
+    """
+    run = jax.jit(jax.vmap(functools.partial(long_run, name, kick), (None, 0)))
+    ends, exponents, motions = run(np.linspace(0, 120, 6001), np.array(RADII))
+    rows = []
+    for i, radius in enumerate(RADII):
+        end, motion = jax.tree.map(lambda x, i=i: np.asarray(x)[i], (ends, motions))
+        outcome = zj.OUTCOME(int(end.outcome))
+        moves = outcome in (zj.OUTCOME.cycle, zj.OUTCOME.unsettled)
+        rows.append(
+            {
+                "radius": radius,
+                "outcome": outcome.name,
+                "exponent": float(exponents[i]) if moves else np.nan,
+                "turns": section(motion) if moves else (0, 0),
+                "sticks": end.stick_fraction,
+                "amplitude": end.amplitude.joint,
+            }
+        )
+    return rows

@@ -1,0 +1,81 @@
+"""What the seed's figures share: its column in SI units, its colours, its two times.
+
+The paper that this project started from is the seed. Its mass matrix is doubled and its
+stiffness is not, so that its time is sqrt(2) times that of its own Eq (2).
+"""
+
+from pathlib import Path
+
+import jax
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+
+import ziegler_jax as zj
+
+jax.config.update("jax_enable_x64", True)
+matplotlib.use("Agg")
+matplotlib.rcParams.update({"font.size": 11, "axes.titlesize": 11})
+
+UNITS = zj.SI(m=1.0, l=1.0, k=10.0)
+SEED_TIME = np.sqrt(2.0)  # of the units of Eq (2)
+MU_S, MU_K = 0.12, 0.10
+
+
+def seconds(t):
+    """From the units of Eq (2)."""
+    return t * UNITS.time
+
+
+def rows(count):
+    """A figure of time histories, each with its phase plane."""
+    return plt.subplots(
+        count, 2, figsize=(9, 2.75 * count), width_ratios=(2, 1), layout="constrained"
+    )
+
+
+def motion_of(ts, y):
+    """A `Trajectory` from another integrator's times and states (4, n)."""
+    return zj.Trajectory(ts, y[:2].T, y[2:].T, None, zj.OUTCOME.complete)
+
+
+def part(motion, begin, end):
+    """The part of a motion between two times."""
+    ts = np.asarray(motion.ts)
+    here = (ts >= begin) & (ts <= end)
+    arrays = (np.asarray(x)[here] for x in (ts, motion.phi, motion.omega))
+    return zj.Trajectory(*arrays, motion.steps, motion.outcome)
+
+
+def draw(axes, motion, title):
+    """The motion in seconds below and in the seed's time above, and its phase plane."""
+    history, phase = zj.plot.time_history(motion, ax=axes, units=UNITS)
+    history.set_title(title, loc="left")
+    history.margins(x=0)
+    history.get_legend().remove()
+    scale = SEED_TIME / UNITS.time
+    other = history.secondary_xaxis(
+        "top", functions=(lambda s: s * scale, lambda s: s / scale)
+    )
+    other.set_xlabel("the seed's time")
+    phase.ticklabel_format(scilimits=(-2, 3), useMathText=True)
+    for panel, width in ((history, 0.8), (phase, 0.5)):
+        for line, depth in zip(panel.lines, (3, 2), strict=True):
+            line.set(linewidth=width, zorder=depth)  # phi1 is the smaller one
+    return history, phase
+
+
+def save(figure, script):
+    """Write the figure beside its script."""
+    named = {}  # one entry a label, from all panels
+    for panel in figure.axes:
+        handles, labels = panel.get_legend_handles_labels()
+        named |= {b: a for a, b in zip(handles, labels, strict=True) if b not in named}
+    figure.legend(
+        handles=list(named.values()),
+        labels=list(named),
+        loc="outside upper right",
+        ncols=len(named),
+        frameon=False,
+    )
+    figure.savefig(Path(script).with_suffix(".png"), dpi=150)

@@ -1,0 +1,137 @@
+"""SI units: the same physics, in seconds and newton metres."""
+
+import matplotlib
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.integrate import solve_ivp
+
+import ziegler_jax as zj
+
+matplotlib.use("Agg")
+UNITS = zj.SI(m=0.3, l=0.7, k=4.0)
+KICK = zj.State(omega=(0.0, 0.4))
+
+
+def newtons(t, y, m, l, k, force):  # noqa: E741
+    """Two uniform rods with every quantity in SI units."""
+    phi1, phi2, w1, w2 = y
+    s, c = np.sin(phi1 - phi2), np.cos(phi1 - phi2)
+    inertia = m * l**2 * np.array([[4 / 3, c / 2], [c / 2, 1 / 3]])
+    torque = [
+        force * l * s - 2 * k * phi1 + k * phi2 - m * l**2 / 2 * s * w2**2,
+        k * (phi1 - phi2) + m * l**2 / 2 * s * w1**2,
+    ]
+    return [w1, w2, *np.linalg.solve(inertia, torque)]
+
+
+def test_a_restored_motion_is_that_of_the_equations_in_si_units():
+    seconds, force = np.linspace(0, 3, 31), 12.0
+    start = (0, 0, 0, 0.4 / UNITS.time)
+    direct = solve_ivp(
+        lambda t, y: newtons(t, y, 0.3, 0.7, 4.0, force),
+        (0, 3), start, "DOP853", seconds, rtol=1e-11, atol=1e-12,
+    )  # fmt: skip
+    column = UNITS.uniform_rods(force)
+    motion = zj.trajectory(column, KICK, seconds / UNITS.time, rtol=1e-10, atol=1e-10)
+    back = UNITS.restore(motion)
+    np.testing.assert_allclose(back.ts, seconds, rtol=1e-14)
+    # worst cases 3e-11, 4e-10
+    np.testing.assert_allclose(back.phi, direct.y[:2].T, atol=2e-10)
+    np.testing.assert_allclose(back.omega, direct.y[2:].T, atol=2e-9)
+
+
+def test_the_events_of_a_motion_are_in_seconds_too():
+    friction = zj.SetValuedCoulomb(0.02, pin_radius=1.0)
+    column = UNITS.uniform_rods(12.0, friction=friction)
+    motion = zj.trajectory(column, KICK, np.linspace(0, 20, 5), max_events=40)
+    back = UNITS.restore(motion)
+    count = int(motion.events.count)
+    assert count > 2
+    np.testing.assert_allclose(
+        back.events.times[:count], motion.events.times[:count] * UNITS.time
+    )
+
+
+def test_a_restored_dataset_names_and_scales_its_units():
+    def point(tau, v_smooth):
+        load = zj.ConstantLoad(1.0)
+        friction = zj.SmoothCoulomb(tau, pin_radius=1.0, v_smooth=v_smooth, load=load)
+        column = zj.uniform_rods(q=2.6, friction=friction)
+        watch = (zj.Period(), zj.EnergyBalance())
+        return zj.settle(
+            column, KICK, transient=20, window=10, max_windows=2, observers=watch
+        )
+
+    ds = zj.sweep(point, tau=[0.05], v_smooth=[0.05], progress=False)
+    si = UNITS.restore(ds)
+    scales = {
+        "time": (UNITS.time, "s"),
+        "period": (UNITS.time, "s"),
+        "friction_power": (4.0 / UNITS.time, "W"),
+        "rod_amplitude": (1.0, "rad"),
+        "tau": (4.0, "N m"),
+        "v_smooth": (1 / UNITS.time, "rad/s"),
+    }
+    for name, (scale, units) in scales.items():
+        assert si[name].attrs["units"] == units, name
+        np.testing.assert_allclose(si[name].values, scale * ds[name].values, rtol=1e-14)
+    assert si.outcome.attrs == ds.outcome.attrs
+    assert float(si.period.sel(tau=0.2)[0]) > 0  # by its own new coordinate
+
+
+def test_a_joint_of_a_multibody_program_falls_between_its_transition_velocities():
+    radius, v = 0.02, 0.004
+    law = UNITS.joint_friction(0.12, 0.10, pin_radius=radius, transition_velocity=v)
+    rate = UNITS.transition_rate(radius, v)
+    assert rate == pytest.approx(0.2 * UNITS.time, rel=1e-14)  # 0.2 rad/s
+
+    def mu(times):
+        return float(law.levers(times * rate, 0.0)[0]) / float(law.pin_radius)
+
+    # the middle of the fall, less the tanh's 1.3e-8
+    assert mu(1.25) == pytest.approx(0.11, abs=1e-7)
+    assert mu(4.0) == pytest.approx(0.10, abs=2e-5)  # 1.6e-5 of the fall is left
+    peak = max(mu(x) for x in np.linspace(0.01, 1, 200))
+    assert 0.117 < peak < 0.12  # 0.1177
+    assert isinstance(law.load, zj.JointReaction)
+
+
+def test_a_pin_radius_without_its_unit_leaves_the_torque_open_by_a_thousand():
+    """Adams' default is one unit of length, and 0.1 units a second at its surface."""
+    metres = UNITS.joint_friction(0.1, 0.1, pin_radius=1.0, transition_velocity=0.1)
+    millimetres = UNITS.joint_friction(
+        0.1, 0.1, pin_radius=1e-3, transition_velocity=1e-4
+    )
+    assert metres.pin_radius / millimetres.pin_radius == pytest.approx(1000)
+    assert metres.v_stribeck == pytest.approx(millimetres.v_stribeck)
+
+
+def test_time_histories_have_seconds_on_their_axes():
+    motion = zj.trajectory(UNITS.uniform_rods(10.0), KICK, np.linspace(0, 5, 6))
+    history, phase = zj.plot.time_history(motion, units=UNITS)
+    assert history.get_xlabel() == "time $t$ (s)"
+    np.testing.assert_allclose(
+        history.lines[0].get_xdata(), motion.ts * UNITS.time, rtol=1e-14
+    )
+    assert "s$^{-1}$" in phase.get_ylabel()
+
+
+@pytest.mark.parametrize(
+    "misuse, sentence",
+    [
+        (lambda: zj.SI(m=1, l=0, k=1), "`l` must be finite and positive, but is 0"),
+        (lambda: UNITS.restore(3.0), "`result` must be a `Trajectory`"),
+        (
+            lambda: UNITS.restore(xr.Dataset({"x": ((), 1.0, {"units": "furlong"})})),
+            "`x` of the dataset must be in one of .* but is in furlong",
+        ),
+        (
+            lambda: UNITS.transition_rate(0.0, 0.1),
+            "`pin_radius` must be finite and positive, but is 0",
+        ),
+    ],
+)
+def test_misuse_is_named(misuse, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        misuse()
