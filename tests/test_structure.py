@@ -18,15 +18,15 @@ PACKAGE = Path(zj.__file__).parent
 
 # A file imports only from floors below its own.
 FLOORS = [
-    ["_types", "_variables", "outcome", "_cpu", "_legs"]
+    ["_types", "_variables", "outcome", "_cpu", "_legs", "_override"]
     + ["_materialise", "_sincos", "_exponential"],
     ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters"],
     ["critical", "_windows", "_events", "_scene", "simulate"],
-    ["sensitivity", "stabilise", "_lanes"],
+    ["sensitivity", "stabilise", "_lanes", "_audit"],
     ["sweep"],
-    ["plot", "plot_linear", "audit"],
+    ["plot", "plot_linear", "plot_precision", "audit", "precision"],
     ["__main__"],
 ]
 # Within a floor: a room that was divided, and what stands on the solvers.

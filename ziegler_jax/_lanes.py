@@ -16,6 +16,7 @@ from jax import lax
 
 from ._cpu import compiles_whole_loops
 from ._legs import Legs, in_legs
+from ._override import Override, current_override, overriding
 from ._variables import DIMENSIONS, Variable, named_variables
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
@@ -41,6 +42,7 @@ class Program(NamedTuple):
     batch_size: int
     wide: bool  # float64
     compile_seconds: float
+    override: Override  # that it was traced in
 
 
 class Packing:
@@ -89,7 +91,7 @@ def compiled(
     point: Callable, names: tuple[str, ...], batch_size: int | None, wide: bool
 ) -> Program:
     """`point` for one batch of lanes; kept for the next call where it can be."""
-    around = surroundings(point)
+    around = surroundings(point), current_override()
     try:
         return _kept(point, names, batch_size, wide, around)
     except TypeError as error:
@@ -100,7 +102,7 @@ def compiled(
 
 @lru_cache(maxsize=32)
 def _kept(point, names, batch_size, wide, around) -> Program:
-    del around  # a part of the key: a changed global is another scene
+    del around  # a part of the key: a changed global or option is another scene
     return compile_point(point, names, batch_size, wide)
 
 
@@ -202,7 +204,10 @@ def compile_point(
             run(np.int32(1), np.ones(size, bool), begun, carry.empty(size))
         seconds = time.perf_counter() - started
     attributes = described["attributes"]
-    return Program(run, results, carry, variables, attributes, size, wide, seconds)
+    override = current_override()
+    return Program(
+        run, results, carry, variables, attributes, size, wide, seconds, override
+    )
 
 
 class Effort(NamedTuple):
@@ -286,7 +291,8 @@ class _Work:
         return [axis[place].astype(self.dtype) for axis, place in pairs]
 
     def call(self, *arguments: Any) -> Any:
-        with jax.enable_x64(self.program.wide):  # the setting is local to a thread
+        # both settings are local to a thread
+        with jax.enable_x64(self.program.wide), overriding(self.program.override):
             return self.program.run(*arguments)
 
     def store(

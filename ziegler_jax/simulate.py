@@ -9,6 +9,7 @@ import numpy as np
 
 from ._events import EventLog, Events
 from ._legs import current_legs
+from ._override import overridden_solver
 from ._scene import (
     check_scene,
     float_state,
@@ -154,6 +155,7 @@ def settle(
     """
     check_scene(column, start)
     rtol, atol = tolerances(rtol, atol)
+    solver = overridden_solver(solver)
     solver = Explicit() if solver is None else solver
     watch = Windows(
         transient=number("transient", transient, "nonnegative"),
@@ -278,6 +280,7 @@ def trajectory(
     """
     check_scene(column, start)
     rtol, atol = tolerances(rtol, atol)
+    solver = overridden_solver(solver)
     y0 = float_state(start)
     ts = increasing_times(ts, y0[0].dtype)
     good = valid_scene(column, y0)
