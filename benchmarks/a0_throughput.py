@@ -50,7 +50,7 @@ def main():
         found["sweep"] = zj.sweep(reference, q=q, progress=False)
 
     def cpp_kernel():
-        found["cpp"] = cpp.run(q, threads=found["sweep"].attrs["threads"])
+        found["cpp"] = cpp.solve(q, threads=found["sweep"].attrs["threads"])
 
     contestants = {
         "sweep": ours,

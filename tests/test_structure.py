@@ -40,10 +40,11 @@ SAME_FLOOR = {
     ("simulate", "_scene"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
+    ("plot", "plot_precision"),
 }
 # Inside the solvers' room.
 SOLVERS = [
-    ["control", "crossing"],
+    ["control", "crossing", "tableaus"],
     ["explicit", "landing"],
     ["observed"],
     ["stickslip"],

@@ -18,6 +18,7 @@ from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
 from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .outcome import CRITICAL, OUTCOME, REGIME
+from .precision import work_precision
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
 from .simulate import Settled, Trajectory, settle, trajectory
@@ -70,6 +71,7 @@ __all__ = [
     "trajectory",
     "uniform_rods",
     "vector_field",
+    "work_precision",
 ]
 
 

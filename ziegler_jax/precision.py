@@ -56,13 +56,13 @@ def work_precision(
     - `tolerances`: positive numbers.
     - `solvers`: names and solvers; None is Tsit5 and Dopri8.
     - `sample`: how many of the map's points, drawn at random with `seed`.
-    - `repeats`: how often each run is timed, in turns; the median counts.
+    - `repeats`: how often each run is timed, solvers in turns; the median counts.
     - `reference`, `reference_tolerance`: the solver and tolerance that errors are held
         against; None is Dopri8.
 
-    **Returns:** a Dataset over `solver`, `tolerance` and `quantile` (0.5, 0.95 and 1):
+    **Returns:** a Dataset over `solver`, `rtol` and `quantile` (0.5, 0.95 and 1):
     for each variable `<variable>_error`, over the points at which both runs have a
-    number; over solver and tolerance `seconds_a_point` of wall time without
+    number; over solver and rtol `seconds_a_point` of wall time without
     compilation, `compile_seconds`, `steps` a point where the result counts them, and
     `changed_outcomes`, the share of the points that end in another outcome than the
     reference.
@@ -117,9 +117,9 @@ def work_precision(
     if "steps" in exact:
         cost["steps"] = np.full(shape, np.nan)
     seconds = np.empty((repeats, *shape))
-    for turn in range(repeats):
-        for i, solver in enumerate(solvers.values()):
-            for j, tolerance in enumerate(tols):
+    for j, tolerance in enumerate(tols):
+        for turn in range(repeats):
+            for i, solver in enumerate(solvers.values()):
                 found = run(solver, float(tolerance))
                 seconds[turn, i, j] = found.attrs["run_seconds"]
                 if turn:
@@ -158,7 +158,7 @@ _COSTS = {
 
 def _dataset(exact, errors, cost, solvers, tols, count) -> xr.Dataset:
     """Labels for the numbers."""
-    dims = ("solver", "tolerance")
+    dims = ("solver", "rtol")
     data: dict[str, Any] = {}
     for name, error in errors.items():
         attrs = exact[name].attrs
@@ -169,7 +169,7 @@ def _dataset(exact, errors, cost, solvers, tols, count) -> xr.Dataset:
         data[name] = (dims, values, {"long_name": meaning, "units": units})
     coords = {
         "solver": solvers,
-        "tolerance": ("tolerance", tols, {"long_name": "tolerance", "units": "1"}),
+        "rtol": ("rtol", tols, {"long_name": "tolerance of a step", "units": "1"}),
         "quantile": list(QUANTILES),
     }
     kept = ("jax_version", "jaxlib_version", "diffrax_version", "threads", "scene")
