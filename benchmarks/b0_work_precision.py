@@ -13,6 +13,7 @@ JSON line a contestant and one for the comparison at equal errors; writes
 import argparse
 import importlib
 import json
+import sys
 from functools import partial
 
 import matplotlib
@@ -86,6 +87,7 @@ def race(scene, repeats):
                 except NotImplementedError:
                     continue
                 spent[name] += seconds
+                print(f"{name}, {tol:g}: {seconds:.3g} s", file=sys.stderr, flush=True)
                 times.setdefault(name, []).append(seconds / few)
                 if not turn:
                     keep = truth.keep[some]
