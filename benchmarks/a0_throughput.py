@@ -52,7 +52,8 @@ def main():
         found["sweep"] = zj.sweep(reference, q=q, progress=False)
 
     def cpp_kernel(plain=False):
-        found["cpp"] = cpp.run(q, found["sweep"].attrs["threads"], plain)
+        threads = found["sweep"].attrs["threads"]
+        found["cpp"] = cpp.solve(q, threads=threads, plain=plain)
 
     contestants = {
         "sweep": ours,

@@ -1,15 +1,31 @@
 """How the benchmarks measure: interleaved repeats, paired ratios, medians."""
 
+import json
+import os
 import platform
 import time
 from importlib import metadata
+from pathlib import Path
 
 import jax
 import numpy as np
 
+RESULTS = Path(__file__).with_name("results")
+
+
+def clock():
+    """Seconds: wall time or, with ZIEGLER_CLOCK=cpu, processor time over the cores.
+
+    The second is for a machine that is busy with other work: it equals wall time where
+    all cores work, and charges waiting threads nothing.
+    """
+    if os.environ.get("ZIEGLER_CLOCK") == "cpu":
+        return time.process_time() / (os.cpu_count() or 1)
+    return time.perf_counter()
+
 
 def interleaved(contestants, repeats):
-    """Wall seconds, one list a contestant: every round runs each of them once.
+    """Seconds by `clock`, one list a contestant: every round runs each of them once.
 
     `contestants` maps names to functions without arguments that return when their work
     is done. Each runs once before, to compile and warm up.
@@ -19,9 +35,9 @@ def interleaved(contestants, repeats):
     seconds = {name: [] for name in contestants}
     for _ in range(repeats):
         for name, run in contestants.items():
-            start = time.perf_counter()
+            start = clock()
             run()
-            seconds[name].append(time.perf_counter() - start)
+            seconds[name].append(clock() - start)
     return seconds
 
 
@@ -38,6 +54,7 @@ def machine():
     return {
         "cpu": names[0] if names else platform.processor(),
         "cores": len(names),
+        "clock": os.environ.get("ZIEGLER_CLOCK", "wall"),
         "python": platform.python_version(),
         **{name: metadata.version(name) for name in ("jax", "jaxlib", "diffrax")},
     }
@@ -50,6 +67,14 @@ def rounded(x, digits=3):
     if isinstance(x, list):
         return [rounded(value, digits) for value in x]
     return float(f"{x:.{digits}g}") if isinstance(x, float) else x
+
+
+def save(name, result):
+    """Write `results/<name>.json`; returns the path for the picture beside it."""
+    RESULTS.mkdir(exist_ok=True)
+    path = RESULTS / f"{name}.json"
+    path.write_text(json.dumps(rounded(result), indent=1) + "\n")
+    return path.with_suffix(".png")
 
 
 def ready(tree):

@@ -18,7 +18,7 @@ PACKAGE = Path(zj.__file__).parent
 
 # A file imports only from floors below its own.
 FLOORS = [
-    ["_types", "_variables", "outcome", "_cpu", "_legs", "_surroundings"]
+    ["_types", "_variables", "outcome", "_cpu", "_legs", "_surroundings", "_override"]
     + ["_materialise", "_sincos", "_exponential"],
     ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],
@@ -27,9 +27,9 @@ FLOORS = [
     ["sensitivity", "stabilise", "_windows", "_motion", "_tangents"],
     ["_settling"],
     ["_lanes", "_sequence", "simulate", "lyapunov", "poincare"],
-    ["onset", "quasi_static", "verdict", "si"],
+    ["onset", "quasi_static", "verdict", "si", "_audit"],
     ["sweep"],
-    ["plot", "plot_linear", "audit", "basin"],
+    ["plot", "plot_linear", "plot_precision", "audit", "basin", "precision"],
     ["__main__"],
 ]
 # Within a floor: a room that was divided, and what stands on the solvers.
@@ -40,10 +40,11 @@ SAME_FLOOR = {
     ("observers", "solvers"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
+    ("plot", "plot_precision"),
 }
 # Inside the solvers' room.
 SOLVERS = [
-    ["control", "crossing"],
+    ["control", "crossing", "tableaus"],
     ["explicit", "landing"],
     ["observed"],
     ["stickslip"],

@@ -22,6 +22,7 @@ from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .onset import Onset, critical_kick, flutter_onset
 from .outcome import CRITICAL, ONSET, OUTCOME, REGIME, VERDICT
 from .poincare import Section, poincare
+from .precision import work_precision
 from .quasi_static import UpDown, sweep_up_down
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
@@ -92,6 +93,7 @@ __all__ = [
     "uniform_rods",
     "vector_field",
     "verdict",
+    "work_precision",
 ]
 
 

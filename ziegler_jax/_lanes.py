@@ -15,6 +15,7 @@ from jax import lax
 
 from ._cpu import compiles_whole_loops
 from ._legs import Legs, in_legs
+from ._override import Override, current_override, overriding
 from ._surroundings import surroundings
 from ._variables import DIMENSIONS, Variable, named_variables
 
@@ -42,6 +43,7 @@ class Program(NamedTuple):
     batch_size: int
     wide: bool  # float64
     compile_seconds: float
+    override: Override  # that it was traced in
 
 
 class Packing:
@@ -90,8 +92,9 @@ def compiled(
     point: Callable, names: tuple[str, ...], batch_size: int | None, wide: bool
 ) -> Program:
     """`point` for one batch of lanes; kept for the next call where it can be."""
+    around = surroundings(point), current_override()
     try:
-        return _kept(point, names, batch_size, wide, surroundings(point))
+        return _kept(point, names, batch_size, wide, around)
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
@@ -100,7 +103,7 @@ def compiled(
 
 @lru_cache(maxsize=32)
 def _kept(point, names, batch_size, wide, around) -> Program:
-    del around  # a part of the key: a changed global is another scene
+    del around  # a part of the key: a changed global or option is another scene
     return compile_point(point, names, batch_size, wide)
 
 
@@ -192,6 +195,7 @@ def compile_point(
         size,
         wide,
         seconds,
+        current_override(),
     )
 
 
@@ -276,7 +280,8 @@ class _Work:
         return [axis[place].astype(self.dtype) for axis, place in pairs]
 
     def call(self, *arguments: Any) -> Any:
-        with jax.enable_x64(self.program.wide):  # the setting is local to a thread
+        # both settings are local to a thread
+        with jax.enable_x64(self.program.wide), overriding(self.program.override):
             return self.program.run(*arguments)
 
     def store(

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._override import overridden_tolerances
 from ._types import Scalar, Vector4, is_concrete, number
 from .column import Column, State
 from .observers import AbstractObserver, Amplitude
@@ -85,7 +86,7 @@ def tolerances(rtol: Any, atol: Any) -> tuple[Scalar, Scalar]:
                     f"32-bit arithmetic, but is {tol:g}; enable 64 bits with "
                     '`jax.config.update("jax_enable_x64", True)`, or use `sweep`.'
                 )
-    return rtol, atol
+    return overridden_tolerances(rtol, atol)
 
 
 def whole_number(name: str, x: Any) -> int:

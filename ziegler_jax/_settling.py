@@ -3,6 +3,7 @@
 from typing import Any
 
 from ._motion import Motion
+from ._override import overridden_solver
 from ._scene import (
     check_scene,
     float_state,
@@ -45,6 +46,7 @@ class Settling(Motion):
         check_scene(column, start)
         y0 = float_state(start)
         rtol, atol = tolerances(rtol, atol)
+        solver = overridden_solver(solver)
         self.watch = watch = Windows(
             transient=number("transient", transient, "nonnegative"),
             window=number("window", window, "positive"),

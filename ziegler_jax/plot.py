@@ -18,6 +18,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from .outcome import OUTCOME
+from .plot_precision import work_precision as work_precision
 from .si import SI
 
 # Okabe and Ito's colours, which the colour-blind can tell apart

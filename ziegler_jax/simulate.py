@@ -9,6 +9,7 @@ import numpy as np
 
 from ._events import EventLog, Events
 from ._motion import FIRST_STEP, Run, follow, machine, unless_chattering
+from ._override import overridden_solver
 from ._scene import (
     check_scene,
     float_state,
@@ -220,6 +221,7 @@ def trajectory(
     """
     check_scene(column, start)
     rtol, atol = tolerances(rtol, atol)
+    solver = overridden_solver(solver)
     y0 = float_state(start)
     ts = increasing_times(ts, y0[0].dtype)
     good = valid_scene(column, y0)

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from tqdm import tqdm
 
+from ._audit import audit_attributes, checked_share, drawn
 from ._lanes import (
     Effort,
     Program,
@@ -18,6 +19,7 @@ from ._lanes import (
     compiled,
     run_lanes,
 )
+from ._override import Override, overriding
 from ._surroundings import constants
 from ._variables import AXES, Variable
 from .outcome import flag_attributes
@@ -31,6 +33,7 @@ def sweep(
     threads: int | None = None,
     progress: bool | None = None,
     precision: Literal["float64", "float32"] = "float64",
+    audit: float | None = None,
     axes: Mapping[str, Any] | None = None,
     **named_axes: Any,
 ) -> xr.Dataset:
@@ -62,6 +65,13 @@ def sweep(
     - `threads`: None uses every core that the process may use.
     - `progress`: a bar with points per second; None shows it on a terminal only.
     - `precision`: of the computation, whatever JAX's own setting.
+    - `audit`: a share of the points, e.g. 0.01 (at least one, drawn at random), that
+        is computed a second time in float64 with `rtol` and `atol` of its `settle` and
+        `trajectory` a hundred times finer. Each variable's attributes then hold
+        `audit_differences`, the `audit_quantiles` of the differences of its values;
+        the dataset's hold `audit_points` and `audit_changed_outcomes`, the share of
+        these whose outcome changed. It tells the error of the steps, not that of
+        `rtol_settle`.
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers. An axis that
         is named like an option goes into `axes`.
 
@@ -86,6 +96,7 @@ def sweep(
         raise ValueError(
             f"Argument `precision` must be float64 or float32, but is {precision!r}."
         )
+    share = None if audit is None else checked_share(audit)
     wide = precision == "float64"
     program = compiled(point, names, batch_size, wide)
     _check_names(names, program)
@@ -110,7 +121,23 @@ def sweep(
             program, values, valid, arrays, threads=threads, on_batch=on_batch
         )
     attributes = _provenance(point, program, effort, threads, count)
-    return _dataset(grid, program, arrays, attributes)
+    found = _dataset(grid, program, arrays, attributes)
+    if share is not None:
+        sample = drawn(valid, round(share * count))
+        with overriding(Override(factor=FINER)):
+            finer = sweep(
+                point,
+                where=lambda **_: sample,
+                batch_size=batch_size,
+                threads=threads,
+                progress=progress,
+                axes=grid,
+            )
+        audit_attributes(found, finer, sample)
+    return found
+
+
+FINER = 0.01  # the audit's tolerances, against the point's own
 
 
 def _axes(point: Callable, extra: dict, named: dict) -> dict[str, np.ndarray]:

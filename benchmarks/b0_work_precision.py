@@ -1,0 +1,214 @@
+"""Error against run time, every contestant on the same lanes.
+
+Each scene of `scenes.py`: 4096 columns of neighbouring loads from one start. The error
+is the largest difference of the four state values at the end from heyoka's at 1e-16,
+as median and 95th percentile over the lanes; the time that of a trajectory, without
+compilation, with all cores. Contestants take turns, tolerance by tolerance. Prints one
+JSON line a contestant and one for the comparison at equal errors; writes
+`results/b0_<scene>.json` and `.png`. About a minute a scene with the defaults.
+
+    python benchmarks/b0_work_precision.py [--scenes smooth ...] [--repeats 3]
+"""
+
+import argparse
+import importlib
+import json
+import sys
+from functools import partial
+
+import matplotlib
+import numpy as np
+from measure import machine, paired, rounded, save
+from scenes import LANES, SCENES, START
+
+import ziegler_jax as zj
+
+matplotlib.use("agg")
+zj.configure_cpu()
+
+TOLERANCES = 10.0 ** -np.arange(3, 13)
+STIFF_TOLERANCES = 10.0 ** -np.arange(3, 9)
+LEVELS = (3e-4, 1e-5, 1e-7, 1e-10)
+STIFF_LANES = 64  # their reference, too, is expensive
+LIMIT = 20.0  # a contestant that has spent so many seconds tries no finer tolerance
+
+
+def contestants(scene):
+    """Names, functions (scene, q, start, span, rtol) and lanes; and who is absent."""
+    import ours
+
+    entries, absent = {}, {}
+    lanes = STIFF_LANES if scene.stiff else LANES
+    for name in ours.SOLVERS:
+        entries[f"ziegler_jax {name}"] = partial(ours.run, solver=name), lanes
+    for module in ("vmapped", "taylor", "scalar", "per_trajectory", "cvode", "cpp"):
+        try:
+            peer = importlib.import_module(f"peers.{module}")
+        except (ImportError, OSError) as error:
+            absent[module] = str(error)
+            continue
+        few = min(lanes, getattr(peer, "LANES", lanes))
+        if module == "vmapped":
+            stiff = scene.stiff
+            for solver in ("Kvaerno5",) if stiff else ("Tsit5", "Dopri8"):
+                run = partial(peer.run, solver=solver)
+                entries[f"diffrax vmap {solver}"] = run, min(few, 512)
+        elif module == "per_trajectory":
+            for method in ("LSODA", "Radau") if scene.stiff else ("RK45", "DOP853"):
+                entries[f"scipy {method}"] = partial(peer.run, method=method), few
+        else:
+            entries[peer.NAME] = peer.run, few
+    return entries, absent
+
+
+def race(scene, repeats):
+    """The error and the times of each contestant at each tolerance."""
+    from reference import ranges, reference
+
+    lanes = STIFF_LANES if scene.stiff else LANES
+    loads = scene.loads(lanes)
+    truth = reference(scene, loads, START)
+    entries, absent = contestants(scene)
+    results = {name: [] for name in entries}
+    spent = dict.fromkeys(entries, 0.0)
+    for tol in STIFF_TOLERANCES if scene.stiff else TOLERANCES:
+        times = {}
+        for turn in range(repeats):
+            for name, (run, few) in entries.items():
+                if spent[name] > LIMIT or (turn and name not in times):
+                    continue
+                if turn and few < lanes:
+                    continue  # per-trajectory loops: once is enough, and slow
+                some = slice(None, None, lanes // few)
+                try:
+                    states, seconds = run(
+                        scene, loads[some], START, scene.span, float(tol)
+                    )
+                except NotImplementedError:
+                    continue
+                spent[name] += seconds
+                print(f"{name}, {tol:g}: {seconds:.3g} s", file=sys.stderr, flush=True)
+                times.setdefault(name, []).append(seconds / few)
+                if not turn:
+                    keep = truth.keep[some]
+                    apart = np.abs(states - truth.states[some]).max(axis=1)[keep]
+                    apart = np.where(np.isfinite(apart), apart, np.inf)
+                    entry = {
+                        "tolerance": float(tol),
+                        "median": float(np.median(apart)),
+                        "p95": float(np.sort(apart)[int(0.95 * (apart.size - 1))]),
+                        "lanes": few,
+                    }
+                    results[name].append(entry)
+        for name, seconds in times.items():
+            results[name][-1]["microseconds"] = [s * 1e6 for s in seconds]
+    about = {
+        "scene": scene.name,
+        "span": scene.span,
+        "lanes": lanes,
+        "reference": "heyoka 1e-16",
+        "codes_apart": truth.codes_apart,
+        "left_out": int((~truth.keep).sum()),
+        "left_out_loads": ranges(loads, ~truth.keep)[:20],
+        "largest_magnification_kept": float(truth.magnification[truth.keep].max()),
+        "absent": absent,
+        **machine(),
+    }
+    return about, results
+
+
+def cost_at(entries, level, which="median"):
+    """Microseconds at an error, a list a round: interpolated in both logarithms.
+
+    NaN where the contestant does not reach it; its coarsest run where that is better.
+    """
+    errors = np.array([e[which] for e in entries])
+    rounds = min(len(e["microseconds"]) for e in entries)
+    costs = np.array([e["microseconds"][:rounds] for e in entries])
+    reached = np.flatnonzero(errors <= level)
+    if not reached.size:
+        return np.full(rounds, np.nan)
+    last = reached[0]
+    if last == 0 or not np.isfinite(errors[last - 1]):
+        return costs[last]
+    above, below = np.log(errors[last - 1]), np.log(max(errors[last], 1e-300))
+    share = (above - np.log(level)) / (above - below)
+    low, high = np.log(costs[last - 1]), np.log(costs[last])
+    between = np.exp(low + share * (high - low))
+    # a finer tolerance that costs less is the one to take
+    return np.minimum(between, costs[reached].min(axis=0))
+
+
+def compare(results):
+    """At each level: our cheapest solver, and everyone's time over its."""
+    table = {}
+    for which in ("median", "p95"):
+        for level in LEVELS:
+            costs = {n: cost_at(e, level, which) for n, e in results.items() if e}
+            ours = {n: c for n, c in costs.items() if n.startswith("ziegler_jax")}
+            reach = [n for n in ours if np.isfinite(ours[n]).all()]
+            if not reach:
+                continue
+            best = min(reach, key=lambda n: float(np.median(ours[n])))
+            row = {"ours": best, "microseconds": float(np.median(ours[best]))}
+            for name, cost in costs.items():
+                if name not in ours:
+                    rounds = min(len(cost), len(ours[best]))
+                    ratio, spread = paired(cost[:rounds], ours[best][:rounds])
+                    row[name] = {"ratio": ratio, "range": spread}
+            table[f"{which} {level:g}"] = row
+    return table
+
+
+def draw(about, results, path):
+    """Log-log, one line a contestant: ours thick, theirs thin and broken."""
+    import matplotlib.pyplot as plt
+
+    colours = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+    markers = "os^DvPX*<>"
+    figure, ax = plt.subplots(figsize=(8.3, 5.0), layout="constrained")
+    mine = [n for n in results if n.startswith("ziegler_jax") and results[n]]
+    theirs = [n for n in results if n not in mine and results[n]]
+    for i, name in enumerate([*mine, *theirs]):
+        entries = [e for e in results[name] if np.isfinite(e["median"])]
+        x = [np.median(e["microseconds"]) for e in entries]
+        y = [max(e["median"], 1e-16) for e in entries]
+        own = name in mine
+        j = i if own else i - len(mine)
+        ax.plot(
+            x, y, ("-" if own else "--") + markers[j % len(markers)],
+            color=colours[j % len(colours)] if own else str(0.15 + 0.07 * (j % 8)),
+            lw=2 if own else 1, ms=5, label=name,
+        )  # fmt: skip
+    clock = "processor time / cores" if about["clock"] == "cpu" else "wall time"
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel=rf"{clock} of a trajectory, {about['cores']} cores ($\mu$s)",
+        ylabel=r"median error of the final state $(\varphi_i, \dot\varphi_i)$",
+        title=f"{about['scene']}: q on {about['lanes']} lanes, t = {about['span']:g}",
+    )
+    ax.grid(alpha=0.3)
+    ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=8.5, frameon=False)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--scenes", nargs="+", default=["smooth"], choices=SCENES)
+    parser.add_argument("--repeats", type=int, default=3)
+    options = parser.parse_args()
+    for name in options.scenes:
+        about, results = race(SCENES[name], options.repeats)
+        for contestant, entries in results.items():
+            line = {"scene": name, "contestant": contestant, "points": entries}
+            print(json.dumps(rounded({"benchmark": "b0", **line})), flush=True)
+        summary = {"benchmark": "b0", **about, "at_equal_error": compare(results)}
+        print(json.dumps(rounded(summary)), flush=True)
+        image = save(f"b0_{name}", {**summary, "contestants": results})
+        draw(about, results, image)
+
+
+if __name__ == "__main__":
+    main()

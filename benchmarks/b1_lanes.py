@@ -1,0 +1,110 @@
+"""Cost of a lane against the number of lanes, and against the number of threads.
+
+The scene `smooth` of `scenes.py` at 1e-6, Tsit5: 64 to a million lanes, each
+point of the curve with the program compiled; then 8192 lanes on 1 to all threads, in
+turns (`a2_scaling.py` gives the speed-up and the memory). Lanes beyond 8192 repeat the
+same loads, so that all points of the curve ask for the same steps. Prints one JSON line
+a point; writes `results/b1_lanes.json` and `.png`. A minute with the defaults.
+
+    python benchmarks/b1_lanes.py [--lanes 1000000]
+"""
+
+import argparse
+import json
+import os
+
+import matplotlib
+import numpy as np
+import ours
+from measure import interleaved, machine, paired, rounded, save
+from peers import cpp
+from scenes import SCENES, START
+
+import ziegler_jax as zj
+
+matplotlib.use("agg")
+zj.configure_cpu()
+LOADS = 8192
+TOLERANCE = 1e-6
+
+
+def loads(scene, lanes):
+    """`lanes` loads over the whole range; more than `LOADS` repeat them in order."""
+    return np.repeat(scene.loads(min(lanes, LOADS)), max(1, lanes // LOADS))
+
+
+def draw(result, path):
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(8.3, 3.4), layout="constrained", width_ratios=(1.5, 1)
+    )
+    for name, marker, colour in (
+        ("sweep", "o", "#0072B2"),
+        ("C++ AVX-512", "s", "#D55E00"),
+    ):
+        points = [p for p in result["lanes"] if name in p]
+        x = [p["lanes"] for p in points]
+        left.plot(x, [p[name] for p in points], marker + "-", color=colour, label=name)
+    left.set(
+        xscale="log", yscale="log", xlabel="lanes",
+        ylabel=r"time of a lane ($\mu$s)",
+    )  # fmt: skip
+    left.grid(alpha=0.3)
+    left.legend()
+    threads = [p["threads"] for p in result["threads"]]
+    right.plot(threads, [p["speed_up"] for p in result["threads"]], "o-", c="#0072B2")
+    right.plot(threads, threads, ":", color="0.5", label="ideal")
+    right.set(xlabel="threads", ylabel="speed-up", xticks=threads)
+    right.grid(alpha=0.3)
+    right.legend()
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--lanes", type=int, default=1_000_000)
+    most = parser.parse_args().lanes
+    scene, cores = SCENES["smooth"], os.cpu_count() or 1
+    result = {"benchmark": "b1", "lanes": [], "threads": [], **machine()}
+    lanes = 64
+    while lanes <= most:
+        q = loads(scene, lanes)
+        repeats = 5 if lanes <= LOADS else 1
+        point = {"lanes": q.size}
+        runs = [
+            ours.solved(scene, q, START, scene.span, TOLERANCE) for _ in range(repeats)
+        ]
+        point["sweep"] = float(np.median([s for _, s in runs])) / q.size * 1e6
+        point["useful_step_fraction"] = runs[-1][0].attrs["useful_step_fraction"]
+        try:
+            times = [
+                cpp.run(scene, q, START, scene.span, TOLERANCE)[1]
+                for _ in range(repeats)
+            ]
+            point[cpp.NAME] = float(np.median(times)) / q.size * 1e6
+        except RuntimeError as absent:
+            result["absent"] = {"cpp": str(absent)}
+        print(json.dumps(rounded({"benchmark": "b1", **point})), flush=True)
+        result["lanes"].append(point)
+        lanes *= 4 if lanes < LOADS else 11  # 64, 256, ..., 16384, 180224, 990 000
+    q = loads(scene, LOADS)
+
+    def on(threads):
+        return lambda: ours.solved(
+            scene, q, START, scene.span, TOLERANCE, threads=threads
+        )
+
+    counts = sorted({1, *range(2, cores + 1, max(1, cores // 8)), cores})
+    seconds = interleaved({n: on(n) for n in counts}, repeats=3)
+    for n in counts:
+        ratio, spread = paired(seconds[1], seconds[n])
+        point = {"threads": n, "speed_up": ratio, "range": spread}
+        print(json.dumps(rounded({"benchmark": "b1", **point})), flush=True)
+        result["threads"].append(point)
+    draw(result, save("b1_lanes", result))
+
+
+if __name__ == "__main__":
+    main()

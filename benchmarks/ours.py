@@ -1,0 +1,70 @@
+"""This engine as a contestant: the public `sweep` of a `point`, solver by solver."""
+
+import functools
+
+import diffrax as dfx
+import numpy as np
+from measure import clock
+
+import ziegler_jax as zj
+from ziegler_jax.solvers import tableaus
+
+SOLVERS = {
+    "Tsit5": zj.Explicit(),
+    "Dopri8": zj.Explicit(dfx.Dopri8.tableau),
+    **{name: zj.Explicit(*method) for name, method in tableaus.ALL.items()},
+}
+
+
+@functools.cache
+def point_of(scene, start, solver, **options):
+    """The scene with loads and tolerances as axes: one program serves them all."""
+    law, damping, friction = scene.friction, None, None
+    if law is not None:
+        friction = zj.SmoothCoulomb(
+            law.tau_s,
+            law.tau_k,
+            pin_radius=1.0,
+            v_stribeck=law.v_stribeck,
+            v_smooth=law.v_smooth,
+            load=zj.ConstantLoad(1.0),
+        )
+    if scene.damping is not None:
+        damping = zj.Viscous(scene.damping, scene.damping)
+
+    def point(q, tol, span):
+        column = zj.uniform_rods(q, damping=damping, friction=friction)
+        settled = zj.settle(
+            column,
+            zj.State(start[:2], start[2:]),
+            transient=0.0,
+            window=span,
+            max_windows=1,
+            escape=1e9,
+            rtol=tol,
+            atol=tol,
+            solver=SOLVERS.get(solver, solver),
+            max_steps=10_000_000,
+        )
+        phi, omega = settled.final.phi, settled.final.omega
+        states = {"phi1": phi[0], "phi2": phi[1], "w1": omega[0], "w2": omega[1]}
+        return {**states, "steps": settled.steps}
+
+    return point
+
+
+def run(scene, q, start, span, rtol, solver="Tsit5"):
+    """As the peers' `run`."""
+    ds, seconds = solved(scene, q, start, span, rtol, solver)
+    names = ("phi1", "phi2", "w1", "w2")
+    return np.stack([ds[name].values[:, 0, 0] for name in names], axis=1), seconds
+
+
+def solved(scene, q, start, span, rtol, solver="Tsit5", **options):
+    """The dataset and the seconds of a sweep whose program is compiled."""
+    point = point_of(scene, tuple(start), solver)
+    axes = {"tol": [rtol], "progress": False, **options}
+    zj.sweep(point, q=q[:2], span=[0.05], **axes)  # compiles
+    begun = clock()
+    ds = zj.sweep(point, q=q, span=[span], **axes)
+    return ds, clock() - begun

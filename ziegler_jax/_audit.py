@@ -1,0 +1,72 @@
+"""How far two computations of the same points are apart, as quantiles."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+QUANTILES = (0.5, 0.95, 1.0)
+SEED = 0  # the same points in every run
+
+
+def drawn(valid: np.ndarray, count: int, seed: int = SEED) -> np.ndarray:
+    """At random `count` (at least one, at most all) of the valid points, as a mask."""
+    among = np.flatnonzero(valid)
+    count = min(max(count, 1), among.size)
+    chosen = np.random.default_rng(seed).choice(among, count, replace=False)
+    mask = np.zeros(valid.shape, bool)
+    mask.flat[chosen] = True
+    return mask
+
+
+def checked_share(audit: Any) -> float:
+    """A share above 0 and up to 1, or a `ValueError`."""
+    number = isinstance(audit, (int, float, np.number)) and not isinstance(audit, bool)
+    if not number or not 0 < audit <= 1:
+        raise ValueError(
+            f"Argument `audit` must be a share above 0 and up to 1, but is {audit!r}."
+        )
+    return float(audit)
+
+
+def differences(one: xr.DataArray, other: xr.DataArray, sample: np.ndarray) -> Any:
+    """The sizes of the differences at the sampled points; NaN where one has none."""
+    apart = np.abs(np.asarray(one, float) - np.asarray(other, float))
+    return apart[sample].ravel()
+
+
+def quantiles(apart: np.ndarray) -> list[float]:
+    """`QUANTILES` of what both computations have; NaN if they have nothing."""
+    apart = apart[np.isfinite(apart)]
+    if not apart.size:
+        return [float("nan")] * len(QUANTILES)
+    return [float(x) for x in np.quantile(apart, QUANTILES)]
+
+
+def changed(one: xr.Dataset, other: xr.Dataset, sample: np.ndarray) -> float:
+    """The share of the sampled points at which a code (an outcome) differs."""
+    differ = np.zeros(sample.sum(), bool)
+    for name in coded(one):
+        differ |= (one[name].values != other[name].values)[sample]
+    return float(differ.mean())
+
+
+def coded(dataset: xr.Dataset) -> list[str]:
+    """The flag variables."""
+    return [str(n) for n in dataset.data_vars if "flag_values" in dataset[n].attrs]
+
+
+def measured(dataset: xr.Dataset) -> list[str]:
+    """The variables that are numbers of the motion: neither codes nor costs."""
+    leave = {*coded(dataset), "steps", "windows"}
+    return [str(n) for n in dataset.data_vars if n not in leave]
+
+
+def audit_attributes(found: xr.Dataset, finer: xr.Dataset, sample: np.ndarray) -> None:
+    """Write what the audit found into the attributes of `found`."""
+    for name in measured(found):
+        apart = differences(found[name], finer[name], sample)
+        found[name].attrs["audit_quantiles"] = list(QUANTILES)
+        found[name].attrs["audit_differences"] = quantiles(apart)
+    found.attrs["audit_points"] = int(sample.sum())
+    found.attrs["audit_changed_outcomes"] = round(changed(found, finer, sample), 6)

@@ -1,0 +1,72 @@
+"""The picture of error against run time."""
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+# Okabe and Ito's colours, which the colour-blind can tell apart, and a marker each
+_STYLES = (
+    ("#0072B2", "o"),
+    ("#D55E00", "s"),
+    ("#009E73", "^"),
+    ("#CC79A7", "D"),
+    ("#E69F00", "v"),
+    ("#56B4E9", "P"),
+    ("#000000", "X"),
+)
+
+
+def work_precision(
+    dataset: xr.Dataset,
+    variable: str,
+    *,
+    ax: Axes | None = None,
+    cost: str = "seconds_a_point",
+) -> Axes:
+    """Draw error against run time, one line a solver, one marker a tolerance.
+
+    The markers are medians over the points; the pale band reaches up to the 95th
+    percentile.
+
+    **Arguments:**
+
+    - `dataset`: from `zj.work_precision`.
+    - `variable`: whose error, e.g. `joint_amplitude`.
+    - `ax`: where to draw; None opens a figure.
+    - `cost`: `seconds_a_point`, or `steps`.
+
+    **Returns:** the axes.
+
+    **Raises:** `ValueError` for a variable or cost that the dataset does not have.
+    """
+    for argument, name in (("variable", f"{variable}_error"), ("cost", cost)):
+        if name not in dataset:
+            names = ", ".join(str(n) for n in dataset.data_vars)
+            raise ValueError(
+                f"Argument `{argument}` must name one of {names}, but `{name}` is not "
+                "there."
+            )
+    ax = plt.subplots(layout="constrained")[1] if ax is None else ax
+    error, price = dataset[f"{variable}_error"], dataset[cost]
+    for i, solver in enumerate(dataset.solver.values):
+        colour, marker = _STYLES[i % len(_STYLES)]
+        x = price.sel(solver=solver).values
+        low, high = (error.sel(solver=solver, quantile=p).values for p in (0.5, 0.95))
+        order = np.argsort(x)
+        ax.plot(x[order], low[order], marker + "-", color=colour, label=str(solver))
+        ax.fill_between(
+            x[order], low[order], high[order], color=colour, alpha=0.15, linewidth=0
+        )
+    ax.set(xscale="log", yscale="log", xlabel=_label(price), ylabel=_label(error))
+    ax.grid(which="major", alpha=0.3)
+    ax.legend()
+    return ax
+
+
+def _label(values: xr.DataArray) -> Any:
+    units = values.attrs["units"]
+    text = values.attrs["long_name"]
+    return text if units == "1" else f"{text} ({units})"
