@@ -119,6 +119,7 @@ def load_of(tau, kick):
     )
 
 
+@pytest.mark.slow
 def test_no_kick_sets_off_flutter_below_the_fold_of_the_cycle():
     found = zj.sweep(
         load_of, tau=list(FOLDS), kick=[0.8, 2.0], batch_size=8, progress=False
@@ -131,6 +132,7 @@ def test_no_kick_sets_off_flutter_below_the_fold_of_the_cycle():
     assert (np.nanmin(above, axis=1)[:2] < 0.03).all()
 
 
+@pytest.mark.slow
 def test_flutter_onset_and_critical_kick_are_one_curve():
     """The kick at which q is the onset is the critical kick at q."""
     onset = zj.sweep(load_of, tau=[0.03], kick=[0.4], batch_size=8, progress=False)
