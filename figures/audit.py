@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import audit_friction  # noqa: F401 - adds its rows
 import audit_scenes
 import numpy as np
-from audit_rows import ROWS
+from audit_rows import CONFIRMED, OPEN, REFUTED, ROWS
 from tqdm import tqdm
 
 HEAD = """# The seed, audited
@@ -58,8 +58,10 @@ def main(arguments):
     if arguments:
         print(*rows, sep="\n")
         return
-    verdicts = [row.verdict.split()[0].strip(":,") for row in rows]
-    counts = ", ".join(f"{verdicts.count(v)} {v}" for v in sorted(set(verdicts)))
+    counts = ", ".join(
+        f"{sum(row.verdict.startswith(v) for row in rows)} {v}"
+        for v in (CONFIRMED, REFUTED, OPEN)
+    )
     table = "\n".join(
         [f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", *map(cells, rows)]
     )

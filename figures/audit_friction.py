@@ -72,8 +72,7 @@ def _(found):
     (free, _), rubbed, wait = found
     text = f"{free} distinct turning points without friction, {rubbed} with: the other "
     text += "way round. Only the way there is long: an e-folding takes "
-    text += f"{wait[0]:.0f} on a pin of 1 mm, {wait[1]:.0f} on 10 mm, "
-    text += f"{wait[3]:.0f} on 100 mm"
+    text += f"{wait[1]:.0f} on a pin of 10 mm, {wait[3]:.0f} on 100 mm"
     return text, holds(min(rubbed) > free)
 
 
