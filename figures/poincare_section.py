@@ -46,7 +46,12 @@ def main():
         axes[1].plot(phi[:, 1], omega[:, 1], ".", ms=2, color=colour, label=f"{kick:g}")
     axes[1].set_title(f"$q = {Q_FREE}$, no friction")
     axes[0].locator_params(axis="x", nbins=5)
-    axes[1].legend(title=r"kick $\dot\varphi_2$", markerscale=4, fontsize=8)
+    axes[1].legend(
+        title=r"kick $\dot\varphi_2$",
+        markerscale=4,
+        loc="center left",
+        bbox_to_anchor=(1, 0.5),
+    )
     for ax in axes:
         ax.set(
             xlabel=r"angle $\varphi_2$ (rad)",
