@@ -1,7 +1,7 @@
 """Sections phi1 = 0, rising: a chaotic stick-slip motion and frictionless ones.
 
 Into poincare_section.png. With friction one set attracts every start; without it each
-start keeps its own curve, or fills a region: nothing attracts.
+start keeps its own curve: nothing attracts.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 import ziegler_jax as zj
 
 Q, TAU_S, TAU_K = 3.9, 0.226, 0.0565
-Q_FREE, KICKS = 3.2, np.array([0.02, 0.06, 0.1, 0.14, 0.18, 0.3])
+Q_FREE, KICKS = 2.0, np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
 
 
 def chaotic(kick):
@@ -45,7 +45,13 @@ def main():
     ):
         axes[1].plot(phi[:, 1], omega[:, 1], ".", ms=2, color=colour, label=f"{kick:g}")
     axes[1].set_title(f"$q = {Q_FREE}$, no friction")
-    axes[1].legend(title=r"kick $\dot\varphi_2$", markerscale=4, fontsize=8)
+    axes[0].locator_params(axis="x", nbins=5)
+    axes[1].legend(
+        title=r"kick $\dot\varphi_2$",
+        markerscale=4,
+        loc="center left",
+        bbox_to_anchor=(1, 0.5),
+    )
     for ax in axes:
         ax.set(
             xlabel=r"angle $\varphi_2$ (rad)",

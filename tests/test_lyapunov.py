@@ -52,8 +52,9 @@ def test_at_rest_they_are_the_real_parts_of_the_eigenvalues(smooth):
         roots = zj.spectrum(zj.uniform_rods(q, damping=damping))
         exact = np.sort(np.asarray(roots).real)[::-1]
         rates, errors, _ = smooth[name]
-        # vectors of a pair turn: the ends of the time T contribute, measured 0.4 / T
+        # vectors of a pair turn: the ends of the time T contribute, measured 0.56 / T
         assert (np.abs(rates - exact) < 3 * errors + 1 / (BLOCKS * 20)).all()
+        # measured 2.9e-6
         pairs = rates.reshape(2, 2).sum(axis=1)
         np.testing.assert_allclose(pairs, exact.reshape(2, 2).sum(axis=1), atol=2e-5)
 
@@ -63,13 +64,15 @@ def test_their_sum_is_the_mean_divergence(smooth):
         numbers, start = SMOOTH[name][:5], SMOOTH[name][5:9]
         begin, block = SMOOTH[name][9:]
         mean = mean_divergence(start, begin, begin + BLOCKS * block, numbers)
-        np.testing.assert_allclose(smooth[name][0].sum(), mean, rtol=1e-5)
+        # measured 2.2e-8
+        np.testing.assert_allclose(smooth[name][0].sum(), mean, rtol=3e-7)
 
 
 def test_without_dissipation_they_sum_to_zero_and_are_symmetric(smooth):
     for name in ("free", "chaos", "chaos again"):
         rates, errors, _ = smooth[name]
-        # the flow keeps det M dphi domega: what is left is ln det M over the time
+        # the flow keeps det M dphi domega: what is left is ln det M over the time, and
+        # the steps' error; measured 2.8e-4
         assert abs(rates.sum()) < 1e-3
         # and runs backward in time as forward
         assert abs(rates[0] + rates[3]) < 3 * np.hypot(errors[0], errors[3])
@@ -80,8 +83,9 @@ def test_a_cycle_has_a_zero_one_and_the_rate_of_its_multiplier(smooth):
     for name in ("viscous", "friction"):
         rates, errors, final = smooth[name]
         period, multipliers = floquet(final, SMOOTH[name][:5])
-        assert abs(multipliers[0] - 1) < 1e-5
+        assert abs(multipliers[0] - 1) < 1e-7  # measured 1.7e-9
         exact = np.log(np.abs(multipliers)) / period
+        # measured 1.7e-3 and 5e-4 (viscous), 9e-5 and 6e-5 (friction)
         assert (np.abs(rates[:2] - exact[:2]) < 3 * errors[:2] + 1e-4).all()
         assert abs(rates[0]) < 0.01 and errors[:2].max() < 0.01
 
@@ -92,6 +96,7 @@ def test_chaos_has_one_largest_exponent_whoever_computes_it(smooth):
     assert (rates > 5 * errors).all()
     assert abs(rates[0] - rates[1]) < 3 * np.hypot(*errors)
     numbers, start = SMOOTH["chaos"][:5], np.array(SMOOTH["chaos"][5:9], float)
+    # measured 0.112 +- 0.018 against 0.091 +- 0.010 and 0.098 +- 0.008
     other, its_error = benettin(start, numbers, 200.0, 800.0, 10)
     assert abs(other - rates.mean()) < 3 * np.hypot(its_error, np.hypot(*errors) / 2)
 

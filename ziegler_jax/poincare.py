@@ -152,7 +152,8 @@ def poincare(
     r"""The motion's first passages through a plane after the transient.
 
     Each is found on the step's cubic Hermite interpolant, $O(h^4)$ from the motion:
-    with Tsit5 at 1e-9 within 1e-7 (q = 2.6, $\tau$ = 0.026).
+    with Tsit5 at 1e-9 within 6e-7, in time 6e-8 (q = 2.6, $\tau$ = 0.026, v_smooth =
+    0.1).
 
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 

@@ -37,6 +37,7 @@ from .solvers import AbstractFold, Explicit, Step
 
 SURE = 3.0  # standard errors
 NEAR = 1e-3  # of a point: a passage this near one before it is on its way to a cycle
+DRIFT = 0.1  # of the largest angle: what changes more has not settled
 PLANE = Plane()
 
 
@@ -113,7 +114,9 @@ def verdict(
         $p \le 16$. References are renewed after 1, 2, 4, 8, 16 passages (Brent's
         cycle detection): p is the number of passages a period.
 
-    and where none did after all blocks, by the exponents $\lambda_1, \lambda_2$:
+    and where none did after all blocks, by the exponents $\lambda_1, \lambda_2$, if the
+    largest angles of both halves of the blocks are within a tenth of each other (else
+    it is a transient, and `undecided`):
 
     - `conservative`: neither friction nor damping took anything out at the end of any
         step after the transient: no motion attracts.
@@ -229,7 +232,9 @@ def _judged(
     by_rates = jnp.where(both & apart, VERDICT.quasi_periodic, by_rates)
     chaotic = (first > zero_rate) & (first > SURE * error)
     by_rates = jnp.where(chaotic, VERDICT.chaotic, by_rates)
-    by_rates = jnp.where(by_rates == 0, VERDICT.undecided, by_rates)
+    early, late = heard.angles
+    transient = jnp.abs(late - early) > DRIFT * jnp.maximum(late, early)
+    by_rates = jnp.where((by_rates == 0) | transient, VERDICT.undecided, by_rates)
     by_rates = jnp.where(heard.dissipates, by_rates, VERDICT.conservative)
     code = jnp.where(outcome == OUTCOME.unsettled, by_rates, VERDICT.failed)
     at_rest = (outcome == OUTCOME.stuck) | (outcome == OUTCOME.rest)
@@ -246,6 +251,7 @@ class WitnessState(NamedTuple):
     returns: Returns
     fastest: Scalar  # the largest joint rate of this block
     faster: Scalar  # that of the block before
+    angles: tuple[Scalar, Scalar]  # the largest in each half of the blocks
     dissipates: Any
     stop: Scalar
     outcome: Scalar
@@ -285,6 +291,7 @@ class Witnesses(AbstractFold):
             returns=no_returns(t0, y0),
             fastest=zero,
             faster=zero,
+            angles=(zero, zero),
             dissipates=no,
             stop=first_stop(self.transient, self.block) + zero,
             outcome=jnp.asarray(OUTCOME.not_computed, jnp.int32),
@@ -307,14 +314,21 @@ class Witnesses(AbstractFold):
         dissipates = state.dissipates
         for loss in lost:
             dissipates |= measuring & (loss > 0)
+        angle = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1]))
+        early = measuring & (state.rates.blocks < self.blocks // 2)
+        late = state.rates.blocks >= self.blocks // 2
         heard = state._replace(
             growing=growing,
+            angles=tuple(
+                jnp.where(when, jnp.maximum(peak, angle), peak)
+                for when, peak in zip((early, late), state.angles, strict=True)
+            ),
             returns=returns,
             fastest=jnp.maximum(state.fastest, fastest),
             dissipates=dissipates,
         )
         ended = step.t1 >= state.stop
-        turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
+        turned = angle > self.escape
         stuck = jnp.zeros_like(ended)
         if self.rate_cut is None:
             m1, m2 = step.event[1]
