@@ -44,7 +44,7 @@ SAME_FLOOR = {
 # Inside the solvers' room.
 SOLVERS = [
     ["control", "crossing"],
-    ["explicit", "landing"],
+    ["explicit"],
     ["observed"],
     ["stickslip"],
 ]
