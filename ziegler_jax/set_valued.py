@@ -190,15 +190,16 @@ class Torques(AbstractFriction):
         return self.in_modes(self.begin(balance, u, (u[0] == 0, u[1] == 0)))
 
     def torques(self, balance: Balance) -> Pair:
-        """T1, T2 in the frozen modes."""
+        """T1, T2 in the frozen modes: what the accelerations leave of the forces."""
         assert self.modes is not None
-        m1, m2 = self.modes
-        t1, t2 = m1 * self.kinetic[0], m2 * self.kinetic[1]
-        stuck1, stuck2 = m1 == 0, m2 == 0
-        both1, both2 = balance.held()
+        a, h, d, r1, r2 = balance
+        a1, a2 = self.accelerations(balance)
+        left2 = r2 - h * a1 - d * a2
+        left1 = r1 - a * a1 - h * a2 + left2
+        (m1, m2), (k1, k2) = self.modes, self.kinetic
         return (
-            jnp.where(stuck1, jnp.where(stuck2, both1, balance.held1(t2)), t1),
-            jnp.where(stuck2, jnp.where(stuck1, both2, balance.held2(t1)), t2),
+            jnp.where(m1 == 0, left1, m1 * k1),
+            jnp.where(m2 == 0, left2, m2 * k2),
         )
 
     def accelerations(self, balance: Balance) -> Pair:

@@ -94,12 +94,29 @@ def falls_below(course: Course, tol: Any, turns: Any) -> tuple[Any, Any, Any]:
     return below_a | below_b | (course.g1 < -tol), left, right
 
 
-def place(course: Course, level: Any, left: Any, right: Any) -> Any:
-    """Where the course passes `level` in the bracket, between 0 and 1."""
-    at_left, at_right = course(left) - level, course(right) - level
+def plainly_falls(course: Course, tol: Any) -> tuple[Any, Any]:
+    """Whether the guard's Bezier polygon alone decides, and then whether it falls.
+
+    A polynomial changes its sign no more often than its control polygon does: with at
+    most one change, to below -tol, there is at most one crossing and no dip.
+    """
+    b1, b3 = course.g0 + course.v0 / 4, course.g1 - course.v1 / 4
+    b2 = (course.g0 + course.g1) / 2 + (course.v0 - course.v1 + course.bend) / 6
+    low = [b < -tol for b in (b1, b2, b3, course.g1)]
+    plain = (~low[0] | low[1]) & (~low[1] | low[2]) & (~low[2] | low[3])
+    return plain, low[3]
+
+
+def rough_place(course: Course, left: Any, right: Any) -> Any:
+    """About where the course crosses zero in the bracket: on the chord."""
+    at_left, at_right = course(left), course(right)
     drop = at_left - at_right
     share = jnp.where(drop > 0, at_left / jnp.where(drop > 0, drop, 1.0), 0.5)
-    x = left + jnp.clip(share, 0.0, 1.0) * (right - left)
+    return left + jnp.clip(share, 0.0, 1.0) * (right - left)
+
+
+def place(course: Course, level: Any, x: Any, left: Any, right: Any) -> Any:
+    """Where the course passes `level` in the bracket, from about x."""
     for _ in range(ITERATIONS):
         value, slope = course(x) - level, course.slope(x)
         left = jnp.where(value > 0, x, left)

@@ -24,7 +24,16 @@ from .._materialise import if_any_lane, materialise
 from .._types import Pair, Scalar, Vector4
 from ..column import Column, joint_balance, vector_field
 from .control import Signals
-from .crossing import Course, extrema, falls_below, place, through, weak_point
+from .crossing import (
+    Course,
+    extrema,
+    falls_below,
+    place,
+    plainly_falls,
+    rough_place,
+    through,
+    weak_point,
+)
 from .explicit import OKAY, Explicit, dense
 from .observed import AbstractFold, Step
 
@@ -104,18 +113,14 @@ class StickSlip(dfx.AbstractSolver):
         law, h = column.friction, t1 - t0
         watched = self.fold.integrand(column)
 
-        def aside(y):
-            more = () if watched is None else watched(y)
-            return (*_torques(column, y), *more)
-
-        y1, error, f1, whole, (slopes, asides) = self.solver.advance(
-            terms, t0, t1, y0, column, f0, aside
+        y1, error, f1, whole, stages = self.solver.advance(
+            terms, t0, t1, y0, column, f0, watched
         )
         y1 = (*y1[:2], *law.hold(y1[2], y1[3]))
-        bends = materialise(t0, self.solver.bends, h, slopes)
+        bends = materialise(t0, self.solver.bends, h, stages.slopes)
         motion = _courses(y0, y1, h, f0, f1, bends)
         tol = self._tolerances(t1, modes, f1, easing)
-        guards = spare, easing, asides[-1][:2]
+        guards = spare, easing, materialise(t0, _torques, column, y1)
         x, forced, passed = self._first_event(column, motion, t0, h, guards, tol)
         cut = x < 1
 
@@ -147,22 +152,29 @@ class StickSlip(dfx.AbstractSolver):
 
         modes_after = if_any_lane(event, change, modes)
         now = _in_modes(args, modes_after)
-        slope = (y[2], y[3], *materialise(t0, now.friction.accelerations, balance))
+
+        def slopes():
+            """At the end, in the modes before and after."""
+            return [
+                (y[2], y[3], *friction.accelerations(balance))
+                for friction in (law, now.friction)
+            ]
+
+        f_end, slope = materialise(t0, slopes)
         spare, easing = materialise(t0, _holding, now, y, slope)
 
-        t_end = jnp.where(cut, t0 + x * h, t1)
+        t_end = materialise(t0, lambda: jnp.where(cut, t0 + x * h, t1))
         at_same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
         at_once = jnp.where(event, jnp.where(at_same, at_once + 1.0, 0.0), at_once)
         last_event = jnp.where(event, t_end, last_event)
         joint = jnp.where(landed[0], 1, 0) + jnp.where(landed[1], 2, 0)
         integrals = ()
         if watched is not None:
-            rows = [a[2:] for a in asides]
+            rows = stages.integrands
             bends = self.solver.bends(h, rows)
-            zero = tuple(0.0 * w for w in whole[2:])
-            parts = _courses(zero, whole[2:], h, rows[0], rows[-1], bends)
+            zero = tuple(0.0 * w for w in whole)
+            parts = _courses(zero, whole, h, rows[0], rows[-1], bends)
             integrals = tuple(part(x) for part in parts)
-        f_end = (y[2], y[3], *law.accelerations(balance))
         seen = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, modes_after))
         folded, stop, done = self.fold.step(column, folded, seen)
         state = StickSlipState(
@@ -228,31 +240,49 @@ class StickSlip(dfx.AbstractSolver):
             ]
 
         courses = materialise(t0, guard_courses)
-        turns = materialise(t0, lambda: [extrema(course) for course in courses])
+        plain = materialise(
+            t0, lambda: [plainly_falls(c, e) for c, e in zip(courses, tol, strict=True)]
+        )
+        doubtful = ~(plain[0][0] & plain[1][0])
+        zero, one = jnp.zeros_like(h), jnp.ones_like(h)
+        brackets = [(falls, zero, one) for _, falls in plain]
 
-        def search():
-            rows = zip(courses, tol, turns, strict=True)
-            return [falls_below(course, e, turn) for course, e, turn in rows]
+        def look_closely(brackets):
+            turns = materialise(t0, lambda: [extrema(course) for course in courses])
+            new = [
+                falls_below(course, e, turn)
+                for course, e, turn in zip(courses, tol, turns, strict=True)
+            ]
+            return jax.tree.map(lambda a, b: jnp.where(doubtful, a, b), new, brackets)
 
-        found = materialise(t0, search)
+        brackets = if_any_lane(doubtful, look_closely, brackets)
+
+        def choose():
+            """The joint whose guard falls first."""
+            about = [
+                jnp.where(falls, rough_place(course, left, right), jnp.inf)
+                for course, (falls, left, right) in zip(courses, brackets, strict=True)
+            ]
+            second = about[1] < about[0]
+            row = [(*c, e, *b, x) for c, e, b, x in zip(courses, tol, brackets, about)]
+            return second, [jnp.where(second, b, a) for a, b in zip(*row, strict=True)]
+
+        second, (*course, e, passes, left, right, about) = materialise(t0, choose)
 
         def locate():
-            rows = zip(courses, tol, found, strict=True)
-            return [
-                jnp.where(falls, place(course, -0.5 * e, left, right), jnp.inf)
-                for course, e, (falls, left, right) in rows
-            ]
+            begin = jnp.where(passes, about, 0.5)
+            x = place(Course(*course), -0.5 * e, begin, left, right)
+            return jnp.where(passes, x, 1.0)
 
-        places = materialise(t0, locate)
+        found = materialise(t0, locate)
 
         def verdict():
-            first = jnp.minimum(*places)
             eps = jnp.finfo(jnp.result_type(t0)).eps
             soonest = 16 * eps * jnp.maximum(jnp.abs(t0), eps) / h
-            x = jnp.minimum(jnp.maximum(first, soonest), 1.0)
-            mine = tuple((p <= first) & jnp.isfinite(p) for p in places)
+            x = jnp.minimum(jnp.maximum(found, soonest), 1.0)
             falls = tuple(course.slope(x) < 0 for course in courses)
-            return x, first <= soonest, tuple(zip(mine, falls, strict=True))
+            mine = passes & ~second, passes & second
+            return x, found <= soonest, tuple(zip(mine, falls, strict=True))
 
         return materialise(t0, verdict)
 
