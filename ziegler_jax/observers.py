@@ -65,7 +65,7 @@ class Extent(NamedTuple):
 class Amplitude(AbstractObserver):
     r"""The largest $|\phi_1|, |\phi_2|$ (rods) and $|\phi_2 - \phi_1|$ (joint 2).
 
-    Each step contributes the extremum of its cubic Hermite interpolant, so that an
+    Each step contributes the extremum of its quintic Hermite interpolant, so that an
     amplitude does not depend on where the steps happen to end. Joint 1's angle is rod
     1's.
     """

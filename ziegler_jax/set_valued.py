@@ -20,8 +20,14 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ._layer import layer_limit
-from ._types import Pair, Scalar, both, is_concrete, number_or_pair
-from .friction import AbstractFriction, AbstractLoad, FollowerLoad, JointReaction
+from ._types import Pair, Scalar, both, number_or_pair
+from .friction import (
+    AbstractFriction,
+    AbstractLoad,
+    FollowerLoad,
+    JointReaction,
+    kinetic_at_most_static,
+)
 
 Release = Literal["stick-first", "stribeck-limit"]
 RELEASES = ("stick-first", "stribeck-limit")
@@ -80,7 +86,10 @@ class SetValuedCoulomb(AbstractFriction):
     - `mu_s`, `mu_k`: static and kinetic coefficient, one number or one a joint,
         $\mu_s \ge \mu_k \ge 0$; `mu_k` left out is `mu_s`.
     - `pin_radius`: $\rho = R_{pin}/l$, one number or one a joint.
-    - `load`: the normal load, `FollowerLoad()` or `ConstantLoad(n)`.
+    - `load`: the normal load, `FollowerLoad()` or `ConstantLoad(n)`. Not
+        `JointReaction()`: its normal loads depend on the friction torques, so that
+        each pair of modes has loads and thresholds of its own; to choose among them is
+        not solved here.
     - `release`: the rule above.
 
     **Raises:** `ValueError` for concrete numbers that break a rule, and for
@@ -112,7 +121,8 @@ class SetValuedCoulomb(AbstractFriction):
         if not isinstance(self.load, AbstractLoad) or isinstance(load, JointReaction):
             raise ValueError(
                 "Argument `load` must be `FollowerLoad()` or `ConstantLoad(n)` with "
-                f"set-valued friction, but is {load!r}."
+                f"set-valued friction, but is {load!r}; a load that the reactions "
+                "decide leaves the modes open."
             )
         if release not in RELEASES:
             raise ValueError(
@@ -120,13 +130,7 @@ class SetValuedCoulomb(AbstractFriction):
                 f"{release!r}."
             )
         self.release = release
-        if self.mu_k is not None:
-            for s, k in zip(both(self.mu_s), both(self.mu_k), strict=True):
-                if is_concrete(s) and is_concrete(k) and k > s:
-                    raise ValueError(
-                        f"Argument `mu_k` must be at most `mu_s`, but is {k:g} with "
-                        f"`mu_s` = {s:g}."
-                    )
+        kinetic_at_most_static(self.mu_s, self.mu_k)
 
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
         """Refuse: the torque at rest is not a function of the rates."""

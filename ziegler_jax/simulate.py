@@ -267,8 +267,8 @@ def trajectory(
     - `column`, `start`: the scene; the start is the state at `ts[0]`.
     - `ts`: increasing times in $\sqrt{m l^2/k}$, shape (n,), at least two.
     - `rtol`, `atol`: tolerances of each step.
-    - `solver`: `Explicit(tableau)`; None is Dopri8; with set-valued friction Tsit5,
-        whose shorter steps show events more closely.
+    - `solver`: `Explicit(tableau)`; None is Dopri8; with set-valued friction it is
+        Tsit5, whose interpolant finds the events.
     - `max_steps`: the step budget.
     - `max_events`: how many events there is room for, with set-valued friction.
 
@@ -368,6 +368,11 @@ def _machine(column: Column, solver: Explicit, fold: Any, rtol: Any, atol: Any) 
     """The observing solver and the controller that the friction law needs."""
     control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
     if isinstance(column.friction, SetValuedCoulomb):
+        if solver.bend is None:
+            raise ValueError(
+                "Argument `solver` must have an interpolant of its own with set-valued "
+                f"friction, which `Explicit()` (Tsit5) has, but is {solver.name}."
+            )
         return StickSlip(solver, fold, atol), control
     return Observed(solver, fold), control
 

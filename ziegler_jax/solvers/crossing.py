@@ -60,7 +60,7 @@ def weak_point(g0: Any, v0: Any, g1: Any) -> tuple[Any, Any]:
     turns = (v0 < 0) & (2 * c2 > -v0)
     x = jnp.where(turns, -0.5 * v0 / jnp.where(turns, c2, 1.0), 0.5)
     least = jnp.where(turns, g0 + 0.5 * x * v0, g1)
-    root = jnp.sqrt(jnp.maximum(v0 * v0 - 4 * c2 * g0, 0.0))
+    root = _root(v0 * v0 - 4 * c2 * g0)
     zero = 2 * g0 / jnp.where(root > v0, root - v0, 1.0)
     return jnp.clip(jnp.where(least < 0, zero, x), INNER, 1 - INNER), least
 
@@ -70,7 +70,7 @@ def extrema(course: Course) -> tuple[Any, Any]:
     v0 = course.v0
     c2, c3 = course.shape()
     square = c2 * c2 - 3 * c3 * v0
-    root = jnp.sqrt(jnp.maximum(square, 0.0))
+    root = _root(square)
     sum_ = -(c2 + jnp.where(c2 < 0, -root, root))  # nothing cancels
 
     def inside(top, bottom):
@@ -125,3 +125,9 @@ def place(course: Course, level: Any, x: Any, left: Any, right: Any) -> Any:
         good = (slope < 0) & (newton >= left) & (newton <= right)
         x = jnp.where(good, newton, 0.5 * (left + right))
     return x
+
+
+def _root(square: Any) -> Any:
+    """The square root, zero where there is none; with a slope of zero there, not NaN."""
+    there = square > 0
+    return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)

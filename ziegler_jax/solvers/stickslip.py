@@ -142,7 +142,8 @@ class StickSlip(dfx.AbstractSolver):
         landed = tuple(a | b for a, b in zip(landed, freed, strict=True))
         event = landed[0] | landed[1]
         met = (met & held) | forced
-        error = tuple(jnp.where(met, e, jnp.inf) for e in error)
+        # a whole unit: repeated with the shortest step allowed, and with finite slopes
+        error = tuple(jnp.where(met, e, 1.0) for e in error)
 
         def change(modes):
             new = _chosen(law, balance, torque, rest, landed, tol)
