@@ -128,6 +128,6 @@ def place(course: Course, level: Any, x: Any, left: Any, right: Any) -> Any:
 
 
 def _root(square: Any) -> Any:
-    """The square root, zero where there is none; with a slope of zero there, not NaN."""
+    """The square root; where there is none zero, with a slope of zero."""
     there = square > 0
     return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)

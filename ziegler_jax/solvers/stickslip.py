@@ -231,7 +231,8 @@ class StickSlip(dfx.AbstractSolver):
         inside = materialise(t0, within)
 
         def guard_courses():
-            rows = zip(spare, easing, _spare(law, inside), _spare(law, spare1))
+            ends = _spare(law, inside), _spare(law, spare1)
+            rows = zip(spare, easing, *ends, strict=True)
             holding = [through(g, h * v, inner, gx, g1) for g, v, gx, g1 in rows]
             return [
                 jax.tree.map(lambda a, b, s=s: jnp.where(s, a, b), one, other)
@@ -265,7 +266,8 @@ class StickSlip(dfx.AbstractSolver):
                 for course, (falls, left, right) in zip(courses, brackets, strict=True)
             ]
             second = about[1] < about[0]
-            row = [(*c, e, *b, x) for c, e, b, x in zip(courses, tol, brackets, about)]
+            each = zip(courses, tol, brackets, about, strict=True)
+            row = [(*c, e, *b, x) for c, e, b, x in each]
             return second, [jnp.where(second, b, a) for a, b in zip(*row, strict=True)]
 
         second, (*course, e, passes, left, right, about) = materialise(t0, choose)
@@ -354,7 +356,7 @@ def _arrival(law: Any, y: Vector4, passed: Any, cut: Any, tol: Pair) -> Any:
 
 
 def _released(law: Any, torque: Pair, passed: Any, tol: Pair) -> Any:
-    """Which sticking joints' torques reach their most, and whether as close as asked."""
+    """Which sticking joints reach their most, and whether as close as asked."""
     freed, met = [], True
     rows = zip(law.modes, _spare(law, torque), passed, tol, strict=True)
     for m, guard, (mine, falls), e in rows:
