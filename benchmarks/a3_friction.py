@@ -23,7 +23,10 @@ EXACT = ("exact", None, 1e-10)
 SMOOTHED = ((1e-2, 1e-6), (1e-3, 1e-6), (3e-4, 1e-8), (1e-4, 1e-8), (3e-5, 1e-8))
 # name, v_smooth (None: set-valued), tolerance
 CONTESTANTS = [
-    *((f"set-valued, {tol:g}", None, tol) for tol in (1e-4, 1e-5, 1e-6, 1e-7)),
+    *(
+        (f"set-valued, {tol:g}", None, tol)
+        for tol in (1e-4, 3e-5, 2e-5, 1e-5, 1e-6, 1e-7)
+    ),
     *((f"smoothed {v:g}, {tol:g}", v, tol) for v, tol in SMOOTHED),
 ]
 
@@ -77,7 +80,7 @@ def main():
     to_1e2, range_1e2 = paired(seconds[None], seconds[1e-2])
     to_1e3, range_1e3 = paired(seconds[None], seconds[1e-3])
 
-    q = np.linspace(2.4, 2.8, 512)
+    q = np.linspace(2.4, 2.8, 2048)  # a sweep's own cost is spread over them
     found = {}
 
     def runner(name, v_smooth, tol):

@@ -45,7 +45,7 @@ SAME_FLOOR = {
 # Inside the solvers' room.
 SOLVERS = [
     ["control", "crossing", "tableaus"],
-    ["explicit", "landing"],
+    ["explicit"],
     ["observed"],
     ["stickslip"],
 ]

@@ -1,6 +1,9 @@
-"""The list of a motion's events: when which joint came to rest or broke loose."""
+"""A motion with stick and slip: its states at given times, and its events.
 
-from typing import Any
+Nothing is interpolated between steps, which end on both.
+"""
+
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -24,9 +27,18 @@ class Events(eqx.Module):
     release: str = eqx.field(static=True)
 
 
-class EventLog(AbstractFold):
-    """Room for `size` events."""
+class Recorded(NamedTuple):
+    """What `Record` keeps."""
 
+    events: Events
+    ys: Any  # (4, n): the states at `ts`, NaN where the lane has not been
+    seen: Any  # how many of them are there
+
+
+class Record(AbstractFold):
+    """The states at given times, on which steps end, and room for `size` events."""
+
+    ts: Any
     size: int
 
     def integrand(self, column):
@@ -44,14 +56,22 @@ class EventLog(AbstractFold):
             jnp.zeros((), jnp.int32),
             column.friction.release,
         )
-        return _with(none, True, t0, 0, column.friction.modes)
+        events = _with(none, True, t0, 0, column.friction.modes)
+        ys = jnp.full((4, self.ts.shape[0]), jnp.nan, dtype)
+        return Recorded(events, ys.at[:, 0].set(jnp.stack(y0)), jnp.array(1, jnp.int32))
 
     def step(self, column, state, step):
-        """Add the event on which the step ended, if any."""
+        """Add the event on which the step ended, and the state if it was waited for."""
         del column
         joint, modes = step.event
-        state = _with(state, joint > 0, step.t1, joint, modes)
-        return state, jnp.inf, False
+        events = _with(state.events, joint > 0, step.t1, joint, modes)
+        due = step.t1 >= self.ts[state.seen]
+        place = jnp.where(due, state.seen, self.ts.shape[0])  # beyond: dropped
+        ys = state.ys.at[:, place].set(jnp.stack(step.y1), mode="drop")
+        seen = state.seen + due.astype(jnp.int32)
+        over = seen >= self.ts.shape[0]
+        following = self.ts[jnp.minimum(seen, self.ts.shape[0] - 1)]
+        return Recorded(events, ys, seen), following, over
 
 
 def _with(log: Events, happened: Any, t: Any, joint: Any, modes: Any) -> Events:

@@ -15,7 +15,6 @@ from .set_valued import SetValuedCoulomb
 from .solvers import (
     AbstractFold,
     Explicit,
-    LandingControl,
     Observed,
     StepControl,
     StickSlip,
@@ -149,10 +148,14 @@ def follow(motion: Motion) -> Run:
 
 def machine(column: Column, solver: Explicit, fold: Any, rtol: Any, atol: Any) -> Any:
     """The observing solver and the controller that the friction law needs."""
-    if isinstance(column.friction, SetValuedCoulomb):
-        control = LandingControl(rtol, atol)  # pyright: ignore[reportCallIssue]
-        return StickSlip(solver, fold, atol), control
     control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
+    if isinstance(column.friction, SetValuedCoulomb):
+        if solver.bend is None:
+            raise ValueError(
+                "Argument `solver` must have an interpolant of its own with set-valued "
+                f"friction, which `Explicit()` (Tsit5) has, but is {solver.name}."
+            )
+        return StickSlip(solver, fold, atol), control
     return Observed(solver, fold), control
 
 

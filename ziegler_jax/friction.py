@@ -195,13 +195,7 @@ class SmoothCoulomb(AbstractFriction):
                 "Argument `load` must be `FollowerLoad()`, `ConstantLoad(n)` or "
                 f"`JointReaction()`, but is {load!r}."
             )
-        if self.mu_k is not None:
-            for s, k in zip(both(self.mu_s), both(self.mu_k), strict=True):
-                if is_concrete(s) and is_concrete(k) and k > s:
-                    raise ValueError(
-                        f"Argument `mu_k` must be at most `mu_s`, but is {k:g} with "
-                        f"`mu_s` = {s:g}."
-                    )
+        kinetic_at_most_static(self.mu_s, self.mu_k)
 
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
         """Torque per unit of normal load, both joints."""
@@ -280,6 +274,16 @@ class _Ready(AbstractFriction):
     def rate_cut(self) -> Scalar:
         """As the law it was made from."""
         return self.v_smooth
+
+
+def kinetic_at_most_static(mu_s: Any, mu_k: Any) -> None:
+    """Refuse mu_k > mu_s where both are known; None for mu_k is mu_s."""
+    for s, k in zip(both(mu_s), both(mu_s if mu_k is None else mu_k), strict=True):
+        if is_concrete(s) and is_concrete(k) and k > s:
+            raise ValueError(
+                f"Argument `mu_k` must be at most `mu_s`, but is {k:g} with "
+                f"`mu_s` = {s:g}."
+            )
 
 
 def _same(mu_s: Any, mu_k: Any) -> bool:

@@ -65,7 +65,7 @@ class Extent(NamedTuple):
 class Amplitude(AbstractObserver):
     r"""The largest $|\phi_1|, |\phi_2|$ (rods) and $|\phi_2 - \phi_1|$ (joint 2).
 
-    Each step contributes the extremum of its cubic Hermite interpolant, so that an
+    Each step contributes the extremum of its quintic Hermite interpolant, so that an
     amplitude does not depend on where the steps happen to end. Joint 1's angle is rod
     1's.
     """
@@ -86,14 +86,12 @@ class Amplitude(AbstractObserver):
         def angles(y):
             return y[0], y[1], y[1] - y[0]
 
-        # the angles' slopes are the rates, the last two of the state
-        slopes0, slopes1 = angles(step.y0[2:]), angles(step.y1[2:])
-        ends0, ends1 = angles(step.y0), angles(step.y1)
-        parts = zip(state, ends0, ends1, slopes0, slopes1, strict=True)
-        return tuple(
-            jnp.maximum(peak, _cubic_peak(x0, x1, h * v0, h * v1))
-            for peak, x0, x1, v0, v1 in parts
-        )
+        # angles, rates and accelerations, in units of the step
+        ends = [angles(step.y0), angles(step.y1)]
+        ends += [tuple(h * v for v in angles(f)) for f in (step.f0, step.f1)]
+        ends += [tuple(h * h * a for a in angles(f[2:])) for f in (step.f0, step.f1)]
+        parts = zip(state, *ends, strict=True)
+        return tuple(jnp.maximum(peak, _peak(*part)) for peak, *part in parts)
 
     def result(self, column, state, span, y):
         """Rods and joints apart."""
@@ -335,11 +333,12 @@ def joint_rates(y: Vector4) -> tuple[Scalar, Scalar]:
     return y[2], y[3] - y[2]
 
 
-def _cubic_peak(x0, x1, v0, v1):
-    """Largest |x| at the end and at the extremum of the cubic with these ends.
+def _peak(x0, x1, v0, v1, a0, a1):
+    """Largest |x| at the end and near the extremum of the quintic with these ends.
 
-    Slopes are per step. Between slopes of unlike sign the cubic has exactly one
-    extremum, at the root written here so that nothing cancels.
+    Slopes and second derivatives are per step. Between slopes of unlike sign the cubic
+    of the same ends has exactly one extremum, at the root written here so that nothing
+    cancels. It lies within h^3 of the quintic's, whose value there is within h^6.
     """
     rise = x1 - x0
     c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
@@ -347,7 +346,9 @@ def _cubic_peak(x0, x1, v0, v1):
     root = jnp.sqrt(jnp.where(turns, c2 * c2 - 3 * c3 * v0, 1.0))
     # between 0 and 1 where it turns; elsewhere any harmless number
     s = v0 / jnp.where(turns, jnp.where(v0 > 0, root, -root) - c2, 1.0)
-    inner = x0 + s * (v0 + s * (c2 + s * c3))
+    rest = 1 - s
+    bend = rest * (a0 / 2 - c2) + s * (a1 / 2 - c2 - 3 * c3)
+    inner = x0 + s * (v0 + s * (c2 + s * c3) + s * rest * rest * bend)
     end = jnp.abs(x1)
     return jnp.where(turns, jnp.maximum(end, jnp.abs(inner)), end)
 

@@ -24,7 +24,7 @@ from ._types import Scalar, Vector4, number
 from .column import Column, State
 from .outcome import OUTCOME
 from .solvers import AbstractFold, Explicit, Step
-from .solvers.crossing import place
+from .solvers.crossing import Course, place, rough_place
 
 Coordinate = Literal["phi1", "phi2", "omega1", "omega2"]
 COORDINATES = get_args(Coordinate)
@@ -56,18 +56,15 @@ def passage(plane: Plane, step: Step) -> Passage:
 
     def locate(found):
         del found
+        zero = 0.0 * h
         v0, v1 = sign * h * step.f0[i], sign * h * step.f1[i]
-        x = place(g0, v0, g1, v1, 0.0 * h, (0.0 * h, 0.0 * h + 1.0))
+        guard = Course(g0, g1, v0, v1, zero)
+        x = place(guard, 0.0, rough_place(guard, zero, zero + 1.0), zero, zero + 1.0)
         ends = zip(step.y0, step.y1, step.f0, step.f1, strict=True)
-        y = tuple(_cubic(x, y0, y1, h * f0, h * f1) for y0, y1, f0, f1 in ends)
+        y = tuple(Course(a, b, h * f, h * g, zero)(x) for a, b, f, g in ends)
         return Passage(there, step.t0 + x * h, y)  # type: ignore[arg-type]
 
     return if_any_lane(there, locate, Passage(there, step.t1, step.y1))
-
-
-def _cubic(x, y0, y1, v0, v1):
-    rise = y1 - y0
-    return y0 + x * (v0 + x * (3 * rise - 2 * v0 - v1 + x * (v0 + v1 - 2 * rise)))
 
 
 class Returns(NamedTuple):

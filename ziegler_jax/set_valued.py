@@ -20,8 +20,14 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ._layer import layer_limit
-from ._types import Pair, Scalar, both, is_concrete, number_or_pair
-from .friction import AbstractFriction, AbstractLoad, FollowerLoad, JointReaction
+from ._types import Pair, Scalar, both, number_or_pair
+from .friction import (
+    AbstractFriction,
+    AbstractLoad,
+    FollowerLoad,
+    JointReaction,
+    kinetic_at_most_static,
+)
 
 Release = Literal["stick-first", "stribeck-limit"]
 RELEASES = ("stick-first", "stribeck-limit")
@@ -80,7 +86,10 @@ class SetValuedCoulomb(AbstractFriction):
     - `mu_s`, `mu_k`: static and kinetic coefficient, one number or one a joint,
         $\mu_s \ge \mu_k \ge 0$; `mu_k` left out is `mu_s`.
     - `pin_radius`: $\rho = R_{pin}/l$, one number or one a joint.
-    - `load`: the normal load, `FollowerLoad()` or `ConstantLoad(n)`.
+    - `load`: the normal load, `FollowerLoad()` or `ConstantLoad(n)`. Not
+        `JointReaction()`: its normal loads depend on the friction torques, so that
+        each pair of modes has loads and thresholds of its own; to choose among them is
+        not solved here.
     - `release`: the rule above.
 
     **Raises:** `ValueError` for concrete numbers that break a rule, and for
@@ -112,7 +121,8 @@ class SetValuedCoulomb(AbstractFriction):
         if not isinstance(self.load, AbstractLoad) or isinstance(load, JointReaction):
             raise ValueError(
                 "Argument `load` must be `FollowerLoad()` or `ConstantLoad(n)` with "
-                f"set-valued friction, but is {load!r}."
+                f"set-valued friction, but is {load!r}; a load that the reactions "
+                "decide leaves the modes open."
             )
         if release not in RELEASES:
             raise ValueError(
@@ -120,13 +130,7 @@ class SetValuedCoulomb(AbstractFriction):
                 f"{release!r}."
             )
         self.release = release
-        if self.mu_k is not None:
-            for s, k in zip(both(self.mu_s), both(self.mu_k), strict=True):
-                if is_concrete(s) and is_concrete(k) and k > s:
-                    raise ValueError(
-                        f"Argument `mu_k` must be at most `mu_s`, but is {k:g} with "
-                        f"`mu_s` = {s:g}."
-                    )
+        kinetic_at_most_static(self.mu_s, self.mu_k)
 
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
         """Refuse: the torque at rest is not a function of the rates."""
@@ -190,15 +194,16 @@ class Torques(AbstractFriction):
         return self.in_modes(self.begin(balance, u, (u[0] == 0, u[1] == 0)))
 
     def torques(self, balance: Balance) -> Pair:
-        """T1, T2 in the frozen modes."""
+        """T1, T2 in the frozen modes: what the accelerations leave of the forces."""
         assert self.modes is not None
-        m1, m2 = self.modes
-        t1, t2 = m1 * self.kinetic[0], m2 * self.kinetic[1]
-        stuck1, stuck2 = m1 == 0, m2 == 0
-        both1, both2 = balance.held()
+        a, h, d, r1, r2 = balance
+        a1, a2 = self.accelerations(balance)
+        left2 = r2 - h * a1 - d * a2
+        left1 = r1 - a * a1 - h * a2 + left2
+        (m1, m2), (k1, k2) = self.modes, self.kinetic
         return (
-            jnp.where(stuck1, jnp.where(stuck2, both1, balance.held1(t2)), t1),
-            jnp.where(stuck2, jnp.where(stuck1, both2, balance.held2(t1)), t2),
+            jnp.where(m1 == 0, left1, m1 * k1),
+            jnp.where(m2 == 0, left2, m2 * k2),
         )
 
     def accelerations(self, balance: Balance) -> Pair:

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ._events import EventLog, Events
+from ._events import Events, Record
 from ._motion import FIRST_STEP, Run, follow, machine, unless_chattering
 from ._override import overridden_solver
 from ._scene import (
@@ -28,7 +28,7 @@ from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
 from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit, StepControl, StickSlip
+from .solvers import Explicit, StepControl
 
 
 class Settled(eqx.Module):
@@ -210,8 +210,8 @@ def trajectory(
     - `column`, `start`: the scene; the start is the state at `ts[0]`.
     - `ts`: increasing times in $\sqrt{m l^2/k}$, shape (n,), at least two.
     - `rtol`, `atol`: tolerances of each step.
-    - `solver`: `Explicit(tableau)`; None is Dopri8; with set-valued friction Tsit5,
-        whose shorter steps show events more closely.
+    - `solver`: `Explicit(tableau)`; None is Dopri8; with set-valued friction it is
+        Tsit5, whose interpolant finds the events.
     - `max_steps`: the step budget.
     - `max_events`: how many events there is room for, with set-valued friction.
 
@@ -225,44 +225,75 @@ def trajectory(
     y0 = float_state(start)
     ts = increasing_times(ts, y0[0].dtype)
     good = valid_scene(column, y0)
-    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
+    limit = whole_number("max_steps", max_steps)
     if isinstance(column.friction, SetValuedCoulomb):
-        log = EventLog(whole_number("max_events", max_events))
-        solver = Explicit() if solver is None else solver
-        method, control = machine(column, solver, log, rtol, atol)
-    else:
-        method = Explicit(dfx.Dopri8.tableau) if solver is None else solver
+        return _stick_slip(column, y0, ts, good, rtol, atol, solver, limit, max_events)
     solution = dfx.diffeqsolve(
         dfx.ODETerm(vector_field),
-        method,
+        Explicit(dfx.Dopri8.tableau) if solver is None else solver,
         t0=ts[0],
         t1=jnp.where(good, ts[-1], ts[0]),
         dt0=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
         y0=y0,
         args=prepared(column),
         stepsize_controller=dfx.ClipStepSizeController(
-            control,
+            StepControl(rtol, atol),  # pyright: ignore[reportCallIssue]
             step_ts=ts,
         ),
         saveat=dfx.SaveAt(ts=ts, solver_state=True),
-        max_steps=whole_number("max_steps", max_steps),
+        max_steps=limit,
         throw=False,
         adjoint=dfx.ForwardMode(),
     )
     assert solution.ys is not None
     # diffrax leaves infinity where nothing was saved
     ys = [jnp.where(jnp.isfinite(y), y, jnp.nan) for y in solution.ys]
-    after: Any = solution.solver_state
-    events, slope, ended = None, after, OUTCOME.complete
-    if isinstance(method, StickSlip):
-        events, slope = after.folded, after.slope
-        ended = unless_chattering(method, after, ended)
-    outcome = outcome_of(solution.result, slope, ended)
+    outcome = outcome_of(solution.result, solution.solver_state, OUTCOME.complete)
     return Trajectory(
         ts=ts,
         phi=jnp.stack(ys[:2], axis=-1),
         omega=jnp.stack(ys[2:], axis=-1),
         steps=solution.stats["num_steps"],
         outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
-        events=events,
+    )
+
+
+def _stick_slip(
+    column, y0, ts, good, rtol, atol, solver, max_steps, max_events
+) -> Trajectory:
+    """`trajectory` with set-valued friction: the solver itself records."""
+    record = Record(ts, whole_number("max_events", max_events))
+    solver = Explicit() if solver is None else solver
+    method, control = machine(column, solver, record, rtol, atol)
+    args = prepared(column)
+    terms = dfx.ODETerm(vector_field)
+    first = jnp.minimum(FIRST_STEP, ts[1] - ts[0])
+    begin = control.start(ts[0], first, ts[1])
+    solution = dfx.diffeqsolve(
+        terms,
+        method,
+        t0=ts[0],
+        t1=jnp.where(good, ts[-1], ts[0]),
+        dt0=begin.t_next - ts[0],
+        y0=y0,
+        args=args,
+        stepsize_controller=control,
+        solver_state=method.init(terms, ts[0], ts[-1], y0, args),
+        controller_state=begin,
+        saveat=dfx.SaveAt(solver_state=True),
+        max_steps=max_steps,
+        throw=False,
+        adjoint=dfx.ForwardMode(),
+    )
+    after: Any = solution.solver_state
+    ended = unless_chattering(method, after, OUTCOME.complete)
+    outcome = outcome_of(solution.result, after.slope, ended)
+    ys = after.folded.ys.T
+    return Trajectory(
+        ts=ts,
+        phi=ys[:, :2],
+        omega=ys[:, 2:],
+        steps=solution.stats["num_steps"],
+        outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
+        events=after.folded.events,
     )

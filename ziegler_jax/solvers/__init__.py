@@ -2,7 +2,6 @@
 
 from .control import ControlState, Signals, StepControl
 from .explicit import Explicit
-from .landing import LandingControl, LandingSignals
 from .observed import AbstractFold, Observed, Step
 from .stickslip import StickSlip, StickSlipState
 
@@ -10,8 +9,6 @@ __all__ = [
     "AbstractFold",
     "ControlState",
     "Explicit",
-    "LandingControl",
-    "LandingSignals",
     "Observed",
     "Signals",
     "Step",

@@ -31,6 +31,7 @@ class Signals(eqx.Module):
     error: Any
     stop: Scalar  # a time on which a step must end; infinity for none
     done: Scalar  # 1 to end the lane after this step, if it is accepted; else 0
+    reached: Any = None  # the time of y1 where the step was cut; None: not to be cut
 
 
 class ControlState(NamedTuple):
@@ -40,6 +41,7 @@ class ControlState(NamedTuple):
     stop: Any  # a time on which a step must end
     t_next: Any  # where the next step ends, if nothing clips it
     left: Any  # how many more steps may be attempted
+    h: Any  # the length that the error estimate allows
 
 
 class StepControl(dfx.AbstractAdaptiveStepSizeController):
@@ -75,10 +77,10 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
     def start(self, t0: Any, dt0: Any, stop: Any) -> ControlState:
         """The state before the first step, with a first time to stop on."""
         dtype = jnp.result_type(t0)
-        stop = jnp.asarray(stop, dtype)
-        t_next = towards(stop, t0, jnp.asarray(dt0, dtype))
-        t0 = jnp.asarray(t0, dtype)
-        return ControlState(t0, stop, t_next, jnp.asarray(NO_LIMIT, jnp.int32))
+        stop, t0 = jnp.asarray(stop, dtype), jnp.asarray(t0, dtype)
+        h = jnp.asarray(dt0, dtype)
+        left = jnp.asarray(NO_LIMIT, jnp.int32)
+        return ControlState(t0, stop, towards(stop, t0, h), left, h)
 
     def adapt_step_size(
         self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state
@@ -91,11 +93,23 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
 
         # each number that a lane carries asks whether its step was accepted
         tols = self.rtol, self.atol
-        keep, factor = materialise(
-            t0, lambda: judge(*tols, y0, y1_candidate, error, error_order)
-        )
-        h = (t1 - t0) * factor
-        t = jnp.where(keep, t1, t0)
+        reached = t1 if signals is None or signals.reached is None else signals.reached
+        tried, allowed = t1 - t0, controller_state.h
+
+        def verdict():
+            square, factor = judge(*tols, y0, y1_candidate, error, error_order)
+            # along its step an interpolant leaves the start with the error's square
+            share = 1.0 if reached is t1 else ((reached - t0) / tried) ** 2
+            # behind an event the field is another: no reason to grow
+            factor = jnp.where(reached < t1, jnp.minimum(factor, 1.0), factor)
+            return square * share**2 <= 1, factor
+
+        keep, factor = materialise(t0, verdict)
+        # one that was shortened to a stop says little about how long one may be
+        shortened = keep & (tried < 0.9 * allowed)
+        h = tried * factor
+        h = jnp.where(shortened, jnp.maximum(allowed, h), h)
+        t = jnp.where(keep, reached, t0)
         # an accepted step may be as small as the stop it was cut to
         vanished = ~(keep | (h > SMALLEST_STEP * jnp.maximum(jnp.abs(t), 1.0)))
         pause = left <= 0
@@ -107,14 +121,14 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         )
         result = dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
         t_next = towards(stop, t, h)
-        state = ControlState(t, stop, t_next, left)
+        state = ControlState(t, stop, t_next, left, h)
         return keep, t, t_next, False, state, result
 
 
 def judge(
     rtol: Scalar, atol: Scalar, y0: Any, y1: Any, error: Any, error_order: Any
 ) -> tuple[Any, Any]:
-    """Whether the error is within tolerance, and by what factor to change the step."""
+    """The error's square, within tolerance up to 1, and the next step over this one."""
     square = jnp.zeros_like(y0[0])
     for e, a, b in zip(error, y0, y1, strict=True):
         scale = atol + rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))
@@ -126,7 +140,7 @@ def judge(
     factor = jnp.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR)
     # a NaN error is no measure of the step
     factor = jnp.where(jnp.isnan(square), SMALLEST_FACTOR, factor)
-    return square <= 1, factor.astype(square.dtype)
+    return square, factor.astype(square.dtype)
 
 
 def towards(stop: Any, t: Any, h: Any) -> Any:

@@ -1,29 +1,76 @@
-r"""Where a guard first falls below zero within a step, on its cubic Hermite.
+r"""Where a guard first falls below zero within a step.
 
-A guard g is positive while the modes of a step hold. With its values and slopes at both
-ends the step's cubic is known, with its extrema, and so a guard that falls below zero
-and rises again within the step is seen. The place is found to the cubic's accuracy,
-$O(h^4)$; each shorter step that ends near it finds it more closely.
+A guard g is positive while the modes of a step hold. Its course over the step is known
+with its extrema, and so a guard that falls below zero and rises again within the step
+is seen.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from .._types import Scalar
+ITERATIONS = 4  # of a Newton method that is kept in a bracket
+INNER = 1e-3  # how near to a step's ends a third point may lie
 
-ITERATIONS = 6  # of a Newton method that is kept in a bracket
 
+class Course(NamedTuple):
+    r"""A number over a step, at x from 0 to 1: a cubic Hermite and what bends it.
 
-def extrema(g0: Scalar, v0: Scalar, g1: Scalar, v1: Scalar) -> tuple[Any, Any]:
-    """Where in (0, 1) the cubic has its extrema, in order; 1 for one that is absent.
+    $$g(x) = g_0 + x\,(v_0 + x\,(c_2 + c_3 x)) + \beta x^2 (1 - x)^2$$
 
-    **Arguments:** values and slopes, per step, at both ends.
+    With $\beta = h \sum_i d_i k_i$ of a Runge-Kutta method it is that method's own
+    interpolant, e.g. of order 4 for Tsit5; with $\beta = 0$ it is of order 3.
     """
-    rise = g1 - g0
-    c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
+
+    g0: Any
+    g1: Any
+    v0: Any  # slopes per step
+    v1: Any
+    bend: Any
+
+    def __call__(self, x: Any) -> Any:
+        """The number at x; exact at both ends."""
+        rest, rise = 1 - x, self.g1 - self.g0
+        inner = rest * (self.v0 - rise) - x * (self.v1 - rise)
+        inner = inner + self.bend * x * rest
+        return rest * self.g0 + x * self.g1 + x * rest * inner
+
+    def slope(self, x: Any) -> Any:
+        """The slope at x, per step."""
+        c2, c3 = self.shape()
+        bends = 2 * self.bend * x * (1 - x) * (1 - 2 * x)
+        return self.v0 + x * (2 * c2 + 3 * x * c3) + bends
+
+    def shape(self) -> tuple[Any, Any]:
+        """The cubic's c2, c3."""
+        rise = self.g1 - self.g0
+        return 3 * rise - 2 * self.v0 - self.v1, self.v0 + self.v1 - 2 * rise
+
+
+def through(g0: Any, v0: Any, x: Any, gx: Any, g1: Any) -> Course:
+    """The cubic with this start and slope that passes gx at x and g1 at 1."""
+    chord = g1 - g0 - v0
+    c3 = (chord - (gx - g0 - v0 * x) / (x * x)) / (1 - x)
+    return Course(g0, g1, v0, v0 + 2 * chord + c3, jnp.zeros_like(g0))
+
+
+def weak_point(g0: Any, v0: Any, g1: Any) -> tuple[Any, Any]:
+    """Where to look into a step: where the parabola is zero or least, and that."""
+    c2 = g1 - g0 - v0
+    turns = (v0 < 0) & (2 * c2 > -v0)
+    x = jnp.where(turns, -0.5 * v0 / jnp.where(turns, c2, 1.0), 0.5)
+    least = jnp.where(turns, g0 + 0.5 * x * v0, g1)
+    root = _root(v0 * v0 - 4 * c2 * g0)
+    zero = 2 * g0 / jnp.where(root > v0, root - v0, 1.0)
+    return jnp.clip(jnp.where(least < 0, zero, x), INNER, 1 - INNER), least
+
+
+def extrema(course: Course) -> tuple[Any, Any]:
+    """Where in (0, 1) the cubic has its extrema, in order; 1 for one that is absent."""
+    v0 = course.v0
+    c2, c3 = course.shape()
     square = c2 * c2 - 3 * c3 * v0
-    root = jnp.sqrt(jnp.maximum(square, 0.0))
+    root = _root(square)
     sum_ = -(c2 + jnp.where(c2 < 0, -root, root))  # nothing cancels
 
     def inside(top, bottom):
@@ -35,50 +82,52 @@ def extrema(g0: Scalar, v0: Scalar, g1: Scalar, v1: Scalar) -> tuple[Any, Any]:
     return jnp.minimum(x1, x2), jnp.maximum(x1, x2)
 
 
-def falls_below(
-    g0: Scalar, v0: Scalar, g1: Scalar, v1: Scalar, tol: Scalar, turns: Any
-) -> Any:
+def falls_below(course: Course, tol: Any, turns: Any) -> tuple[Any, Any, Any]:
     """Whether the guard falls below -tol, and the bracket of that.
-
-    **Arguments:** values and slopes, per step, at both ends; `tol`; `turns`: the
-    extrema.
 
     **Returns:** the verdict, and the two places in [0, 1] between which it falls.
     """
-    rise = g1 - g0
-    c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
     a, b = turns
-
-    def below(x):
-        return g0 + x * (v0 + x * (c2 + x * c3)) < -tol
-
-    below_a, below_b = below(a), below(b)
+    below_a, below_b = course(a) < -tol, course(b) < -tol
     left = jnp.where(below_a, 0.0, jnp.where(below_b, a, b))
     right = jnp.where(below_a, a, jnp.where(below_b, b, 1.0))
-    return below_a | below_b | (g1 < -tol), left, right
+    return below_a | below_b | (course.g1 < -tol), left, right
 
 
-def place(
-    g0: Scalar, v0: Scalar, g1: Scalar, v1: Scalar, level: Scalar, between: Any
-) -> Any:
-    """Where the cubic passes `level` in the bracket, between 0 and 1."""
-    left, right = between
-    rise = g1 - g0
-    c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
+def plainly_falls(course: Course, tol: Any) -> tuple[Any, Any]:
+    """Whether the guard's Bezier polygon alone decides, and then whether it falls.
 
-    def cubic(x):
-        return g0 - level + x * (v0 + x * (c2 + x * c3))
+    A polynomial changes its sign no more often than its control polygon does: with at
+    most one change, to below -tol, there is at most one crossing and no dip.
+    """
+    b1, b3 = course.g0 + course.v0 / 4, course.g1 - course.v1 / 4
+    b2 = (course.g0 + course.g1) / 2 + (course.v0 - course.v1 + course.bend) / 6
+    low = [b < -tol for b in (b1, b2, b3, course.g1)]
+    plain = (~low[0] | low[1]) & (~low[1] | low[2]) & (~low[2] | low[3])
+    return plain, low[3]
 
-    at_left, at_right = cubic(left), cubic(right)
+
+def rough_place(course: Course, left: Any, right: Any) -> Any:
+    """About where the course crosses zero in the bracket: on the chord."""
+    at_left, at_right = course(left), course(right)
     drop = at_left - at_right
     share = jnp.where(drop > 0, at_left / jnp.where(drop > 0, drop, 1.0), 0.5)
-    x = left + jnp.clip(share, 0.0, 1.0) * (right - left)
+    return left + jnp.clip(share, 0.0, 1.0) * (right - left)
+
+
+def place(course: Course, level: Any, x: Any, left: Any, right: Any) -> Any:
+    """Where the course passes `level` in the bracket, from about x."""
     for _ in range(ITERATIONS):
-        value = cubic(x)
-        slope = v0 + x * (2 * c2 + 3 * x * c3)
+        value, slope = course(x) - level, course.slope(x)
         left = jnp.where(value > 0, x, left)
         right = jnp.where(value > 0, right, x)
         newton = x - value / jnp.where(slope < 0, slope, -1.0)
         good = (slope < 0) & (newton >= left) & (newton <= right)
         x = jnp.where(good, newton, 0.5 * (left + right))
     return x
+
+
+def _root(square: Any) -> Any:
+    """The square root; where there is none zero, with a slope of zero."""
+    there = square > 0
+    return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)

@@ -11,7 +11,7 @@ zeros of the tableau are left out, and each stage is kept as an array.
 """
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import diffrax as dfx
 import jax.numpy as jnp
@@ -35,6 +35,7 @@ class Explicit(dfx.AbstractSolver):
     a: tuple[_Row, ...]
     b: _Row
     b_error: _Row
+    bend: _Row | None  # the interpolant's: see `Course`
     c: _Row
     last_stage_is_next_first: bool
     method_order: int
@@ -53,7 +54,7 @@ class Explicit(dfx.AbstractSolver):
         """Turn the tableau into numbers of the program."""
         if tableau.implicit:
             raise ValueError("Argument `tableau` must be explicit, but is implicit.")
-        name, known = _KNOWN.get(id(tableau), ("explicit", None))
+        name, known, bend = _KNOWN.get(id(tableau), ("explicit", None, None))
         order = known if order is None else order
         if order is None:
             raise ValueError(
@@ -63,6 +64,7 @@ class Explicit(dfx.AbstractSolver):
         self.a = tuple(tuple(map(float, row)) for row in tableau.a_lower)
         self.b = tuple(map(float, tableau.b_sol))
         self.b_error = tuple(map(float, tableau.b_error))
+        self.bend = bend
         self.c = tuple(map(float, tableau.c))
         self.last_stage_is_next_first = bool(tableau.fsal and tableau.ssal)
         self.method_order = order
@@ -95,13 +97,13 @@ class Explicit(dfx.AbstractSolver):
         args: Any,
         first: Vector4,
         integrand: Callable | None = None,
-    ) -> tuple[Vector4, Vector4, Vector4, tuple]:
+    ) -> tuple[Vector4, Vector4, Vector4, tuple, "Stages"]:
         r"""One step from y0, where the right-hand side is `first`.
 
-        **Returns:** y1, the error estimate, the right-hand side at y1, and the
-        integrals $\int_{t_0}^{t_1} g(y)\,dt \approx h \sum_i b_i g(Y_i)$ of
-        `integrand`, a function of the state that returns a tuple; to the order of the
-        method, as if the integrals were part of the state.
+        **Returns:** y1, the error estimate, the right-hand side at y1, the integrals
+        $\int_{t_0}^{t_1} g(y)\,dt \approx h \sum_i b_i g(Y_i)$ of `integrand`, a
+        function of the state that returns a tuple, to the order of the method, as if
+        the integrals were part of the state; and the stages.
         """
         h = t1 - t0
         stages = [first]
@@ -130,20 +132,38 @@ class Explicit(dfx.AbstractSolver):
         if integrand is not None:
             parts = range(len(kept[0]))
             integrals = tuple(h * _dot(self.b, kept, i) for i in parts)
-        return y1, error, last, integrals
+        return y1, error, last, integrals, Stages(stages, kept)
+
+    def bends(self, h: Any, stages: list[tuple]) -> tuple:
+        r"""What bends the interpolant of each number, $h \sum_i d_i k_i$."""
+        assert self.bend is not None
+        return tuple(h * _dot(self.bend, stages, i) for i in range(len(stages[0])))
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         """One step, as diffrax asks for it."""
         del made_jump
-        y1, error, last, _ = self.advance(terms, t0, t1, y0, args, solver_state)
+        y1, error, last, *_ = self.advance(terms, t0, t1, y0, args, solver_state)
         return y1, error, dense(t0, t1, y0, y1, solver_state, last), last, OKAY
 
 
+# Tsitouras, Computers & Mathematics with Applications 62 (2011) 770-775: the leading
+# coefficients of the interpolant's b_i(x)
+_TSIT5_BEND = (
+    *(-1.0530884977290216, 0.1017, 2.490627285651252793, -16.54810288924490272),
+    *(47.37952196281928122, -34.87065786149660974, 2.5),
+)
 _KNOWN = {
-    id(dfx.Tsit5.tableau): ("Tsit5", 5),
-    id(dfx.Dopri8.tableau): ("Dopri8", 8),
+    id(dfx.Tsit5.tableau): ("Tsit5", 5, _TSIT5_BEND),
+    id(dfx.Dopri8.tableau): ("Dopri8", 8, None),
 }
 OKAY = dfx.RESULTS.successful
+
+
+class Stages(NamedTuple):
+    """The right-hand sides and the integrands at a step's stages."""
+
+    slopes: list
+    integrands: list
 
 
 def dense(t0, t1, y0, y1, first, last) -> dict[str, Any]:

@@ -93,7 +93,7 @@ class Observed(dfx.AbstractSolver):
         """One step, seen by the fold."""
         del made_jump
         _, f0, folded = solver_state
-        y1, error, f1, integrals = self.solver.advance(
+        y1, error, f1, integrals, _ = self.solver.advance(
             terms, t0, t1, y0, args, f0, self.fold.integrand(args)
         )
         seen = Step(t0, t1, y0, y1, f0, f1, integrals)

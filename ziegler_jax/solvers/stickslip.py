@@ -6,9 +6,10 @@ is positive as long as its mode holds:
 $$g_i = m_i u_i \text{ (slips in direction } m_i\text{)}, \qquad
 g_i = \frac{\tau_{s,i}^2 - \lambda_i^2}{2\tau_{s,i}} \text{ (sticks)}.$$
 
-A step in which a guard falls below zero is rejected and shortened until it ends on the
-first such event within a tolerance. There the joint's rate is made exactly zero, the
-friction law chooses new modes for both joints, and the solve goes on.
+A step in which a guard falls below zero is cut there: the state on the first such event
+is that of the method's own interpolant, no step is repeated. There the joint's rate is
+made exactly zero, the friction law chooses new modes for both joints, and the solve
+goes on.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -22,24 +23,24 @@ from .._layer import FAR
 from .._materialise import if_any_lane, materialise
 from .._types import Pair, Scalar, Vector4
 from ..column import Column, joint_balance, vector_field
-from .crossing import extrema, falls_below, place
+from .control import Signals
+from .crossing import (
+    Course,
+    extrema,
+    falls_below,
+    place,
+    plainly_falls,
+    rough_place,
+    through,
+    weak_point,
+)
 from .explicit import OKAY, Explicit, dense
-from .landing import LandingSignals
 from .observed import AbstractFold, Step
 
 EVENT_SHARE = 0.01  # an event's tolerance against that of a step
 FINEST = 64  # and the least, in units of rounding
-NEARLY = 0.05  # of a step: an event this close behind its end is aimed at
 # Events that follow each other within SAME_TIME, in a row: then time does not go on.
 SAME_TIME, MOST_AT_ONCE = 1e-9, 40
-
-
-class Guards(NamedTuple):
-    """Per joint: the guard, its slope in time, and the friction torque."""
-
-    value: Pair
-    slope: Pair
-    torque: Pair
 
 
 class StickSlipState(NamedTuple):
@@ -49,7 +50,8 @@ class StickSlipState(NamedTuple):
     slope: Vector4  # the right-hand side at y in the modes
     folded: Any
     modes: Pair
-    guards: tuple[Pair, Pair]  # values and slopes
+    spare: Pair  # the guards of sticking joints
+    easing: Pair  # and their slopes in time
     last_event: Scalar
     at_once: Scalar  # how many events have followed each other without time between
 
@@ -57,7 +59,7 @@ class StickSlipState(NamedTuple):
 class StickSlip(dfx.AbstractSolver):
     """An explicit solver for set-valued friction, with a fold over accepted steps.
 
-    Needs `LandingControl`. The column among diffrax's `args` must have been prepared:
+    Needs `StepControl`. The column among diffrax's `args` must have been prepared:
     its friction is `Torques`.
 
     **Arguments:** `solver`; `fold`; `tolerance`: of a step, to which that of events is
@@ -93,10 +95,10 @@ class StickSlip(dfx.AbstractSolver):
         modes = tuple(m + zero for m in modes)
         column = _in_modes(args, modes)
         slope = vector_field(t0, y, column)
-        value, fall, _ = _guards(column, y, slope)
+        spare, easing = _holding(column, y, slope)
         folded = self.fold.init(column, t0, y)
         return StickSlipState(
-            y, slope, folded, modes, (value, fall), t0 - 1.0 + zero, zero
+            y, slope, folded, modes, spare, easing, t0 - 1.0 + zero, zero
         )
 
     def chatters(self, state: StickSlipState) -> Any:
@@ -104,88 +106,184 @@ class StickSlip(dfx.AbstractSolver):
         return state.at_once > MOST_AT_ONCE
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        """One step in frozen modes, and the change of modes if it ends on an event."""
+        """One step in frozen modes, cut on the first event, and the change of modes."""
         del made_jump
-        _, f0, folded, modes, (g0, v0), last_event, at_once = solver_state
+        _, f0, folded, modes, spare, easing, last_event, at_once = solver_state
         column = _in_modes(args, modes)
-        y1, error, f1, integrals = self.solver.advance(
-            terms, t0, t1, y0, column, f0, self.fold.integrand(column)
+        law, h = column.friction, t1 - t0
+        watched = self.fold.integrand(column)
+
+        y1, error, f1, whole, stages = self.solver.advance(
+            terms, t0, t1, y0, column, f0, watched
         )
-        y1 = (*y1[:2], *column.friction.hold(y1[2], y1[3]))
-        g1, v1, torque = _guards(column, y1, f1)
-        land, landed, tol = self._events(t0, t1, (g0, v0), (g1, v1))
+        y1 = (*y1[:2], *law.hold(y1[2], y1[3]))
+        bends = materialise(t0, self.solver.bends, h, stages.slopes)
+        motion = _courses(y0, y1, h, f0, f1, bends)
+        tol = self._tolerances(t1, modes, f1, easing)
+        guards = spare, easing, materialise(t0, _torques, column, y1)
+        x, forced, passed = self._first_event(column, motion, t0, h, guards, tol)
+        cut = x < 1
+
+        def arrive():
+            pairs = zip(motion, y1, strict=True)
+            y: Any = tuple(jnp.where(cut, course(x), end) for course, end in pairs)
+            return _arrival(law, y, passed, cut, tol)
+
+        y, rest, landed, met = materialise(t0, arrive)
+
+        def release():
+            balance = joint_balance(column, y)
+            torque = law.torques(balance)
+            return balance, torque, *_released(law, torque, passed, tol)
+
+        balance, torque, freed, held = materialise(t0, release)
+        landed = tuple(a | b for a, b in zip(landed, freed, strict=True))
         event = landed[0] | landed[1]
+        met = (met & held) | forced
+        # a whole unit: repeated with the shortest step allowed, and with finite slopes
+        error = tuple(jnp.where(met, e, 1.0) for e in error)
 
-        def change(old):
-            return _changed(args, old, torque, landed, tol)
+        def change(modes):
+            new = _chosen(law, balance, torque, rest, landed, tol)
+            return tuple(
+                jnp.where(event, a, b) for a, b in zip(new, modes, strict=True)
+            )
 
-        moved = if_any_lane(event, change, (y1, f1, modes, (g1, v1)))
-        after, f_after, modes_after, guards = moved
-        at_same = t1 - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t1))
+        modes_after = if_any_lane(event, change, modes)
+        now = _in_modes(args, modes_after)
+
+        def slopes():
+            """At the end, in the modes before and after."""
+            return [
+                (y[2], y[3], *friction.accelerations(balance))
+                for friction in (law, now.friction)
+            ]
+
+        f_end, slope = materialise(t0, slopes)
+        spare, easing = materialise(t0, _holding, now, y, slope)
+
+        t_end = materialise(t0, lambda: jnp.where(cut, t0 + x * h, t1))
+        at_same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
         at_once = jnp.where(event, jnp.where(at_same, at_once + 1.0, 0.0), at_once)
-        last_event = jnp.where(event, t1, last_event)
+        last_event = jnp.where(event, t_end, last_event)
         joint = jnp.where(landed[0], 1, 0) + jnp.where(landed[1], 2, 0)
-        seen = Step(t0, t1, y0, after, f0, f1, integrals, modes, (joint, modes_after))
+        integrals = ()
+        if watched is not None:
+            rows = stages.integrands
+            bends = self.solver.bends(h, rows)
+            zero = tuple(0.0 * w for w in whole)
+            parts = _courses(zero, whole, h, rows[0], rows[-1], bends)
+            integrals = tuple(part(x) for part in parts)
+        seen = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, modes_after))
         folded, stop, done = self.fold.step(column, folded, seen)
         state = StickSlipState(
-            after, f_after, folded, modes_after, guards, last_event, at_once
+            y, slope, folded, modes_after, spare, easing, last_event, at_once
         )
         done = done | self.chatters(state)
-        done = jnp.asarray(done, jnp.result_type(t1))
-        signals = LandingSignals(error, jnp.asarray(stop, land.dtype), done, land)
-        return after, signals, dense(t0, t1, y0, after, f0, f1), state, OKAY
+        dtype = jnp.result_type(t1)
+        signals = Signals(
+            error, jnp.asarray(stop, dtype), jnp.asarray(done, dtype), t_end
+        )
+        return y, signals, dense(t0, t1, y0, y, f0, f_end), state, OKAY
 
     def _tolerance(self, x: Any) -> Any:
         least = FINEST * jnp.finfo(jnp.result_type(x)).eps
         return jnp.maximum(EVENT_SHARE * self.tolerance, least)
 
-    def _events(self, t0, t1, start, end):
-        """Where the step should have ended, which joints it landed on, tolerances."""
-        h = t1 - t0
-        eps = jnp.finfo(jnp.result_type(t1)).eps
-        least = self._tolerance(t1)
-        # a guard cannot be met more closely than a time can be told
-        tol = tuple(least + 8 * eps * jnp.abs(t1 * v) for v in end[1])
-        pieces = [
-            (start[0][i], h * start[1][i], end[0][i], h * end[1][i]) for i in (0, 1)
+    def _tolerances(self, t: Any, modes: Pair, slope: Vector4, easing: Pair) -> Pair:
+        """How closely each guard can be met: no more than a time can be told."""
+        least, eps = self._tolerance(t), jnp.finfo(jnp.result_type(t)).eps
+        speeds = [
+            jnp.where(m == 0, e, f)
+            for m, e, f in zip(modes, easing, _rates(slope), strict=True)
         ]
+        return tuple(least + 8 * eps * jnp.abs(t * v) for v in speeds)
 
-        turns = materialise(t0, lambda: [extrema(*p) for p in pieces])
+    def _first_event(
+        self, column: Any, motion: list, t0: Any, h: Any, guards: Any, tol: Pair
+    ) -> tuple[Any, Any, Any]:
+        """Where in (0, 1] the step must end, and which guards fall there.
 
-        def search():
-            each = zip(pieces, tol, turns, strict=True)
-            return [falls_below(*p, e, x) for p, e, x in each]
+        **Returns:** the place; whether it is as early as can be told; and for each
+        joint whether this is its event, and whether its guard falls there.
+        """
+        law = column.friction
+        spare, easing, spare1 = guards
+        stuck = tuple(m == 0 for m in law.modes)
 
-        found = materialise(t0, search)
-        passed = tuple(f[0] for f in found)
+        def look():
+            """A place within the step, for the torques that hold."""
+            rows = zip(spare, easing, _spare(law, spare1), strict=True)
+            (x1, low1), (x2, low2) = [weak_point(g, h * v, g1) for g, v, g1 in rows]
+            low1 = jnp.where(stuck[0], low1, jnp.inf)
+            low2 = jnp.where(stuck[1], low2, jnp.inf)
+            x = jnp.where(low1 <= low2, x1, x2)
+            return jnp.where((low1 < 0) & (low2 < 0), jnp.minimum(x1, x2), x)
 
-        def locate(places):
-            del places
-            return tuple(
-                jnp.where(f[0], place(*p, -0.5 * e, f[1:]), jnp.inf)
-                for p, e, f in zip(pieces, tol, found, strict=True)
-            )
+        inner = materialise(t0, look)
 
-        nowhere = jnp.full_like(h, jnp.inf)
-        places = if_any_lane(passed[0] | passed[1], locate, (nowhere, nowhere))
+        def within():
+            p1, p2, w1, w2 = (course(inner) for course in motion)
+            return _torques(column, (p1, p2, *law.hold(w1, w2)))
+
+        inside = materialise(t0, within)
+
+        def guard_courses():
+            ends = _spare(law, inside), _spare(law, spare1)
+            rows = zip(spare, easing, *ends, strict=True)
+            holding = [through(g, h * v, inner, gx, g1) for g, v, gx, g1 in rows]
+            return [
+                jax.tree.map(lambda a, b, s=s: jnp.where(s, a, b), one, other)
+                for s, one, other in zip(
+                    stuck, holding, _sliding(law.modes, motion), strict=True
+                )
+            ]
+
+        courses = materialise(t0, guard_courses)
+        plain = materialise(
+            t0, lambda: [plainly_falls(c, e) for c, e in zip(courses, tol, strict=True)]
+        )
+        doubtful = ~(plain[0][0] & plain[1][0])
+        zero, one = jnp.zeros_like(h), jnp.ones_like(h)
+        brackets = [(falls, zero, one) for _, falls in plain]
+
+        def look_closely(brackets):
+            turns = materialise(t0, lambda: [extrema(course) for course in courses])
+            new = [
+                falls_below(course, e, turn)
+                for course, e, turn in zip(courses, tol, turns, strict=True)
+            ]
+            return jax.tree.map(lambda a, b: jnp.where(doubtful, a, b), new, brackets)
+
+        brackets = if_any_lane(doubtful, look_closely, brackets)
+
+        def choose():
+            """The joint whose guard falls first."""
+            about = [
+                jnp.where(falls, rough_place(course, left, right), jnp.inf)
+                for course, (falls, left, right) in zip(courses, brackets, strict=True)
+            ]
+            second = about[1] < about[0]
+            each = zip(courses, tol, brackets, about, strict=True)
+            row = [(*c, e, *b, x) for c, e, b, x in each]
+            return second, [jnp.where(second, b, a) for a, b in zip(*row, strict=True)]
+
+        second, (*course, e, passes, left, right, about) = materialise(t0, choose)
+
+        def locate():
+            begin = jnp.where(passes, about, 0.5)
+            x = place(Course(*course), -0.5 * e, begin, left, right)
+            return jnp.where(passes, x, 1.0)
+
+        found = materialise(t0, locate)
 
         def verdict():
-            # a step that cannot be shortened any more has landed where it ends
-            soonest = t0 + 16 * eps * jnp.maximum(jnp.abs(t0), eps)
-            cut = jnp.maximum(t0 + jnp.minimum(*places) * h, soonest)
-            too_late = cut >= t1
-            cut = jnp.where(too_late, jnp.inf, cut)
-            landed, ahead = [], []
-            for (_, _, g, v), p, e in zip(pieces, passed, tol, strict=True):
-                on = jnp.where(p, too_late, (g <= e) & (v < 0))
-                landed.append(on & ~(cut < t1))
-                share = (g + 0.5 * e) / jnp.where(v < 0, -v, 1.0)
-                near = (v < 0) & (g > e) & (share < NEARLY)
-                ahead.append(jnp.where(near, t1 + share * h, jnp.inf))
-            aim = jnp.minimum(ahead[0], ahead[1])
-            event = landed[0] | landed[1]
-            land = jnp.where(cut < t1, cut, jnp.where(event, jnp.inf, aim))
-            return land, tuple(landed), tol
+            eps = jnp.finfo(jnp.result_type(t0)).eps
+            soonest = 16 * eps * jnp.maximum(jnp.abs(t0), eps) / h
+            x = jnp.minimum(jnp.maximum(found, soonest), 1.0)
+            falls = tuple(course.slope(x) < 0 for course in courses)
+            mine = passes & ~second, passes & second
+            return x, found <= soonest, tuple(zip(mine, falls, strict=True))
 
         return materialise(t0, verdict)
 
@@ -205,57 +303,77 @@ def _in_modes(column: Column, modes: Pair) -> Any:
     return eqx.tree_at(lambda c: c.friction, column, friction.in_modes(modes))
 
 
-def _guards(column: Any, y: Vector4, slope: Vector4) -> Guards:
-    """The guards in the column's modes."""
-    law = column.friction
-
-    def forces():
-        return jax.jvp(lambda y: joint_balance(column, y), (y,), (slope,))
-
-    balance, moving = materialise(y[0], forces)
-
-    def guards():
-        torque, change = jax.jvp(law.torques, (balance,), (moving,))
-        rates, faster = _rates(y), _rates(slope)
-        values, slopes = [], []
-        for i, m in enumerate(law.modes):
-            stuck = m == 0
-            most = jnp.maximum(law.static[i], 1e-30)
-            held = (most * most - torque[i] * torque[i]) / (2 * most)
-            values.append(jnp.where(stuck, held, m * rates[i]))
-            loosening = -torque[i] * change[i] / most
-            slopes.append(jnp.where(stuck, loosening, m * faster[i]))
-        return Guards(tuple(values), tuple(slopes), torque)  # type: ignore[arg-type]
-
-    return materialise(y[0], guards)
+def _courses(y0, y1, h, f0, f1, bends) -> list[Course]:
+    rows = zip(y0, y1, f0, f1, bends, strict=True)
+    return [Course(a, b, h * va, h * vb, bend) for a, b, va, vb, bend in rows]
 
 
-def _changed(column: Column, old: Any, torque: Pair, landed: Pair, tol: Pair) -> Any:
-    """The state after an event: rates at rest, new modes, the field in them."""
-    y, _, modes, _ = old
-    law: Any = column.friction
-    stuck = tuple(m == 0 for m in modes)
-    rest = tuple(
-        s | on | (jnp.abs(u) <= e)
-        for s, on, u, e in zip(stuck, landed, _rates(y), tol, strict=True)
-    )
-    slack = tuple(
-        jnp.where(s & on, 2 * e, 0.0)
-        for s, on, e in zip(stuck, landed, tol, strict=True)
-    )
-    layer = []
-    for i, m in enumerate(modes):
+def _sliding(modes: Pair, motion: list) -> list[Course]:
+    """The guards of joints that slip, from the courses of the state."""
+    _, _, w1, w2 = motion
+    u2 = jax.tree.map(lambda a, b: a - b, w2, w1)
+    pairs = zip(modes, (w1, u2), strict=True)
+    return [jax.tree.map(lambda x, m=m: m * x, u) for m, u in pairs]
+
+
+def _torques(column: Any, y: Vector4) -> Pair:
+    """The friction torques in the column's modes."""
+    return column.friction.torques(joint_balance(column, y))
+
+
+def _spare(law: Any, torque: Pair) -> Pair:
+    """The guards of joints that stick: how far their torques are below the most."""
+    most = tuple(jnp.maximum(s, 1e-30) for s in law.static)
+    return tuple((m * m - t * t) / (2 * m) for m, t in zip(most, torque, strict=True))
+
+
+def _holding(column: Any, y: Vector4, slope: Vector4) -> tuple[Pair, Pair]:
+    """The guards of joints that stick, and their slopes in time."""
+
+    def guards(y):
+        return _spare(column.friction, _torques(column, y))
+
+    return jax.jvp(guards, (y,), (slope,))
+
+
+def _arrival(law: Any, y: Vector4, passed: Any, cut: Any, tol: Pair) -> Any:
+    """The step's end: the state with landed rates at rest, which rest, which landed.
+
+    Last: whether the rates are as close to their event as the tolerances ask.
+    """
+    w1, w2 = law.hold(y[2], y[3])
+    rest, landed, met = [], [], True
+    rows = zip(law.modes, (w1, w2 - w1), passed, tol, strict=True)
+    for m, u, (mine, falls), e in rows:
+        slips, guard = m != 0, m * u
+        on = slips & (mine | ((guard <= e) & falls))
+        landed.append(on)
+        rest.append(~slips | on | (cut & (jnp.abs(u) <= e)))
+        met &= ~slips | ((guard >= -e) & (~mine | (guard <= e)))
+    return _at_rest((y[0], y[1], w1, w2), tuple(rest)), tuple(rest), tuple(landed), met
+
+
+def _released(law: Any, torque: Pair, passed: Any, tol: Pair) -> Any:
+    """Which sticking joints reach their most, and whether as close as asked."""
+    freed, met = [], True
+    rows = zip(law.modes, _spare(law, torque), passed, tol, strict=True)
+    for m, guard, (mine, falls), e in rows:
+        sticks = m == 0
+        freed.append(sticks & (mine | ((guard <= e) & falls)))
+        met &= ~sticks | ((guard >= -e) & (~mine | (guard <= e)))
+    return tuple(freed), met
+
+
+def _chosen(law, balance, torque, rest, landed, tol) -> Pair:
+    """The modes after an event."""
+    slack, layer = [], []
+    for i, m in enumerate(law.modes):
+        sticks = m == 0
+        slack.append(jnp.where(sticks & landed[i], 2 * tol[i], 0.0))
         inside = jnp.clip(torque[i] / jnp.maximum(law.static[i], 1e-30), -1.0, 1.0)
         # one that breaks loose is just beyond its peak
         inside = jnp.where(landed[i], 1.001 * jnp.sign(torque[i]), inside)
-        layer.append(jnp.where(stuck[i], inside, FAR * m))
-    y = _at_rest(y, rest)
-    balance = materialise(y[0], joint_balance, column, y)
+        layer.append(jnp.where(sticks, inside, FAR * m))
     event = landed[0] | landed[1]
-    parts = balance, modes, rest, slack, tuple(layer), event
-    modes = materialise(y[0], law.chosen, *parts)
-    now = _in_modes(column, modes)
-    slope = (y[2], y[3], *materialise(y[0], now.friction.accelerations, balance))
-    value, fall, _ = _guards(now, y, slope)
-    new = (y, slope, modes, (value, fall))
-    return jax.tree.map(lambda a, b: jnp.where(event, a, b), new, old)
+    parts = balance, law.modes, rest, tuple(slack), tuple(layer), event
+    return materialise(balance.r1, law.chosen, *parts)

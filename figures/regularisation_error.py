@@ -1,0 +1,62 @@
+r"""What smoothing dry friction costs in accuracy, into regularisation_error.png.
+
+Left: the largest difference of an amplitude between the smoothed law and the set-valued
+one, over load and v_smooth (tau = 0.026 in both joints, mu_s = mu_k); crosses: only one
+of both laws comes to rest. Right: the observed order of convergence between
+neighbouring v_smooth, median over the loads where both laws agree in their verdict.
+"""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+import ziegler_jax as zj
+
+matplotlib.use("Agg")
+TAU, KICK = 0.026, (0.0, 0.2)
+
+
+def point(q, v_smooth):
+    load = zj.ConstantLoad(1.0)
+    friction = zj.SetValuedCoulomb(TAU, pin_radius=1.0, load=load)
+    column = zj.uniform_rods(q=q, friction=friction)
+    options = {"transient": 300.0, "max_windows": 10, "rtol": 1e-8, "atol": 1e-8}
+    start = zj.State(omega=KICK)
+    return zj.regularisation_error(column, start, v_smooth, **options)
+
+
+def main():
+    zj.configure_cpu()
+    q, v = np.linspace(1.2, 2.8, 33), np.geomspace(1e-3, 0.3, 9)
+    ds = zj.sweep(point, q=q, v_smooth=v, progress=False)
+    rods = np.abs(ds.rod_amplitude_error.values).max(axis=-1)
+    error = np.fmax(rods, np.abs(ds.joint_amplitude_error.values).max(axis=-1))
+    wrong = ds.wrong_verdict.values == 1
+    order = np.diff(np.log(np.where(wrong, np.nan, error)), axis=1) / np.diff(np.log(v))
+
+    from matplotlib import pyplot as plt
+    from matplotlib.colors import LogNorm
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    norm = LogNorm(1e-4, 1.0)
+    colours = left.pcolormesh(q, v, error.T, norm=norm, cmap="cividis")
+    figure.colorbar(colours, ax=left, label="largest amplitude error (rad)")
+    i, j = np.nonzero(wrong)
+    left.plot(q[i], v[j], "x", color="#D55E00", label="wrong verdict")
+    left.set(yscale="log", xlabel="load $q = Fl/k$")
+    left.set_ylabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
+    left.legend(loc="upper left")
+    between = np.sqrt(v[1:] * v[:-1])
+    low, middle, high = np.nanpercentile(order[q >= 2.0], [25, 50, 75], axis=0)
+    right.fill_between(between, low, high, color="#0072B2", alpha=0.3, lw=0)
+    right.plot(between, middle, "o-", color="#0072B2")
+    right.set(xscale="log", ylabel="order of convergence, $q \\geq 2$")
+    right.set_xlabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
+    right.axhline(1.0, color="0.6", lw=1)
+    figure.savefig(Path(__file__).with_suffix(".png"), dpi=130)
+    print(np.c_[between, middle], int(wrong.sum()), "wrong verdicts of", wrong.size)
+
+
+if __name__ == "__main__":
+    main()
