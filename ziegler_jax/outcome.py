@@ -71,6 +71,22 @@ class CRITICAL(Code):
     found = 7, "the column loses stability here first"
 
 
+class ORBIT(Code):
+    """How the search for a periodic orbit ended, in order of precedence.
+
+    Below `found` there is no orbit: the numbers and their derivatives are NaN.
+    """
+
+    not_computed = 0, "the point was left out or has not been computed yet"
+    invalid = 1, "the scene's numbers break a rule, e.g. mu_k > mu_s"
+    no_return = 2, "the guess did not come back to its section in time"
+    not_integrated = 3, "the motion could not be followed for a period"
+    not_converged = 4, "Newton's method did not converge within its budget"
+    collapsed = 5, "Newton's method converged to rest"
+    beyond = 6, "the branch left the named bounds before what was looked for came"
+    found = 7, "the motion closes after its period"
+
+
 def flag_attributes(codes: type[Code]) -> dict[str, object]:
     """The CF-convention attributes that explain a variable of such codes."""
     return {

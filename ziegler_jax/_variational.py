@@ -1,0 +1,301 @@
+r"""A motion together with its derivatives: the variational equations as a fold.
+
+Of each accepted step $y_1 = \Phi(y_0, p)$ the derivative with the step's length frozen
+is taken, so that what comes out is the exact derivative of the discrete flow. With
+set-valued friction a change of modes at the guard g = 0 adds the saltation
+
+$$\delta y^+ = \delta y^- + (f^- - f^+)\,\delta t, \qquad
+\delta t = -\frac{\partial_y g\,\delta y^- + \partial_p g\,\delta p}{\partial_y g\,f^-}$$
+
+In stick a joint's rate is held, and so is its variation: after a stick phase the map
+has lost a rank. Source: M. di Bernardo et al., Piecewise-smooth Dynamical Systems
+(2008), section 2.5; R. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-smooth
+Mechanical Systems (2004), chapter 7.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax as dfx
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ._materialise import if_any_lane
+from ._scene import prepared
+from ._types import Scalar, Vector4
+from .column import Column, joint_balance, vector_field
+from .set_valued import SetValuedCoulomb, Torques
+from .solvers import (
+    AbstractFold,
+    Explicit,
+    LandingControl,
+    Observed,
+    StepControl,
+    StickSlip,
+)
+
+FIRST_STEP = 0.01
+TERMS = dfx.ODETerm(vector_field)
+
+
+class Method(NamedTuple):
+    """How motions are integrated."""
+
+    solver: Explicit
+    rtol: Scalar
+    atol: Scalar
+    max_steps: int
+
+    def machine(self, column: Column, fold: AbstractFold) -> Any:
+        """The observing solver and the controller that the friction law needs."""
+        if isinstance(column.friction, (SetValuedCoulomb, Torques)):
+            control = LandingControl(self.rtol, self.atol)  # pyright: ignore
+            return StickSlip(self.solver, fold, self.atol), control
+        control = StepControl(self.rtol, self.atol)  # pyright: ignore
+        return Observed(self.solver, fold), control
+
+    def run(self, args: Column, fold: AbstractFold, y0: Vector4, t1: Any) -> Any:
+        """Integrate a prepared column from t = 0: the fold's end, y, y', t, steps."""
+        watching, control = self.machine(args, fold)
+        zero = jnp.zeros((), y0[0].dtype)
+        state = control.start(zero, FIRST_STEP, jnp.inf)
+        state = state._replace(left=jnp.asarray(self.max_steps, jnp.int32))
+        solution = dfx.diffeqsolve(
+            TERMS,
+            watching,
+            t0=zero,
+            t1=t1,
+            dt0=FIRST_STEP,
+            y0=y0,
+            args=args,
+            stepsize_controller=control,
+            controller_state=state,
+            saveat=dfx.SaveAt(solver_state=True, controller_state=True),
+            max_steps=None,  # the controller counts
+            throw=False,
+            adjoint=dfx.ForwardMode(),
+        )
+        after: Any = solution.solver_state
+        where: Any = solution.controller_state
+        steps = solution.stats["num_steps"]
+        return after.folded, after.y, after.slope, where.t, steps
+
+
+class Flow(NamedTuple):
+    """The motion at the end of a span, and its k = 4 + n derivatives.
+
+    Columns 0 to 3 are those in the start, the others in the n parameters.
+    """
+
+    y: Any  # (4,)
+    slope: Any  # (4,) the right-hand side there
+    extent: Any  # (3,) largest |phi1|, |phi2|, |phi2 - phi1|
+    moved: Any  # (4, k)
+    extent_moved: Any  # (3, k)
+    arrived: Any  # whether the span was integrated to its end
+    steps: Any
+
+
+def flow(
+    make: Callable[[Any], Column],
+    parameters: Any,
+    y0: Any,
+    span: Any,
+    method: Method,
+    vary: bool = True,
+) -> Flow:
+    """Follow `make(parameters)` from y0 (4,) over a positive span, with derivatives.
+
+    **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them.
+    """
+    args, which, moves = prepared(make(parameters)), (), ()
+    if vary:
+        which, moves = _moving(make, parameters)
+    start = tuple(y0[i] for i in range(4))
+    fold = Variational(method.solver, args, which, moves)
+    folded, y, slope, t, steps = method.run(args, fold, start, span)
+    y, slope = jnp.stack(y), jnp.stack(slope)
+    arrived = (t >= span) & jnp.all(jnp.isfinite(y)) & jnp.all(jnp.isfinite(slope))
+    return Flow(
+        y,
+        slope,
+        jnp.stack(folded.extent),
+        jnp.stack(folded.y),
+        jnp.stack(folded.extent_moves),
+        arrived,
+        steps,
+    )
+
+
+def _moving(make: Callable, parameters: Any) -> tuple[tuple, tuple]:
+    """Which leaves of the prepared column move, and their (4 + n,) derivatives."""
+    leaves = jax.tree.leaves(prepared(make(parameters)))
+    which = tuple(i for i, x in enumerate(leaves) if isinstance(x, jax.Array))
+
+    def moving(p):
+        leaves = jax.tree.leaves(prepared(make(p)))
+        return [leaves[i] for i in which]
+
+    zero = jnp.zeros(4, parameters.dtype)
+    slopes = jax.jacfwd(moving)(parameters)
+    return which, tuple(jnp.concatenate([zero, s]) for s in slopes)
+
+
+class Varied(NamedTuple):
+    """Variations of the state, and the largest angles with theirs; k directions."""
+
+    y: tuple  # four arrays (k,)
+    extent: tuple  # three numbers
+    extent_moves: tuple  # three arrays (k,)
+
+
+class Variational(AbstractFold):
+    """The variational equations along a motion, with its largest angles.
+
+    **Arguments:** `solver`: the motion's own; `args`: the prepared column; `which` of
+    its leaves move; `moves`: their derivatives, (k,) each.
+    """
+
+    solver: Explicit
+    args: Column
+    which: tuple = eqx.field(static=True)
+    moves: tuple
+
+    def integrand(self, column):
+        """Nothing."""
+        del column
+        return None
+
+    def init(self, column, t0, y0):
+        """Unit vectors, and the start's own angles."""
+        del column, t0
+        k = self.moves[0].shape[0] if self.moves else 4
+        rows = jnp.eye(4, k, dtype=y0[0].dtype)
+        angles = y0[0], y0[1], y0[1] - y0[0]
+        signs = [jnp.where(x < 0, -1.0, 1.0) for x in angles]
+        turned = rows[0], rows[1], rows[1] - rows[0]
+        return Varied(
+            tuple(rows[i] for i in range(4)),
+            tuple(jnp.abs(x) for x in angles),
+            tuple(s * row for s, row in zip(signs, turned, strict=True)),
+        )
+
+    def step(self, column, state, step):
+        """Carry the variations over the step, and over the event at its end."""
+        del column
+
+        def over(y, moving):
+            column = self._column(moving, step.modes)
+            first = vector_field(step.t0, y, column)
+            y1, _, last, _ = self.solver.advance(
+                TERMS, step.t0, step.t1, y, column, first
+            )
+            if step.modes:
+                y1 = (*y1[:2], *column.friction.hold(y1[2], y1[3]))
+            return y1, _peaks(step.t1 - step.t0, y, first, y1, last)
+
+        moving = self._moving()
+
+        def along(dy, dp):
+            return jax.jvp(over, (step.y0, moving), (dy, dp))
+
+        (_, peaks), (dy, dpeaks) = jax.vmap(along, out_axes=(None, 0))(
+            state.y, list(self.moves)
+        )
+        if step.modes:
+            event = step.event[0] > 0
+            dy = if_any_lane(event, lambda dy: self._saltation(step, dy), dy)
+        extent, moves = [], []
+        for old, dold, new, dnew in zip(
+            state.extent, state.extent_moves, peaks, dpeaks, strict=True
+        ):
+            larger = jnp.abs(new) > old
+            extent.append(jnp.where(larger, jnp.abs(new), old))
+            moves.append(jnp.where(larger, jnp.sign(new) * dnew, dold))
+        state = Varied(dy, tuple(extent), tuple(moves))
+        return state, jnp.inf, False
+
+    def _moving(self) -> list:
+        leaves = jax.tree.leaves(self.args)
+        return [leaves[i] for i in self.which]
+
+    def _column(self, moving: list, modes: Any) -> Any:
+        leaves, tree = jax.tree.flatten(self.args)
+        for i, x in zip(self.which, moving, strict=True):
+            leaves[i] = x
+        column = jax.tree.unflatten(tree, leaves)
+        if not modes:
+            return column
+        return eqx.tree_at(lambda c: c.friction, column, column.friction.in_modes(modes))
+
+    def _saltation(self, step: Any, dy: tuple) -> tuple:
+        """What a change of modes at the step's end does to the variations."""
+        joint, modes = step.event
+        moving = self._moving()
+        after = self._column(moving, modes)
+        f0, f1 = step.f1, vector_field(step.t1, step.y1, after)
+
+        def guard(y, moving):
+            column = self._column(moving, step.modes)
+            one, two = _guards(column, y)
+            return jnp.where(joint == 2, two, one)
+
+        still = [jnp.zeros_like(x) for x in moving]
+        at = (step.y1, moving)
+        _, rate = jax.jvp(guard, at, (f0, still))
+        moved = jax.vmap(lambda *d: jax.jvp(guard, at, d)[1])(dy, list(self.moves))
+        shift = -moved / jnp.where(rate == 0, -jnp.inf, rate)
+        return tuple(
+            jnp.where(joint > 0, d + (a - b) * shift, d)
+            for d, a, b in zip(dy, f0, f1, strict=True)
+        )
+
+
+def _guards(column: Any, y: Vector4) -> tuple[Any, Any]:
+    """What is positive as long as each joint's mode holds; see `solvers.stickslip`."""
+    law = column.friction
+    torques = law.torques(joint_balance(column, y))
+    rates = y[2], y[3] - y[2]
+    return tuple(
+        jnp.where(m == 0, s * s - t * t, m * u)
+        for m, s, t, u in zip(law.modes, law.static, torques, rates, strict=True)
+    )  # type: ignore[return-value]
+
+
+def _peaks(h: Any, y0: Vector4, f0: Vector4, y1: Vector4, f1: Vector4) -> tuple:
+    r"""Where phi1, phi2, phi2 - phi1 turn within a step, else at its end.
+
+    On the quintic of both ends' angles, rates and accelerations, $O(h^6)$. Where an
+    angle turns it does not move to first order: the place carries no derivative.
+    """
+
+    def parts(y, f):
+        angles = (y[0], y[1], y[1] - y[0])
+        rates = (y[2], y[3], y[3] - y[2])
+        return zip(angles, rates, (f[2], f[3], f[3] - f[2]), strict=True)
+
+    peaks = []
+    for (x0, v0, a0), (x1, v1, a1) in zip(parts(y0, f0), parts(y1, f1), strict=True):
+        v0, v1, a0, a1 = h * v0, h * v1, h * h * a0, h * h * a1
+        rise, faster, more = x1 - x0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
+        c = (
+            v0,
+            a0 / 2,
+            10 * rise - 4 * faster + more / 2,
+            7 * faster - 15 * rise - more,
+            6 * rise - 3 * faster + more / 2,
+        )
+        turns = v0 * v1 < 0
+        s = lax.stop_gradient(jnp.where(turns, v0 / (v0 - v1), 1.0))
+        d = lax.stop_gradient(c)
+        for _ in range(3):  # the secant is within h^2: three steps are plenty
+            slope = d[0] + s * (
+                2 * d[1] + s * (3 * d[2] + s * (4 * d[3] + s * 5 * d[4]))
+            )
+            bend = 2 * d[1] + s * (6 * d[2] + s * (12 * d[3] + s * 20 * d[4]))
+            moved = s - slope / jnp.where(bend == 0, jnp.inf, bend)
+            s = jnp.where(turns, jnp.clip(moved, 0.0, 1.0), 1.0)
+        peaks.append(x0 + s * (c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4])))))
+    return tuple(peaks)
