@@ -85,7 +85,8 @@ class Found(NamedTuple):
     """Where Newton's method ended."""
 
     z: Any
-    change: Any  # the last step's largest component
+    move: Any  # the last step
+    size: Any  # and its largest component before it was cut
     count: Any  # iterations
     aux: Any  # what the function gave beside, at the last iterate
 
@@ -96,19 +97,20 @@ def newton(function: Callable, z0: Any, tolerance: Any, max_iterations: int) -> 
     """
     shapes = jax.eval_shape(lambda z: function(z)[3], z0)
     aux = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-    begin = Found(z0, jnp.full((), jnp.inf, z0.dtype), jnp.zeros((), jnp.int32), aux)
+    far = jnp.full((), jnp.inf, z0.dtype)
+    begin = Found(z0, jnp.zeros_like(z0), far, jnp.zeros((), jnp.int32), aux)
 
     def goes_on(now: Found):
-        unsettled = now.change > tolerance  # not for NaN
+        unsettled = now.size > tolerance  # not for NaN
         return unsettled & (now.count < max_iterations)
 
     def improve(now: Found):
         r, jacobian, good, aux = function(now.z)
         move = -solve(jacobian, r)
         size = jnp.max(jnp.abs(move))
-        cut = jnp.minimum(1.0, LARGEST_MOVE / jnp.where(size > 0, size, 1.0))
+        move = move * jnp.minimum(1.0, LARGEST_MOVE / jnp.where(size > 0, size, 1.0))
         size = jnp.where(good, size, jnp.nan)
-        return Found(now.z + cut * move, size, now.count + 1, aux)
+        return Found(now.z + move, move, size, now.count + 1, aux)
 
     return lax.while_loop(goes_on, improve, begin)
 
@@ -149,25 +151,19 @@ def closing(moved: Any, slope: Any) -> Any:
     )
 
 
-class Closed(NamedTuple):
-    """A motion from y0 over a span; `end` and `extent` carry derivatives."""
+def attached(
+    column: Column, y0: Any, span: Any, method: Method, linear: Callable, *extra: Any
+) -> Any:
+    """Zeros that carry derivatives in the column's traced leaves p.
 
-    end: Any  # (4,)
-    extent: Any  # (3,)
-    slope: Any
-    moved: Any  # (4, 4)
-    extent_moved: Any  # (3, 4)
-    arrived: Any  # 1. or 0.
-    steps: Any
-
-
-def differentiable_flow(column: Column, y0: Any, span: Any, method: Method) -> Closed:
-    """The flow with its first derivatives in the column's traced leaves.
-
-    Forward and reverse: the rule is one product with a Jacobian.
+    The derivative is `linear(flow, *extra)`, an array (m, n), times dp, where `flow` is
+    the motion from y0 over the span with its derivatives in all n leaves: one product
+    with a Jacobian, forward or reverse.
     """
     leaves, tree = jax.tree.flatten(column)
     traced = [i for i, x in enumerate(leaves) if isinstance(x, jax.Array)]
+    if not traced:
+        return jnp.zeros((), y0.dtype)
 
     def make(p):
         new = list(leaves)
@@ -175,34 +171,20 @@ def differentiable_flow(column: Column, y0: Any, span: Any, method: Method) -> C
             new[i] = x
         return jax.tree.unflatten(tree, new)
 
-    def run(p, vary):
-        seen = flow(make, p, lax.stop_gradient(y0), span, method, vary)
-        dtype = seen.y.dtype
-        return Closed(
-            seen.y,
-            seen.extent,
-            seen.slope,
-            seen.moved[:, :4],
-            seen.extent_moved[:, :4],
-            seen.arrived.astype(dtype),
-            seen.steps.astype(dtype),
-        ), seen
+    def slope(p, y0, span, *extra):
+        return linear(flow(make, p, y0, span, method), *extra)
 
     @jax.custom_jvp
-    def closed(p):
-        return run(p, False)[0]
+    def zeros(p, *fixed):
+        shape = jax.eval_shape(slope, p, *fixed)
+        return jnp.zeros(shape.shape[:1], shape.dtype)
 
-    @closed.defjvp
+    @zeros.defjvp
     def rule(primals, tangents):
-        (p,), (dp,) = primals, tangents
-        out, seen = run(p, True)
-        end, extent = first_order((seen.moved[:, 4:], seen.extent_moved[:, 4:]))
-        still = jax.tree.map(jnp.zeros_like, out)
-        return out, still._replace(end=end @ dp, extent=extent @ dp)
+        return zeros(*primals), first_order(slope(*primals)) @ tangents[0]
 
-    if not traced:
-        return closed(jnp.zeros(0, y0.dtype))
-    return closed(jnp.stack([jnp.asarray(leaves[i], y0.dtype) for i in traced]))
+    p = jnp.stack([jnp.asarray(leaves[i], y0.dtype) for i in traced])
+    return zeros(p, *fixed((y0, span, *extra)))
 
 
 @jax.custom_jvp

@@ -43,14 +43,14 @@ TERMS = dfx.ODETerm(vector_field)
 class Method(NamedTuple):
     """How motions are integrated."""
 
-    solver: Explicit
+    solver: Any  # Explicit, or Linearised
     rtol: Scalar
     atol: Scalar
     max_steps: int
 
     def machine(self, column: Column, fold: AbstractFold) -> Any:
         """The observing solver and the controller that the friction law needs."""
-        if isinstance(column.friction, (SetValuedCoulomb, Torques)):
+        if _jumps(column):
             control = LandingControl(self.rtol, self.atol)  # pyright: ignore
             return StickSlip(self.solver, fold, self.atol), control
         control = StepControl(self.rtol, self.atol)  # pyright: ignore
@@ -114,8 +114,9 @@ def flow(
     if vary:
         which, moves = _moving(make, parameters)
     start = tuple(y0[i] for i in range(4))
-    fold = Variational(method.solver, args, which, moves)
-    folded, y, slope, t, steps = method.run(args, fold, start, span)
+    linearised = Linearised(method.solver, which, moves)
+    method = method._replace(solver=linearised)
+    folded, y, slope, t, steps = method.run(args, Variational(linearised), start, span)
     y, slope = jnp.stack(y), jnp.stack(slope)
     arrived = (t >= span) & jnp.all(jnp.isfinite(y)) & jnp.all(jnp.isfinite(slope))
     return Flow(
@@ -143,6 +144,73 @@ def _moving(make: Callable, parameters: Any) -> tuple[tuple, tuple]:
     return which, tuple(jnp.concatenate([zero, s]) for s in slopes)
 
 
+class Linearised(eqx.Module):
+    """A method whose steps come with their Jacobian, in place of integrals.
+
+    **Arguments:** `solver`; `args`: the prepared column; `which` of its leaves move;
+    `moves`: their derivatives in k = 4 + n directions, (k,) each.
+    """
+
+    solver: Explicit
+    which: tuple = eqx.field(static=True)
+    moves: tuple
+
+    def order(self, terms):
+        """The method's."""
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        """The method's."""
+        return self.solver.error_order(terms)
+
+    def func(self, terms, t0, y0, args):
+        """The right-hand side."""
+        return self.solver.func(terms, t0, y0, args)
+
+    def init(self, terms, t0, t1, y0, args):
+        """The first stage of the first step."""
+        return self.solver.init(terms, t0, t1, y0, args)
+
+    def advance(self, terms, t0, t1, y0, args, first, integrand=None):
+        """A step, and (peaks, their and its own rows of k derivatives)."""
+        del first, integrand
+
+        def over(y, moving):
+            column = self.column(args, moving)
+            first = vector_field(t0, y, column)
+            y1, error, last, _ = self.solver.advance(terms, t0, t1, y, column, first)
+            peaks = _peaks(t1 - t0, y, first, y1, last)
+            return (y1, peaks), (error, last)
+
+        def along(dy, dp):
+            at = y0, self.moving(args)
+            return jax.jvp(over, at, (dy, dp), has_aux=True)
+
+        step = jax.vmap(along, out_axes=(None, 0, None))
+        (y1, peaks), slopes, (error, last) = step(self.unit(y0), list(self.moves))
+        return y1, error, last, (peaks, *slopes)
+
+    def unit(self, y0: Vector4) -> tuple:
+        """The state's unit vectors among the k directions."""
+        k = self.moves[0].shape[0] if self.moves else 4
+        rows = jnp.eye(4, k, dtype=y0[0].dtype)
+        return tuple(rows[i] for i in range(4))
+
+    def moving(self, args: Column) -> list:
+        """The leaves that move."""
+        # modes stand behind the leaves of a prepared column's friction
+        leaves = jax.tree.leaves(_without_modes(args))
+        return [leaves[i] for i in self.which]
+
+    def column(self, args: Column, moving: list) -> Any:
+        """The column with these leaves in place of its own."""
+        leaves, tree = jax.tree.flatten(_without_modes(args))
+        for i, x in zip(self.which, moving, strict=True):
+            leaves[i] = x
+        column = jax.tree.unflatten(tree, leaves)
+        return in_modes(column, args.friction.modes) if _jumps(args) else column
+
+
 class Varied(NamedTuple):
     """Variations of the state, and the largest angles with theirs; k directions."""
 
@@ -152,61 +220,41 @@ class Varied(NamedTuple):
 
 
 class Variational(AbstractFold):
-    """The variational equations along a motion, with its largest angles.
+    """The variational equations along a motion, with its largest angles."""
 
-    **Arguments:** `solver`: the motion's own; `args`: the prepared column; `which` of
-    its leaves move; `moves`: their derivatives, (k,) each.
-    """
-
-    solver: Explicit
-    args: Column
-    which: tuple = eqx.field(static=True)
-    moves: tuple
+    method: Linearised
 
     def integrand(self, column):
-        """Nothing."""
+        """Nothing: the method offers its Jacobian in its place."""
         del column
         return None
 
     def init(self, column, t0, y0):
         """Unit vectors, and the start's own angles."""
         del column, t0
-        k = self.moves[0].shape[0] if self.moves else 4
-        rows = jnp.eye(4, k, dtype=y0[0].dtype)
+        rows = self.method.unit(y0)
         angles = y0[0], y0[1], y0[1] - y0[0]
         signs = [jnp.where(x < 0, -1.0, 1.0) for x in angles]
         turned = rows[0], rows[1], rows[1] - rows[0]
         return Varied(
-            tuple(rows[i] for i in range(4)),
+            rows,
             tuple(jnp.abs(x) for x in angles),
             tuple(s * row for s, row in zip(signs, turned, strict=True)),
         )
 
     def step(self, column, state, step):
         """Carry the variations over the step, and over the event at its end."""
-        del column
+        peaks, *jacobians = step.integrals
 
-        def over(y, moving):
-            column = self._column(moving, step.modes)
-            first = vector_field(step.t0, y, column)
-            y1, _, last, _ = self.solver.advance(
-                TERMS, step.t0, step.t1, y, column, first
-            )
-            if step.modes:
-                y1 = (*y1[:2], *column.friction.hold(y1[2], y1[3]))
-            return y1, _peaks(step.t1 - step.t0, y, first, y1, last)
+        def carry(row):  # the step's Jacobian times what was, and the parameters' own
+            before = sum(row[i] * state.y[i] for i in range(4))
+            return before.at[4:].add(row[4:])
 
-        moving = self._moving()
-
-        def along(dy, dp):
-            return jax.jvp(over, (step.y0, moving), (dy, dp))
-
-        (_, peaks), (dy, dpeaks) = jax.vmap(along, out_axes=(None, 0))(
-            state.y, list(self.moves)
-        )
+        dy, dpeaks = (tuple(map(carry, rows)) for rows in jacobians)
         if step.modes:
+            dy = (*dy[:2], *column.friction.hold(dy[2], dy[3]))
             event = step.event[0] > 0
-            dy = if_any_lane(event, lambda dy: self._saltation(step, dy), dy)
+            dy = if_any_lane(event, lambda dy: self._saltation(column, step, dy), dy)
         extent, moves = [], []
         for old, dold, new, dnew in zip(
             state.extent, state.extent_moves, peaks, dpeaks, strict=True
@@ -214,43 +262,43 @@ class Variational(AbstractFold):
             larger = jnp.abs(new) > old
             extent.append(jnp.where(larger, jnp.abs(new), old))
             moves.append(jnp.where(larger, jnp.sign(new) * dnew, dold))
-        state = Varied(dy, tuple(extent), tuple(moves))
-        return state, jnp.inf, False
+        return Varied(dy, tuple(extent), tuple(moves)), jnp.inf, False
 
-    def _moving(self) -> list:
-        leaves = jax.tree.leaves(self.args)
-        return [leaves[i] for i in self.which]
-
-    def _column(self, moving: list, modes: Any) -> Any:
-        leaves, tree = jax.tree.flatten(self.args)
-        for i, x in zip(self.which, moving, strict=True):
-            leaves[i] = x
-        column = jax.tree.unflatten(tree, leaves)
-        if not modes:
-            return column
-        return eqx.tree_at(lambda c: c.friction, column, column.friction.in_modes(modes))
-
-    def _saltation(self, step: Any, dy: tuple) -> tuple:
+    def _saltation(self, column: Any, step: Any, dy: tuple) -> tuple:
         """What a change of modes at the step's end does to the variations."""
         joint, modes = step.event
-        moving = self._moving()
-        after = self._column(moving, modes)
-        f0, f1 = step.f1, vector_field(step.t1, step.y1, after)
+        f0 = step.f1
+        f1 = vector_field(step.t1, step.y1, in_modes(column, modes))
 
         def guard(y, moving):
-            column = self._column(moving, step.modes)
-            one, two = _guards(column, y)
+            one, two = _guards(self.method.column(column, moving), y)
             return jnp.where(joint == 2, two, one)
 
+        moving = self.method.moving(column)
         still = [jnp.zeros_like(x) for x in moving]
         at = (step.y1, moving)
         _, rate = jax.jvp(guard, at, (f0, still))
-        moved = jax.vmap(lambda *d: jax.jvp(guard, at, d)[1])(dy, list(self.moves))
+        along = list(self.method.moves)
+        moved = jax.vmap(lambda *d: jax.jvp(guard, at, d)[1])(dy, along)
         shift = -moved / jnp.where(rate == 0, -jnp.inf, rate)
         return tuple(
             jnp.where(joint > 0, d + (a - b) * shift, d)
             for d, a, b in zip(dy, f0, f1, strict=True)
         )
+
+
+def _jumps(args: Any) -> bool:
+    """Whether friction is set-valued."""
+    return isinstance(args.friction, (SetValuedCoulomb, Torques))
+
+
+def in_modes(column: Any, modes: Any) -> Any:
+    """The column with its joints' modes frozen, or free (None)."""
+    return eqx.tree_at(lambda c: c.friction, column, column.friction.in_modes(modes))
+
+
+def _without_modes(args: Any) -> Any:
+    return in_modes(args, None) if _jumps(args) else args
 
 
 def _guards(column: Any, y: Vector4) -> tuple[Any, Any]:

@@ -20,8 +20,9 @@ import jax.numpy as jnp
 
 from ._scene import check_scene, float_state, tolerances, valid_scene, whole_number
 from ._shooting import (
+    SHORTEST,
+    attached,
     closing,
-    differentiable_flow,
     first_return,
     fixed,
     newton,
@@ -31,7 +32,7 @@ from ._shooting import (
 )
 from ._types import number
 from ._variables import Variable
-from ._variational import Method
+from ._variational import Flow, Method
 from .column import Column, State
 from .observers import TIME, Amplitude, Extent
 from .outcome import ORBIT
@@ -143,25 +144,23 @@ def periodic_orbit(
 
     def close(z):
         shot = shoot(lambda p: still, jnp.zeros(0, z.dtype), at, z, method, False)
-        return shot.residual, shot.jacobian, shot.flow.arrived, ()
+        return shot.residual, shot.jacobian, shot.flow.arrived, shot
 
     good = valid_scene(still, start) & returned
     z = jnp.where(good, z, jnp.nan)
     found = newton(close, z, TOLERANCE, whole_number("max_iterations", max_iterations))
-    z = fixed(found.z)
+    z, shot = found.z, found.aux
+    seen = shot.flow
     y0 = jnp.concatenate([at[None], z[:3]])
-    seen = differentiable_flow(column, y0, jnp.maximum(z[3], 0.0), method)
-    moved, slope = fixed(seen.moved), fixed(seen.slope)
-    # one more step of Newton's carries the derivative
-    residual = seen.end - y0
-    move = -solve(closing(moved, slope), residual)
-    z = z + move
-    extent = seen.extent + fixed(seen.extent_moved)[:, 1:] @ move[:3]
-    converged = (found.change <= TOLERANCE) & (jnp.max(jnp.abs(move)) <= 1e2 * TOLERANCE)
-    converged &= z[3] > 0
-    outcome = jnp.where(jnp.max(jnp.abs(slope)) < AT_REST, ORBIT.collapsed, ORBIT.found)
+    # the last shot was from just before the last step of Newton's
+    extent = seen.extent + seen.extent_moved[:, 1:] @ found.move[:3]
+    change = attached(column, y0, jnp.maximum(z[3], SHORTEST), method, _moves)
+    z, extent = z + change[..., :4], extent + change[..., 4:]
+    converged = (found.size <= TOLERANCE) & (z[3] > SHORTEST)
+    at_rest = jnp.max(jnp.abs(seen.slope)) < AT_REST
+    outcome = jnp.where(at_rest, ORBIT.collapsed, ORBIT.found)
     outcome = jnp.where(converged, outcome, ORBIT.not_converged)
-    outcome = jnp.where(seen.arrived > 0, outcome, ORBIT.not_integrated)
+    outcome = jnp.where(seen.arrived, outcome, ORBIT.not_integrated)
     outcome = jnp.where(returned, outcome, ORBIT.no_return)
     outcome = jnp.where(valid_scene(still, start), outcome, ORBIT.invalid)
     mark = jnp.where(outcome == ORBIT.found, 1.0, jnp.nan).astype(z.dtype)
@@ -170,11 +169,19 @@ def periodic_orbit(
         state=State((at * mark, z[0]), (z[1], z[2])),
         period=z[3],
         amplitude=Extent(extent[:2], extent[jnp.array([0, 2])]),
-        monodromy=seen.moved * mark,
-        residual=jnp.max(jnp.abs(fixed(residual))) * mark,
+        monodromy=seen.moved * fixed(mark),
+        residual=jnp.max(jnp.abs(shot.residual)) * fixed(mark),
         iterations=found.count,
         outcome=outcome.astype(jnp.int8),
     )
+
+
+def _moves(seen: Flow) -> Any:
+    """Derivatives of z and of the largest angles in the n parameters, (7, n)."""
+    jacobian = closing(seen.moved[:, :4], seen.slope)
+    z = -solve(jacobian, seen.moved[:, 4:])
+    extent = seen.extent_moved[:, 1:4] @ z[:3] + seen.extent_moved[:, 4:]
+    return jnp.concatenate([z, extent])
 
 
 def multipliers(monodromy: Any) -> Any:
@@ -217,6 +224,6 @@ def approximation(
     section = fixed(jnp.asarray(number("section", section), start[0].dtype))
     patience = number("patience", patience, "positive")
     # only as good as Newton's method needs
-    rough = method._replace(rtol=1e-6, atol=1e-6)
+    rough = method._replace(solver=Explicit(), rtol=1e-6, atol=1e-6)
     z, returned = first_return(column, start, section, loops, patience, rough)
     return z, section, returned
