@@ -13,6 +13,7 @@ from ._variational import Flow, Method, flow
 from .column import Column
 from .solvers import AbstractFold
 
+TOLERANCE = 1e-8  # of the last Newton step; what is left is its square, and rounding
 LARGEST_MOVE = 0.3  # of a Newton step: more is cut
 SHORTEST = 1e-3  # a period below it is none
 
@@ -91,25 +92,24 @@ class Found(NamedTuple):
     aux: Any  # what the function gave beside, at the last iterate
 
 
-def newton(function: Callable, z0: Any, tolerance: Any, max_iterations: int) -> Found:
-    """Solve r(z) = 0, given a function that returns r, its Jacobian, whether both are
-    good, and anything else. Steps are cut to `LARGEST_MOVE`; NaN ends it.
+def newton(function: Callable, z0: Any, blank: Any, max_iterations: int) -> Found:
+    """Solve r(z) = 0, given a function that returns r, its Jacobian and anything else.
+
+    Steps are cut to `LARGEST_MOVE`; NaN ends it. `blank`: something of the shape of
+    what the function returns as its third.
     """
-    shapes = jax.eval_shape(lambda z: function(z)[3], z0)
-    aux = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     far = jnp.full((), jnp.inf, z0.dtype)
-    begin = Found(z0, jnp.zeros_like(z0), far, jnp.zeros((), jnp.int32), aux)
+    begin = Found(z0, jnp.zeros_like(z0), far, jnp.zeros((), jnp.int32), blank)
 
     def goes_on(now: Found):
-        unsettled = now.size > tolerance  # not for NaN
+        unsettled = now.size > TOLERANCE  # not for NaN
         return unsettled & (now.count < max_iterations)
 
     def improve(now: Found):
-        r, jacobian, good, aux = function(now.z)
+        r, jacobian, aux = function(now.z)
         move = -solve(jacobian, r)
         size = jnp.max(jnp.abs(move))
         move = move * jnp.minimum(1.0, LARGEST_MOVE / jnp.where(size > 0, size, 1.0))
-        size = jnp.where(good, size, jnp.nan)
         return Found(now.z + move, move, size, now.count + 1, aux)
 
     return lax.while_loop(goes_on, improve, begin)
@@ -141,7 +141,18 @@ def shoot(
     """Follow the motion from phi1 = `section` for a period."""
     y0 = jnp.concatenate([jnp.asarray(section, z.dtype)[None], z[:3]])
     seen = flow(make, parameters, y0, jnp.maximum(z[3], SHORTEST), method, vary)
-    return Shot(seen.y - y0, closing(seen.moved, seen.slope), seen)
+    residual = jnp.where(seen.arrived, seen.y - y0, jnp.nan)
+    return Shot(residual, closing(seen.moved, seen.slope), seen)
+
+
+def blank_shot(n: int, dtype: Any) -> Shot:
+    """A shot of n parameters that has not been made."""
+
+    def none(*shape):
+        return jnp.zeros(shape, dtype)
+
+    moves = none(4, 4 + n), none(3, 4 + n), jnp.asarray(False), jnp.zeros((), jnp.int32)
+    return Shot(none(4), none(4, 4), Flow(none(4), none(4), none(3), *moves))
 
 
 def closing(moved: Any, slope: Any) -> Any:
@@ -152,18 +163,24 @@ def closing(moved: Any, slope: Any) -> Any:
 
 
 def attached(
-    column: Column, y0: Any, span: Any, method: Method, linear: Callable, *extra: Any
+    size: int,
+    column: Column,
+    y0: Any,
+    span: Any,
+    method: Method,
+    linear: Callable,
+    *extra: Any,
 ) -> Any:
-    """Zeros that carry derivatives in the column's traced leaves p.
+    """Zeros (size,) that carry derivatives in the column's traced leaves p.
 
-    The derivative is `linear(flow, *extra)`, an array (m, n), times dp, where `flow` is
+    The derivative is `linear(flow, *extra)`, an array (size, n), times dp, where `flow` is
     the motion from y0 over the span with its derivatives in all n leaves: one product
     with a Jacobian, forward or reverse.
     """
     leaves, tree = jax.tree.flatten(column)
     traced = [i for i, x in enumerate(leaves) if isinstance(x, jax.Array)]
     if not traced:
-        return jnp.zeros((), y0.dtype)
+        return jnp.zeros(size, y0.dtype)
 
     def make(p):
         new = list(leaves)
@@ -176,8 +193,8 @@ def attached(
 
     @jax.custom_jvp
     def zeros(p, *fixed):
-        shape = jax.eval_shape(slope, p, *fixed)
-        return jnp.zeros(shape.shape[:1], shape.dtype)
+        del fixed
+        return jnp.zeros(size, p.dtype)
 
     @zeros.defjvp
     def rule(primals, tangents):

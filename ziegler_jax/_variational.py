@@ -126,7 +126,7 @@ def flow(
         jnp.stack(folded.y),
         jnp.stack(folded.extent_moves),
         arrived,
-        steps,
+        steps.astype(jnp.int32),
     )
 
 

@@ -21,7 +21,9 @@ import jax.numpy as jnp
 from ._scene import check_scene, float_state, tolerances, valid_scene, whole_number
 from ._shooting import (
     SHORTEST,
+    TOLERANCE,
     attached,
+    blank_shot,
     closing,
     first_return,
     fixed,
@@ -39,7 +41,6 @@ from .outcome import ORBIT
 from .set_valued import SetValuedCoulomb
 from .solvers import Explicit
 
-TOLERANCE = 1e-8  # of the last Newton step; what is left is its square, and rounding
 AT_REST = 1e-8  # a motion that starts no faster is none
 
 
@@ -144,18 +145,19 @@ def periodic_orbit(
 
     def close(z):
         shot = shoot(lambda p: still, jnp.zeros(0, z.dtype), at, z, method, False)
-        return shot.residual, shot.jacobian, shot.flow.arrived, shot
+        return shot.residual, shot.jacobian, shot
 
     good = valid_scene(still, start) & returned
     z = jnp.where(good, z, jnp.nan)
-    found = newton(close, z, TOLERANCE, whole_number("max_iterations", max_iterations))
+    budget = whole_number("max_iterations", max_iterations)
+    found = newton(close, z, blank_shot(0, z.dtype), budget)
     z, shot = found.z, found.aux
     seen = shot.flow
     y0 = jnp.concatenate([at[None], z[:3]])
     # the last shot was from just before the last step of Newton's
     extent = seen.extent + seen.extent_moved[:, 1:] @ found.move[:3]
-    change = attached(column, y0, jnp.maximum(z[3], SHORTEST), method, _moves)
-    z, extent = z + change[..., :4], extent + change[..., 4:]
+    change = attached(7, column, y0, jnp.maximum(z[3], SHORTEST), method, _moves)
+    z, extent = z + change[:4], extent + change[4:]
     converged = (found.size <= TOLERANCE) & (z[3] > SHORTEST)
     at_rest = jnp.max(jnp.abs(seen.slope)) < AT_REST
     outcome = jnp.where(at_rest, ORBIT.collapsed, ORBIT.found)

@@ -87,6 +87,16 @@ class ORBIT(Code):
     found = 7, "the motion closes after its period"
 
 
+class SPECIAL(Code):
+    """What happens at a point of a branch of cycles."""
+
+    none = 0, "nothing special"
+    fold = 1, "two cycles meet: a multiplier is 1 and the branch turns back"
+    torus = 2, "Neimark-Sacker: a complex pair of multipliers passes the unit circle"
+    flip = 3, "the period doubles: a multiplier is -1"
+    pitchfork = 4, "a multiplier is 1 and the branch goes on: symmetry breaks"
+
+
 def flag_attributes(codes: type[Code]) -> dict[str, object]:
     """The CF-convention attributes that explain a variable of such codes."""
     return {
