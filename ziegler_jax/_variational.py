@@ -231,8 +231,10 @@ class Variational(AbstractFold):
 
     def init(self, column, t0, y0):
         """Unit vectors, and the start's own angles."""
-        del column, t0
+        del t0
         rows = self.method.unit(y0)
+        if _jumps(column):
+            rows = (*rows[:2], *_stopped(column, y0, rows[2], rows[3]))
         angles = y0[0], y0[1], y0[1] - y0[0]
         signs = [jnp.where(x < 0, -1.0, 1.0) for x in angles]
         turned = rows[0], rows[1], rows[1] - rows[0]
@@ -299,6 +301,21 @@ def in_modes(column: Any, modes: Any) -> Any:
 
 def _without_modes(args: Any) -> Any:
     return in_modes(args, None) if _jumps(args) else args
+
+
+def _stopped(column: Any, y: Vector4, dw1: Any, dw2: Any) -> tuple[Any, Any]:
+    """Variations of the rates where joints stick at the start.
+
+    A joint that is set off a little is stopped at once, by an impulse of its friction:
+    the momenta across it are kept.
+    """
+    f = joint_balance(column, y)
+    stuck1, stuck2 = (m == 0 for m in column.friction.modes)
+    both = ((f.a + f.h) * dw1 + (f.h + f.d) * dw2) / (f.a + 2 * f.h + f.d)
+    second = jnp.where(stuck1, dw2 + f.h / f.d * dw1, dw2)
+    still = stuck1 & stuck2
+    first = jnp.where(stuck1, 0.0, jnp.where(stuck2, both, dw1))
+    return first, jnp.where(still, 0.0, jnp.where(stuck2, both, second))
 
 
 def _guards(column: Any, y: Vector4) -> tuple[Any, Any]:

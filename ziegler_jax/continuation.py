@@ -345,7 +345,7 @@ class _Road:
             s = jnp.where(refining, inside, jnp.where(starting, zero, now.step))
             base = now.here
             point, good, count = self.correct(base.x + s * base.tangent, base.tangent)
-            good &= starting | refining | (point.tangent @ base.tangent > STRAIGHT)
+            good &= starting | refining | _straight(point.tangent, base.tangent)
 
             # walk
             changed = (point.tests * base.tests < 0) & wanted & ~starting
@@ -430,6 +430,16 @@ class _Road:
 
 
 _SHAPES = ((5,), (5,), (3,), (4, 4), (4, 5), (4,))
+
+
+def _straight(new: Any, old: Any) -> Any:
+    """Whether a branch turns little between two points: in phi2, T, the parameter.
+
+    The rates have kinks where, as the branch goes on, a joint begins to stick at the
+    section; angle and period have none.
+    """
+    new, old = (x[jnp.array([0, 3, 4])] for x in (new, old))
+    return new @ old > STRAIGHT * jnp.sqrt((new @ new) * (old @ old))
 
 
 def _put(kept: _Kept, place: Any, point: _Kept) -> _Kept:
