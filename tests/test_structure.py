@@ -24,7 +24,8 @@ FLOORS = [
     ["column", "_reactions", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters"],
     ["critical", "_windows", "_events", "_scene", "simulate"],
-    ["sensitivity", "stabilise", "_lanes"],
+    ["sensitivity", "stabilise", "_lanes", "_variational", "_shooting"]
+    + ["cycle", "continuation"],
     ["sweep"],
     ["plot", "plot_linear", "audit"],
     ["__main__"],
@@ -40,6 +41,12 @@ SAME_FLOOR = {
     ("simulate", "_scene"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
+    ("_shooting", "_variational"),
+    ("cycle", "_shooting"),
+    ("cycle", "_variational"),
+    ("continuation", "_shooting"),
+    ("continuation", "_variational"),
+    ("continuation", "cycle"),
 }
 # Inside the solvers' room.
 SOLVERS = [

@@ -12,12 +12,14 @@ from .column import (
     uniform_rods,
     vector_field,
 )
+from .continuation import Branch, CycleFold, Points, continue_cycle, cycle_fold
 from .critical import critical_load
+from .cycle import PeriodicOrbit, periodic_orbit
 from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
 from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
-from .outcome import CRITICAL, OUTCOME, REGIME
+from .outcome import CRITICAL, ORBIT, OUTCOME, REGIME, SPECIAL
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
 from .simulate import Settled, Trajectory, settle, trajectory
@@ -28,18 +30,24 @@ from .sweep import sweep
 
 __all__ = [
     "CRITICAL",
+    "ORBIT",
     "OUTCOME",
     "REGIME",
+    "SPECIAL",
     "Air",
     "Amplitude",
+    "Branch",
     "Column",
     "ConstantLoad",
+    "CycleFold",
     "EnergyBalance",
     "Explicit",
     "FollowerLoad",
     "JointReaction",
     "Mean",
     "Period",
+    "PeriodicOrbit",
+    "Points",
     "RegularisationError",
     "SetValuedCoulomb",
     "Settled",
@@ -51,9 +59,12 @@ __all__ = [
     "Trajectory",
     "Viscous",
     "configure_cpu",
+    "continue_cycle",
     "critical_load",
+    "cycle_fold",
     "energy",
     "linearise",
+    "periodic_orbit",
     "point_masses",
     "power",
     "reactions",

@@ -147,6 +147,8 @@ def _moving(make: Callable, parameters: Any) -> tuple[tuple, tuple]:
 class Linearised(eqx.Module):
     """A method whose steps come with their Jacobian, in place of integrals.
 
+    Its error counts with the step's: a cycle however small has multipliers of size one.
+
     **Arguments:** `solver`; `args`: the prepared column; `which` of its leaves move;
     `moves`: their derivatives in k = 4 + n directions, (k,) each.
     """
@@ -180,15 +182,21 @@ class Linearised(eqx.Module):
             first = vector_field(t0, y, column)
             y1, error, last, _ = self.solver.advance(terms, t0, t1, y, column, first)
             peaks = _peaks(t1 - t0, y, first, y1, last)
-            return (y1, peaks), (error, last)
+            return (y1, peaks, error), last
 
         def along(dy, dp):
             at = y0, self.moving(args)
             return jax.jvp(over, at, (dy, dp), has_aux=True)
 
         step = jax.vmap(along, out_axes=(None, 0, None))
-        (y1, peaks), slopes, (error, last) = step(self.unit(y0), list(self.moves))
-        return y1, error, last, (peaks, *slopes)
+        (y1, peaks, error), slopes, last = step(self.unit(y0), list(self.moves))
+        *slopes, errors = slopes
+        # the state's columns alone: steps do not depend on what is differentiated
+        worst = tuple(
+            jnp.maximum(jnp.abs(e), jnp.max(jnp.abs(row[:4])))
+            for e, row in zip(error, errors, strict=True)
+        )
+        return y1, worst, last, (peaks, *slopes)
 
     def unit(self, y0: Vector4) -> tuple:
         """The state's unit vectors among the k directions."""
