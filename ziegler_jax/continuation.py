@@ -275,7 +275,7 @@ class _Road:
 
     def points(self, kept: _Kept) -> Points:
         """The points of a branch in their own units."""
-        x = kept.x * self.scale
+        x = kept.x * self.scale[None]
         at = jnp.broadcast_to(self.section, x.shape[:1]) + 0 * x[:, 0]
         return Points(
             parameter=undifferentiated(x[:, 4]),
@@ -293,7 +293,7 @@ class _Road:
             shot = shoot(
                 lambda p: self.make(p[0]), z[4:], self.section, z[:4], self.method
             )
-            matrix = _matrix(shot) * self.scale
+            matrix = _matrix(shot) * self.scale[None]
             r = jnp.concatenate([shot.residual, (row @ (x - x0))[None]])
             return r, jnp.concatenate([matrix, row[None]]), shot
 
@@ -301,7 +301,7 @@ class _Road:
         found = newton(function, x0, blank, NEWTON_STEPS)
         shot = found.aux
         matrix = _matrix(shot)
-        whole = jnp.concatenate([matrix * self.scale, row[None]])
+        whole = jnp.concatenate([matrix * self.scale[None], row[None]])
         tangent = solve(whole, jnp.eye(5, dtype=x0.dtype)[4])
         tangent = tangent / jnp.sqrt(tangent @ tangent)
         moved = shot.flow.moved[:, :4]
