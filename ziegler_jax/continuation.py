@@ -385,17 +385,10 @@ class _Road:
 
             on = walked | refined | lost
             here = jax.tree.map(choose, point, now.beyond, base)
-            aligned = jnp.where(walked & starting, self.direction, 1.0)
-            aligned *= jnp.where(starting & (here.tangent[4] < 0), -1.0, 1.0)
-            aligned = jnp.where(starting, aligned, 1.0)
-            here = here._replace(
-                tangent=here.tangent * aligned,
-                tests=here.tests.at[0].multiply(aligned),
-            )
             place = jnp.where(on, now.count, points)
             kept = _put(now.kept, place, here)
-            total = now.count + on
-            number_ = now.specials + (refined & real)
+            total = now.count + on.astype(jnp.int32)
+            number_ = now.specials + (refined & real).astype(jnp.int32)
             value = here.x[4] * self.scale[4]
             outcome = jnp.where(total >= most, ORBIT.found, now.outcome)
             outcome = jnp.where((value < low) | (value > high), ORBIT.beyond, outcome)
@@ -415,10 +408,10 @@ class _Road:
                 high=upper,
                 tries=jnp.where(refining, now.tries + 1, 0),
                 kept=kept,
-                count=total.astype(jnp.int32),
+                count=total,
                 special=special,
                 kind=kinds_,
-                specials=number_.astype(jnp.int32),
+                specials=number_,
                 outcome=outcome.astype(jnp.int32),
                 attempts=now.attempts + 1,
             )
