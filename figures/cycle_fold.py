@@ -13,7 +13,9 @@ TAU, START = 0.1, 1.95
 
 def column(q, tau):  # constant torque in both joints, mu_s = mu_k
     load = zj.ConstantLoad(1.0)
-    return zj.uniform_rods(q, friction=zj.SetValuedCoulomb(tau, pin_radius=1.0, load=load))
+    return zj.uniform_rods(
+        q, friction=zj.SetValuedCoulomb(tau, pin_radius=1.0, load=load)
+    )
 
 
 def kicked(tau):
@@ -57,9 +59,15 @@ def main():
         known = np.isfinite(q)
         for mask, dash in ((known & stable, "-"), (known & ~stable, "--")):
             grown = mask | np.roll(mask & (np.arange(len(q)) < len(q) - 1), 1) & known
-            middle.plot(np.where(grown, q, np.nan), size, dash, color=style.BLUE, lw=2.5)
-            right.plot(np.where(grown, q, np.nan), mu[:, 1], dash, color=style.BLUE, lw=2.5)
-            right.plot(np.where(grown, q, np.nan), mu[:, 2], dash, color=style.GREEN, lw=2)
+            middle.plot(
+                np.where(grown, q, np.nan), size, dash, color=style.BLUE, lw=2.5
+            )
+            right.plot(
+                np.where(grown, q, np.nan), mu[:, 1], dash, color=style.BLUE, lw=2.5
+            )
+            right.plot(
+                np.where(grown, q, np.nan), mu[:, 2], dash, color=style.GREEN, lw=2
+            )
     middle.set_ylabel(r"largest $|\varphi_2 - \varphi_1|$ (rad)")
     right.axhline(1, color="0.6", lw=1)
     right.set_ylabel(r"Floquet multipliers $|\mu|$ beside 1 and 0")

@@ -1,7 +1,6 @@
 """Cycles: multipliers, the birth at q_cr, folds of dry friction, derivatives."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -187,7 +186,9 @@ def folds():
         return found.value, found
 
     tau = np.array([*FOLDS, 0.1 + STEP, 0.1 - STEP])
-    (value, found), slope = jax.jit(jax.vmap(jax.value_and_grad(fold, has_aux=True)))(tau)
+    (value, found), slope = jax.jit(jax.vmap(jax.value_and_grad(fold, has_aux=True)))(
+        tau
+    )
     return np.asarray(value), found, np.asarray(slope)
 
 

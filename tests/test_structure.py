@@ -25,7 +25,7 @@ FLOORS = [
     ["linear", "sticking", "solvers", "observers", "_parameters"],
     ["critical", "_windows", "_events", "_scene", "simulate"],
     ["sensitivity", "stabilise", "_lanes", "_variational", "_shooting"]
-    + ["cycle", "continuation"],
+    + ["cycle", "_march", "continuation"],
     ["sweep"],
     ["plot", "plot_linear", "audit"],
     ["__main__"],
@@ -44,6 +44,9 @@ SAME_FLOOR = {
     ("_shooting", "_variational"),
     ("cycle", "_shooting"),
     ("cycle", "_variational"),
+    ("_march", "_shooting"),
+    ("_march", "cycle"),
+    ("continuation", "_march"),
     ("continuation", "_shooting"),
     ("continuation", "_variational"),
     ("continuation", "cycle"),

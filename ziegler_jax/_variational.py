@@ -4,8 +4,8 @@ Of each accepted step $y_1 = \Phi(y_0, p)$ the derivative with the step's length
 is taken, so that what comes out is the exact derivative of the discrete flow. With
 set-valued friction a change of modes at the guard g = 0 adds the saltation
 
-$$\delta y^+ = \delta y^- + (f^- - f^+)\,\delta t, \qquad
-\delta t = -\frac{\partial_y g\,\delta y^- + \partial_p g\,\delta p}{\partial_y g\,f^-}$$
+$$\delta y^+ = \delta y^- + (f^- - f^+)\,\delta t, \qquad \delta t = -\frac{
+\partial_y g\,\delta y^- + \partial_p g\,\delta p}{\partial_y g\,f^-}$$
 
 In stick a joint's rate is held, and so is its variation: after a stick phase the map
 has lost a rank. Source: M. di Bernardo et al., Piecewise-smooth Dynamical Systems
