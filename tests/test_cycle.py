@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from moreau import motion
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
@@ -169,6 +170,8 @@ def law(tau, tau_k=None):
     return zj.SetValuedCoulomb(tau, tau_k, pin_radius=1.0, load=zj.ConstantLoad(1.0))
 
 
+# Three to the third digit of an earlier search by windows; that search had 1.280 for
+# 0.01, where slow decay passes for a cycle: `test_time_stepping_...` brackets it.
 FOLDS = {0.01: 1.288, 0.03: 1.328, 0.1: 1.571, 0.26: 1.861}
 STEP = 1e-4
 
@@ -209,5 +212,21 @@ def test_two_multipliers_are_1_at_a_fold_and_sticking_makes_one_zero(folds):
 def test_the_fold_moves_with_friction_as_its_derivative_says(folds):
     value, _, slope = folds
     difference = (value[4] - value[5]) / (2 * STEP)
-    print(value, slope, difference)
-    np.testing.assert_allclose(slope[2], difference, rtol=1e-5)  # measured TODO
+    np.testing.assert_allclose(slope[2], difference, rtol=1e-5)  # measured 2e-7
+
+
+@pytest.mark.slow
+def test_time_stepping_decays_below_the_fold_of_weak_friction_and_grows_above():
+    """From near the two cycles of tau = 0.01; Moreau's scheme knows no events."""
+    period, tau = 8.49, (0.01, 0.01)
+    for q, grows in ((1.284, False), (1.292, True)):
+        state, sizes = (0.0, -0.0009, 0.14, 0.21), []
+        for _ in range(3):
+            largest = 0.0
+            for _ in range(40):
+                state = motion(q, tau, state[:2], state[2:], period / 40, 160)
+                largest = max(largest, abs(state[0]))
+            sizes.append(largest)
+            state = motion(q, tau, state[:2], state[2:], 11 * period, 70_000)
+        # measured: -0.7 and -0.5 %, +0.5 and +0.2 % a dozen periods
+        assert (np.diff(sizes) > 0).all() if grows else (np.diff(sizes) < 0).all()

@@ -174,8 +174,8 @@ def attached(
     """Zeros (size,) that carry derivatives in the column's traced leaves p.
 
     The derivative is `linear(flow, *extra)`, an array (size, n), times dp, where `flow`
-    is the motion from y0 over the span with its derivatives in all n leaves: one product
-    with a Jacobian, forward or reverse.
+    is the motion from y0 over the span with its derivatives in all n leaves: one
+    product with a Jacobian, forward or reverse.
     """
     leaves, tree = jax.tree.flatten(column)
     traced = [i for i, x in enumerate(leaves) if isinstance(x, jax.Array)]
