@@ -1,5 +1,7 @@
 """Where rest and flutter coexist, and the cycles that meet at the fold between them."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import linear_style as style
@@ -28,7 +30,7 @@ def folds(tau):
     return zj.cycle_fold(lambda q: column(q, tau), kicked(tau), START)
 
 
-@jax.jit
+@functools.partial(jax.jit, static_argnames="direction")
 def branch(tau, direction):
     return zj.continue_cycle(
         lambda q: column(q, tau), kicked(tau), START, direction=direction, points=45
@@ -51,7 +53,6 @@ def main():
     left.text(1.62, 0.045, "fold of cycles", color=style.BLUE, fontsize=12)
     left.set(xlim=(1.2, 3), ylim=(0, 0.28), ylabel=r"friction torque $\tau$ ($k$)")
     back, on = branch(TAU, -1), branch(TAU, 1)
-    q = np.concatenate([np.asarray(b.points.parameter) for b in (back, on)])
     for b in (back, on):
         p, stable = b.points, np.asarray(b.points.stable)
         q, size = np.asarray(p.parameter), np.asarray(p.amplitude.joint[:, 1])

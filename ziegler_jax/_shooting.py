@@ -74,7 +74,7 @@ def first_return(
     method: Method,
 ) -> tuple[Any, Any]:
     """Where a motion from `start` closes roughly: z, and whether it does in time."""
-    y0 = tuple(lax.stop_gradient(jnp.asarray(x)) for x in start)
+    y0: Any = tuple(lax.stop_gradient(jnp.asarray(x)) for x in start)
     span = jnp.asarray(patience, y0[0].dtype)
     (count, first, last, place), *_ = method.run(
         prepared(column), Passages(section, loops), y0, span

@@ -113,7 +113,7 @@ def flow(
     args, which, moves = prepared(make(parameters)), (), ()
     if vary:
         which, moves = _moving(make, parameters)
-    start = tuple(y0[i] for i in range(4))
+    start: Any = tuple(y0[i] for i in range(4))
     linearised = Linearised(method.solver, which, moves)
     method = method._replace(solver=linearised)
     folded, y, slope, t, steps = method.run(args, Variational(linearised), start, span)
@@ -210,7 +210,7 @@ class Linearised(eqx.Module):
         leaves = jax.tree.leaves(_without_modes(args))
         return [leaves[i] for i in self.which]
 
-    def column(self, args: Column, moving: list) -> Any:
+    def column(self, args: Any, moving: list) -> Any:
         """The column with these leaves in place of its own."""
         leaves, tree = jax.tree.flatten(_without_modes(args))
         for i, x in zip(self.which, moving, strict=True):
@@ -257,7 +257,7 @@ class Variational(AbstractFold):
         peaks, *jacobians = step.integrals
 
         def carry(row):  # the step's Jacobian times what was, and the parameters' own
-            before = sum(row[i] * state.y[i] for i in range(4))
+            before: Any = sum(row[i] * state.y[i] for i in range(4))
             return before.at[4:].add(row[4:])
 
         dy, dpeaks = (tuple(map(carry, rows)) for rows in jacobians)

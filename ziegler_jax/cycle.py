@@ -206,7 +206,7 @@ def method_for(
     rtol, atol = tolerances(rtol, atol)
     if solver is None:
         jumps = isinstance(column.friction, SetValuedCoulomb)
-        solver = Explicit(*(() if jumps else (dfx.Dopri8.tableau,)))
+        solver = Explicit() if jumps else Explicit(dfx.Dopri8.tableau)
     return Method(solver, rtol, atol, whole_number("max_steps", max_steps))
 
 
