@@ -13,14 +13,16 @@ from .column import (
     uniform_rods,
     vector_field,
 )
+from .continuation import Branch, CycleFold, Points, continue_cycle, cycle_fold
 from .critical import critical_load
+from .cycle import PeriodicOrbit, periodic_orbit
 from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
 from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
 from .lyapunov import Exponents, lyapunov_exponents
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .onset import Onset, critical_kick, flutter_onset
-from .outcome import CRITICAL, ONSET, OUTCOME, REGIME, VERDICT
+from .outcome import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SPECIAL, VERDICT
 from .poincare import Section, poincare
 from .precision import work_precision
 from .quasi_static import UpDown, sweep_up_down
@@ -37,14 +39,18 @@ from .verdict import Verdict, verdict
 __all__ = [
     "CRITICAL",
     "ONSET",
+    "ORBIT",
     "OUTCOME",
     "REGIME",
     "SI",
+    "SPECIAL",
     "VERDICT",
     "Air",
     "Amplitude",
+    "Branch",
     "Column",
     "ConstantLoad",
+    "CycleFold",
     "EnergyBalance",
     "Explicit",
     "Exponents",
@@ -53,6 +59,8 @@ __all__ = [
     "Mean",
     "Onset",
     "Period",
+    "PeriodicOrbit",
+    "Points",
     "RegularisationError",
     "Section",
     "SetValuedCoulomb",
@@ -68,12 +76,15 @@ __all__ = [
     "Viscous",
     "basin",
     "configure_cpu",
+    "continue_cycle",
     "critical_kick",
     "critical_load",
+    "cycle_fold",
     "energy",
     "flutter_onset",
     "linearise",
     "lyapunov_exponents",
+    "periodic_orbit",
     "poincare",
     "point_masses",
     "power",

@@ -101,6 +101,32 @@ class ONSET(Code):
     found = 6, "the verdict changes once along the scanned bracket, here"
 
 
+class ORBIT(Code):
+    """How the search for a periodic orbit ended, in order of precedence.
+
+    Below `found` there is no orbit: the numbers and their derivatives are NaN.
+    """
+
+    not_computed = 0, "the point was left out or has not been computed yet"
+    invalid = 1, "the scene's numbers break a rule, e.g. mu_k > mu_s"
+    no_return = 2, "the guess did not come back to its section in time"
+    not_integrated = 3, "the motion could not be followed for a period"
+    not_converged = 4, "Newton's method did not converge within its budget"
+    collapsed = 5, "Newton's method converged to rest"
+    beyond = 6, "the branch left the named bounds before what was looked for came"
+    found = 7, "the motion closes after its period"
+
+
+class SPECIAL(Code):
+    """What happens at a point of a branch of cycles."""
+
+    none = 0, "nothing special"
+    fold = 1, "two cycles meet: a multiplier is 1 and the branch turns back"
+    torus = 2, "Neimark-Sacker: a complex pair of multipliers passes the unit circle"
+    flip = 3, "the period doubles: a multiplier is -1"
+    pitchfork = 4, "a multiplier is 1 and the branch goes on: symmetry breaks"
+
+
 def flag_attributes(codes: type[Code]) -> dict[str, object]:
     """The CF-convention attributes that explain a variable of such codes."""
     return {

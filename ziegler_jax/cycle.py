@@ -1,0 +1,231 @@
+r"""Periodic orbits: shooting, Floquet multipliers, derivatives.
+
+A cycle starts on the section $\phi_1 = s$ and closes after its period T:
+
+$$R(z, p) = y(T; y_0, p) - y_0 = 0, \qquad z = (\phi_2, \omega_1, \omega_2, T).$$
+
+Newton's method solves it, with the derivatives of the flow from the variational
+equations; whether the cycle is stable makes no difference to it. The multipliers are
+the eigenvalues of the monodromy matrix $\partial y(T)/\partial y_0$. One is 1, along
+the motion; the cycle attracts where the others lie inside the unit circle. Where
+friction is no jump, their product is $\exp \int_0^T \mathrm{div} f\,dt$. A joint that
+sticks makes one zero.
+"""
+
+from typing import Any
+
+import diffrax as dfx
+import equinox as eqx
+import jax.numpy as jnp
+
+from ._scene import check_scene, float_state, tolerances, valid_scene, whole_number
+from ._shooting import (
+    SHORTEST,
+    TOLERANCE,
+    attached,
+    blank_shot,
+    closing,
+    first_return,
+    fixed,
+    newton,
+    shoot,
+    solve,
+    undifferentiated,
+)
+from ._types import number
+from ._variables import Variable
+from ._variational import Flow, Method
+from .column import Column, State
+from .observers import TIME, Amplitude, Extent
+from .outcome import ORBIT
+from .set_valued import SetValuedCoulomb
+from .solvers import Explicit
+
+AT_REST = 1e-8  # a motion that starts no faster is none
+
+
+class PeriodicOrbit(eqx.Module):
+    r"""A periodic orbit, or the reason why there is none.
+
+    `state`: on the section; `period`; `amplitude.rod`, `amplitude.joint` (2,): the
+    largest angles; `monodromy` (4, 4); `residual`: by how much the orbit does not
+    close; `iterations` of Newton's method; `outcome`, a code of `ORBIT`. Unless that is
+    `found`, all numbers and their derivatives are NaN.
+    """
+
+    state: State
+    period: Any
+    amplitude: Extent
+    monodromy: Any
+    residual: Any
+    iterations: Any
+    outcome: Any
+
+    @property
+    def multipliers(self) -> Any:
+        """The Floquet multipliers, (4,) complex.
+
+        The one nearest to 1, which belongs to the motion itself, stands first; then
+        the others by falling modulus. They have no derivatives here (`ValueError`).
+        """
+        return multipliers(self.monodromy)
+
+    @property
+    def stable(self) -> Any:
+        """Whether all multipliers but the first lie inside the unit circle."""
+        return jnp.all(jnp.abs(self.multipliers[..., 1:]) < 1, axis=-1)
+
+    def variables(self) -> dict[str, Variable]:
+        """The numbers as a sweep labels them."""
+        moduli = jnp.abs(self.multipliers)
+        named = {"period": Variable(self.period, "period of the orbit", TIME)}
+        named |= Amplitude().variables(self.amplitude)
+        named |= {
+            "largest_multiplier": Variable(
+                moduli[1], "largest modulus of a Floquet multiplier but the trivial one"
+            ),
+            "stable": Variable(self.stable, "whether the orbit attracts"),
+            "outcome": Variable(
+                self.outcome, "how the search for the orbit ended", codes=ORBIT
+            ),
+        }
+        return named
+
+
+def periodic_orbit(
+    column: Column,
+    guess: State,
+    *,
+    period: Any = None,
+    section: Any = 0.0,
+    loops: int = 1,
+    patience: Any = 200.0,
+    rtol: Any = 1e-10,
+    atol: Any = 1e-10,
+    solver: Explicit | None = None,
+    max_iterations: int = 20,
+    max_steps: int = 100_000,
+) -> PeriodicOrbit:
+    r"""The periodic orbit near a guess, stable or not, with its multipliers.
+
+    **Arguments:** (times in $\sqrt{m l^2/k}$)
+
+    - `column`: with any damping and friction law, set-valued friction included.
+    - `guess`: a state near the orbit, e.g. `settle(...).final`. Without a `period` the
+        motion from there is followed until it passes the section $\phi_1$ = `section`
+        upwards and has come back `loops` times, `patience` at most: the first
+        approximation.
+    - `period`: the orbit's, roughly; then `guess` itself is the first approximation,
+        and its $\phi_1$ the section. For unstable orbits.
+    - `rtol`, `atol`: tolerances of each step.
+    - `solver`: `Explicit(tableau)`; None is Dopri8, with set-valued friction Tsit5.
+    - `max_iterations` of Newton's method, `max_steps` of each motion.
+
+    **Returns:** `PeriodicOrbit`. With set-valued friction the derivatives pass through
+    every change of modes by its saltation matrix.
+
+    **Derivatives:** of `state`, `period` and `amplitude`, forward and reverse, first
+    order, in every leaf of the column, by the implicit function theorem: those of this
+    orbit, at this section. Where it repels (`stable` is False, as of every orbit inside
+    chaos) they say nothing of long motions nearby.
+
+    **Raises:** `ValueError` for arguments that break a rule.
+
+    Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), section
+    10.2; R. Leine, H. Nijmeijer (2004), chapter 8.
+    """
+    check_scene(column, guess)
+    method = method_for(column, solver, rtol, atol, max_steps)
+    loops = whole_number("loops", loops)
+    still = fixed(column)
+    start = fixed(float_state(guess))
+    z, at, returned = approximation(
+        still, start, period, section, loops, patience, method
+    )
+
+    def close(z):
+        shot = shoot(lambda p: still, jnp.zeros(0, z.dtype), at, z, method, False)
+        return shot.residual, shot.jacobian, shot
+
+    good = valid_scene(still, start) & returned
+    z = jnp.where(good, z, jnp.nan)
+    budget = whole_number("max_iterations", max_iterations)
+    found = newton(close, z, blank_shot(0, z.dtype), budget)
+    z, shot = found.z, found.aux
+    seen = shot.flow
+    y0 = jnp.concatenate([at[None], z[:3]])
+    # the last shot was from just before the last step of Newton's
+    extent = seen.extent + seen.extent_moved[:, 1:] @ found.move[:3]
+    change = attached(7, column, y0, jnp.maximum(z[3], SHORTEST), method, _moves)
+    z, extent = z + change[:4], extent + change[4:]
+    converged = (found.size <= TOLERANCE) & (z[3] > SHORTEST)
+    at_rest = jnp.max(jnp.abs(seen.slope)) < AT_REST
+    outcome = jnp.where(at_rest, ORBIT.collapsed, ORBIT.found)
+    outcome = jnp.where(converged, outcome, ORBIT.not_converged)
+    outcome = jnp.where(seen.arrived, outcome, ORBIT.not_integrated)
+    outcome = jnp.where(returned, outcome, ORBIT.no_return)
+    outcome = jnp.where(valid_scene(still, start), outcome, ORBIT.invalid)
+    mark = jnp.where(outcome == ORBIT.found, 1.0, jnp.nan).astype(z.dtype)
+    z, extent = z * mark, extent * mark
+    return PeriodicOrbit(
+        state=State((at * mark, z[0]), (z[1], z[2])),
+        period=z[3],
+        amplitude=Extent(extent[:2], extent[jnp.array([0, 2])]),
+        monodromy=seen.moved * fixed(mark),
+        residual=jnp.max(jnp.abs(shot.residual)) * fixed(mark),
+        iterations=found.count,
+        outcome=outcome.astype(jnp.int8),
+    )
+
+
+def _moves(seen: Flow) -> Any:
+    """Derivatives of z and of the largest angles in the n parameters, (7, n)."""
+    jacobian = closing(seen.moved[:, :4], seen.slope)
+    z = -solve(jacobian, seen.moved[:, 4:])
+    extent = seen.extent_moved[:, 1:4] @ z[:3] + seen.extent_moved[:, 4:]
+    return jnp.concatenate([z, extent])
+
+
+def multipliers(monodromy: Any) -> Any:
+    """Eigenvalues (..., 4): the one nearest to 1, then by falling modulus."""
+    monodromy = undifferentiated(monodromy)
+    bad = ~jnp.all(jnp.isfinite(monodromy), axis=(-1, -2), keepdims=True)
+    eye = jnp.broadcast_to(jnp.eye(4, dtype=monodromy.dtype), monodromy.shape)
+    values = jnp.linalg.eigvals(jnp.where(bad, eye, monodromy))
+    off = jnp.abs(values - 1)
+    trivial = off == jnp.min(off, axis=-1, keepdims=True)
+    order = jnp.argsort(-jnp.where(trivial, jnp.inf, jnp.abs(values)), axis=-1)
+    values = jnp.take_along_axis(values, order, axis=-1)
+    return jnp.where(bad[..., 0], jnp.nan, values)
+
+
+def method_for(
+    column: Column, solver: Explicit | None, rtol: Any, atol: Any, max_steps: int
+) -> Method:
+    """The method of a periodic orbit's motions."""
+    rtol, atol = tolerances(rtol, atol)
+    if solver is None:
+        jumps = isinstance(column.friction, SetValuedCoulomb)
+        solver = Explicit() if jumps else Explicit(dfx.Dopri8.tableau)
+    return Method(solver, rtol, atol, whole_number("max_steps", max_steps))
+
+
+def approximation(
+    column: Column,
+    start: Any,
+    period: Any,
+    section: Any,
+    loops: int,
+    patience: Any,
+    method: Method,
+) -> tuple[Any, Any, Any]:
+    """z, the section, and whether there is a first approximation."""
+    if period is not None:
+        period = jnp.asarray(number("period", period, "positive"), start[0].dtype)
+        return jnp.stack([*start[1:], period]), start[0], jnp.asarray(True)
+    section = fixed(jnp.asarray(number("section", section), start[0].dtype))
+    patience = number("patience", patience, "positive")
+    # only as good as Newton's method needs
+    rough = method._replace(solver=Explicit(), rtol=1e-6, atol=1e-6)
+    z, returned = first_return(column, start, section, loops, patience, rough)
+    return z, section, returned
