@@ -2,7 +2,9 @@
 
 The reference work: 8192 uniform-rod columns under q = 2..4 with smoothed friction,
 followed to t = 100, the amplitudes of the last 20 observed, tolerances 1e-6. Prints one
-JSON line; about a minute.
+JSON line; about a minute. `ratio_cpp` is against the kernel with its functions written
+out in tables, the machine's limit; `ratio_cpp_plain` against the same kernel with the
+C library's vector functions.
 
     python benchmarks/a0_throughput.py [--no-configure] [--repeats 3]
 """
@@ -49,8 +51,8 @@ def main():
     def ours():
         found["sweep"] = zj.sweep(reference, q=q, progress=False)
 
-    def cpp_kernel():
-        found["cpp"] = cpp.run(q, threads=found["sweep"].attrs["threads"])
+    def cpp_kernel(plain=False):
+        found["cpp"] = cpp.run(q, found["sweep"].attrs["threads"], plain)
 
     contestants = {
         "sweep": ours,
@@ -59,6 +61,8 @@ def main():
     }
     try:
         cpp.library()
+        cpp.library(plain=True)
+        contestants["cpp_plain"] = lambda: cpp_kernel(plain=True)
         contestants["cpp"] = cpp_kernel
     except RuntimeError as absent:
         found["absent"] = str(absent)
@@ -81,6 +85,7 @@ def main():
     }
     if "cpp" in seconds:
         ratio, spread = paired(seconds["sweep"], seconds["cpp"])
+        plain, plain_spread = paired(seconds["sweep"], seconds["cpp_plain"])
         amplitude = np.asarray(found["cpp"][0])
         # below q = 2.3 all lanes are regular: there both must find the same cycles
         regular = q < 2.3
@@ -88,6 +93,8 @@ def main():
         result |= {
             "ratio_cpp": ratio,
             "ratio_cpp_range": spread,
+            "ratio_cpp_plain": plain,
+            "ratio_cpp_plain_range": plain_spread,
             "largest_amplitude_difference_to_cpp": float(apart[regular].max()),
         }
     else:

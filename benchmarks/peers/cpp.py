@@ -35,8 +35,10 @@ class Lanes(NamedTuple):
 
 
 @functools.cache
-def library():
+def library(plain: bool = False):
     """The compiled kernel as a ctypes function.
+
+    **Arguments:** `plain`: with the C library's vector functions, not with tables.
 
     **Raises:** `RuntimeError` where there is no g++, or where it cannot compile the
     kernel for this processor (it needs AVX-512).
@@ -47,7 +49,8 @@ def library():
     cpu = Path("/proc/cpuinfo")
     lines = cpu.read_text().splitlines() if cpu.exists() else []
     flags = [x for x in lines if x.startswith("flags")][:1]
-    key = SOURCE.read_bytes() + repr((OPTIONS, flags)).encode()
+    options = (*OPTIONS, "-DLIBRARY") if plain else OPTIONS
+    key = SOURCE.read_bytes() + repr((options, flags)).encode()
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
     folder = cache / "ziegler_jax"
     target = folder / f"lanes-{hashlib.sha256(key).hexdigest()[:16]}.so"
@@ -55,7 +58,8 @@ def library():
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             built = Path(scratch) / "lanes.so"
-            command = [compiler, *OPTIONS, str(SOURCE), "-o", str(built)]
+            command = [compiler, *options, str(SOURCE), "-o", str(built)]
+            command += ["-lmvec", "-lm"]
             done = subprocess.run(command, capture_output=True, text=True)
             if done.returncode:
                 raise RuntimeError(
@@ -70,7 +74,7 @@ def library():
     return function
 
 
-def solve(q, *, threads: int = 2, observe: bool = True) -> Lanes:
+def solve(q, *, threads: int = 2, observe: bool = True, plain: bool = False) -> Lanes:
     """Every lane from t = 0 to 100, one for each load.
 
     **Arguments:**
@@ -78,18 +82,19 @@ def solve(q, *, threads: int = 2, observe: bool = True) -> Lanes:
     - `q`: (n,) follower loads, finite (the kernel has no step budget).
     - `threads`: OpenMP threads.
     - `observe`: whether to land on t = 80 and to take the amplitudes from there on.
+    - `plain`: see `library`.
     """
     q = np.ascontiguousarray(q, np.float64)
     if q.ndim != 1 or not np.isfinite(q).all():
         raise ValueError("Argument `q` must be a row of finite loads.")
     out = Lanes(np.empty((q.size, 3)), np.empty((q.size, 4)), np.empty(q.size))
-    library()(q.size, q, threads, observe, *out)
+    library(plain)(q.size, q, threads, observe, *out)
     return out
 
 
-def run(q, threads: int = 2) -> tuple[np.ndarray, np.ndarray]:
+def run(q, threads: int = 2, plain: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """The amplitudes (n, 3) and the attempted steps (n,) of the loads `q`."""
-    out = solve(q, threads=threads)
+    out = solve(q, threads=threads, plain=plain)
     return out.amplitude, out.steps
 
 

@@ -12,6 +12,9 @@
 //   * exp and sincos look up sixteenths in registers (vpermt2pd) and need few terms;
 //   * PACKS vectors go through each stage together, to hide the latency of the chain;
 //   * the observer bounds a step's cubic first and evaluates it only where it can win.
+//
+// With -DLIBRARY the functions are the C library's own vector ones, to 4 units in the
+// last place, as a kernel would be written that leaves mathematics to its compiler.
 
 #if !defined(__AVX512F__) || !defined(__AVX512DQ__)
 #error "lanes.cpp needs a processor with AVX-512 F and DQ"
@@ -148,15 +151,30 @@ INLINE void friction(const Tables& tables, Vec rate, Vec& above, Vec& below) {
   below = all(1.0) + e;
 }
 
+#ifdef LIBRARY
+extern "C" Vec _ZGVeN8v_exp(Vec), _ZGVeN8v_tanh(Vec), _ZGVeN8v_sin(Vec),
+    _ZGVeN8v_cos(Vec);
+#endif
+
 // omega' of the column.
 INLINE void accelerate(const Tables& tables, Vec q, Vec p1, Vec p2, Vec w1, Vec w2,
                        Vec& a1, Vec& a2) {
   const Vec D = p1 - p2;
+#ifdef LIBRARY
+  const Vec s = _ZGVeN8v_sin(D), c = _ZGVeN8v_cos(D);
+  const auto torque = [](Vec u) {
+    const Vec x = u * all(1 / kStribeck);
+    const Vec peak = all(kTauK) + all(kTauS - kTauK) * _ZGVeN8v_exp(-x * x);
+    return peak * _ZGVeN8v_tanh(u * all(1 / kSmooth));
+  };
+  const Vec f1 = torque(w1), f2 = torque(w2 - w1);
+#else
   Vec s, c, n1, d1, n2, d2;
   sincos(tables, D, s, c);
   friction(tables, w1, n1, d1);
   friction(tables, w2 - w1, n2, d2);
   const Vec f1 = n1 / d1, f2 = n2 / d2;
+#endif
   const Vec r2 = (D - f2) + all(kB) * s * w1 * w1;
   const Vec r1 = (q - all(kB) * w2 * w2) * s - p1 - D - (f1 - f2);
   const Vec m = all(kB) * c;
