@@ -22,7 +22,7 @@ FLOORS = [
     + ["_materialise", "_sincos", "_exponential"],
     ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],
-    ["linear", "sticking", "solvers", "observers", "_parameters"],
+    ["linear", "sticking", "solvers", "observers", "_parameters", "_choice"],
     ["critical", "_windows", "_events", "_scene", "simulate"],
     ["sensitivity", "stabilise", "_lanes"],
     ["sweep"],
@@ -45,6 +45,7 @@ SAME_FLOOR = {
 SOLVERS = [
     ["control", "crossing"],
     ["explicit", "landing"],
+    ["rosenbrock"],
     ["observed"],
     ["stickslip"],
 ]

@@ -17,11 +17,11 @@ from .damping import Air, Sum, Viscous
 from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
 from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
-from .outcome import CRITICAL, OUTCOME, REGIME
+from .outcome import CRITICAL, OUTCOME, REGIME, SOLVER
 from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
 from .simulate import Settled, Trajectory, settle, trajectory
-from .solvers import Explicit
+from .solvers import Explicit, Rosenbrock
 from .stabilise import stabilise
 from .sticking import StickingSet, sticking_set
 from .sweep import sweep
@@ -30,6 +30,7 @@ __all__ = [
     "CRITICAL",
     "OUTCOME",
     "REGIME",
+    "SOLVER",
     "Air",
     "Amplitude",
     "Column",
@@ -41,6 +42,7 @@ __all__ = [
     "Mean",
     "Period",
     "RegularisationError",
+    "Rosenbrock",
     "SetValuedCoulomb",
     "Settled",
     "SmoothCoulomb",

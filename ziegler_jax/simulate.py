@@ -1,6 +1,6 @@
 """Motions of a column: a time history to look at, and the long run as numbers."""
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import diffrax as dfx
 import equinox as eqx
@@ -13,6 +13,8 @@ from ._scene import (
     check_scene,
     float_state,
     increasing_times,
+    layer_of,
+    method_of,
     nan_where,
     outcome_of,
     prepared,
@@ -28,11 +30,19 @@ from ._variables import Variable
 from ._windows import Windows
 from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
-from .outcome import OUTCOME
+from .outcome import OUTCOME, SOLVER
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit, LandingControl, Observed, StepControl, StickSlip
+from .solvers import (
+    Explicit,
+    LandingControl,
+    Observed,
+    Rosenbrock,
+    StepControl,
+    StickSlip,
+)
 
 FIRST_STEP = 0.01
+Solver = Explicit | Rosenbrock | Literal["auto"] | None
 
 
 class Settled(eqx.Module):
@@ -49,6 +59,7 @@ class Settled(eqx.Module):
     steps: Any  # attempted steps, rejected ones included
     windows: Any  # windows observed
     outcome: Any  # a code of OUTCOME
+    solver_kind: Any  # a code of SOLVER where `solver="auto"` chose; else None
     observers: tuple[AbstractObserver, ...]
     settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
 
@@ -76,6 +87,10 @@ class Settled(eqx.Module):
             "windows": Variable(self.windows, "observed windows"),
             "outcome": Variable(self.outcome, "how the motion ended", codes=OUTCOME),
         }
+        if self.solver_kind is not None:
+            named["solver_kind"] = Variable(
+                self.solver_kind, "kind of method that was chosen", codes=SOLVER
+            )
         return named
 
     def attributes(self) -> dict[str, Any]:
@@ -110,7 +125,7 @@ def settle(
     observers: tuple[AbstractObserver, ...] = (),
     rtol: Any = 1e-6,
     atol: Any = 1e-6,
-    solver: Explicit | None = None,
+    solver: Solver = None,
     escape: Any = np.pi,
     rate_cut: Any = None,
     max_steps: int = 1_000_000,
@@ -140,7 +155,9 @@ def settle(
     - `rtol`, `atol`: tolerances of each step. On friction cycles (q = 2.6,
         $\tau$ = 0.026, v_smooth from 0.3 to 0.003) 1e-6 leaves up to 7e-5 rad in an
         amplitude, 1e-7 6e-6 for 1.4 times the steps.
-    - `solver`: `Explicit(tableau)`; None is Tsit5.
+    - `solver`: `Explicit(tableau)`; `Rosenbrock()` for stiff lanes; "auto" chooses by
+        the lane's own numbers (`ziegler_jax._choice` has the rule), where these are
+        known or in a `sweep`, and tells in `solver_kind`; None is Tsit5.
     - `escape`: a rod's angle beyond which the lane ends as `escaped`.
     - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
         (`v_smooth`; with set-valued friction what sticks rests); without friction 1e-6.
@@ -155,7 +172,7 @@ def settle(
     """
     check_scene(column, start)
     rtol, atol = tolerances(rtol, atol)
-    solver = Explicit() if solver is None else solver
+    method, kind = method_of(solver, column, rtol, Explicit())
     watch = Windows(
         transient=number("transient", transient, "nonnegative"),
         window=number("window", window, "positive"),
@@ -166,7 +183,7 @@ def settle(
         observers=with_amplitude(observers, column),
     )
     args = prepared(column)
-    watching, control = _machine(column, solver, watch, rtol, atol)
+    watching, control = _machine(column, method, watch, rtol, atol)
     terms = dfx.ODETerm(vector_field)
     max_steps = whole_number("max_steps", max_steps)
     y0 = float_state(start)
@@ -232,9 +249,10 @@ def settle(
         steps=steps,
         windows=watched.windows,
         outcome=outcome.astype(jnp.int8),
+        solver_kind=kind,
         observers=watch.observers,
         settings=recorded(
-            solver=solver.name,
+            solver=method.name if kind is None else "auto",
             rtol=rtol,
             atol=atol,
             transient=watch.transient,
@@ -255,7 +273,7 @@ def trajectory(
     *,
     rtol: Any = 1e-8,
     atol: Any = 1e-8,
-    solver: Explicit | None = None,
+    solver: Solver = None,
     max_steps: int = 1_000_000,
     max_events: int = 1000,
 ) -> Trajectory:
@@ -268,8 +286,8 @@ def trajectory(
     - `column`, `start`: the scene; the start is the state at `ts[0]`.
     - `ts`: increasing times in $\sqrt{m l^2/k}$, shape (n,), at least two.
     - `rtol`, `atol`: tolerances of each step.
-    - `solver`: `Explicit(tableau)`; None is Dopri8; with set-valued friction Tsit5,
-        whose shorter steps show events more closely.
+    - `solver`: as `settle`, but None is Dopri8; with set-valued friction Tsit5, whose
+        shorter steps show events more closely.
     - `max_steps`: the step budget.
     - `max_events`: how many events there is room for, with set-valued friction.
 
@@ -281,19 +299,24 @@ def trajectory(
     rtol, atol = tolerances(rtol, atol)
     y0 = float_state(start)
     ts = increasing_times(ts, y0[0].dtype)
-    good = valid_scene(column, y0)
-    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
+    good = valid_scene(column, y0) & (rtol > 0) & (atol > 0)
+    good &= jnp.all(jnp.diff(ts) > 0) & jnp.all(jnp.isfinite(ts))
+    # diffrax refuses bad times, and a span of none; nothing moves on from NaN
+    ts = jnp.where(good, ts, jnp.arange(ts.size, dtype=ts.dtype))
+    y0 = nan_where(~good, y0)
     if isinstance(column.friction, SetValuedCoulomb):
         log = EventLog(whole_number("max_events", max_events))
-        solver = Explicit() if solver is None else solver
-        method, control = _machine(column, solver, log, rtol, atol)
+        method, _ = method_of(solver, column, rtol, Explicit())
+        method, control = _machine(column, method, log, rtol, atol)
     else:
-        method = Explicit(dfx.Dopri8.tableau) if solver is None else solver
+        method, _ = method_of(solver, column, rtol, Explicit(dfx.Dopri8.tableau))
+        layer = layer_of(column, method)
+        control = StepControl(rtol, atol, layer)  # pyright: ignore
     solution = dfx.diffeqsolve(
         dfx.ODETerm(vector_field),
         method,
         t0=ts[0],
-        t1=jnp.where(good, ts[-1], ts[0]),
+        t1=ts[-1],
         dt0=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
         y0=y0,
         args=prepared(column),
@@ -319,7 +342,7 @@ def trajectory(
         ts=ts,
         phi=jnp.stack(ys[:2], axis=-1),
         omega=jnp.stack(ys[2:], axis=-1),
-        steps=solution.stats["num_steps"],
+        steps=jnp.where(good, solution.stats["num_steps"], 0),
         outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
         events=events,
     )
@@ -334,12 +357,13 @@ class _Run(NamedTuple):
     outcome: Any
 
 
-def _machine(column: Column, solver: Explicit, fold: Any, rtol: Any, atol: Any) -> Any:
+def _machine(column: Column, solver: Any, fold: Any, rtol: Any, atol: Any) -> Any:
     """The observing solver and the controller that the friction law needs."""
     if isinstance(column.friction, SetValuedCoulomb):
         control = LandingControl(rtol, atol)  # pyright: ignore[reportCallIssue]
         return StickSlip(solver, fold, atol), control
-    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
+    layer = layer_of(column, solver)
+    control = StepControl(rtol, atol, layer)  # pyright: ignore
     return Observed(solver, fold), control
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from tqdm import tqdm
 
+from ._choice import Undecided, stiff_points
 from ._lanes import (
     Effort,
     Program,
@@ -19,9 +20,10 @@ from ._lanes import (
     grid_shape,
     run_lanes,
     surroundings,
+    together,
 )
 from ._variables import AXES, DIMENSIONS, Variable
-from .outcome import flag_attributes
+from .outcome import SOLVER, flag_attributes
 
 
 def sweep(
@@ -59,7 +61,8 @@ def sweep(
     - `batch_size`: lanes a batch. None is 8192 for points that run no `settle`, and
         else 128, or 512 where `configure_cpu()` was needed and not called. A lane's
         result does not depend on its batch mates; another batch size is another
-        program, equal to rounding.
+        program, equal to rounding. With `solver="auto"` lanes of a kind share programs
+        and batches.
     - `threads`: None uses every core that the process may use.
     - `progress`: a bar with points per second; None shows it on a terminal only.
     - `precision`: of the computation, whatever JAX's own setting.
@@ -88,7 +91,8 @@ def sweep(
             f"Argument `precision` must be float64 or float32, but is {precision!r}."
         )
     wide = precision == "float64"
-    program = compiled(point, names, batch_size, wide)
+    groups = _groups(point, grid, valid, batch_size, wide)
+    program = groups[0][0]
     _check_names(names, program)
     arrays = {
         name: _empty(variable, shape) for name, variable in program.variables.items()
@@ -107,11 +111,31 @@ def sweep(
                 bar.set_postfix_str(f"{useful:.0%} useful steps", refresh=False)
             bar.update(done)
 
-        effort = run_lanes(
-            program, values, valid, arrays, threads=threads, on_batch=on_batch
-        )
-    attributes = _provenance(point, program, effort, threads, count)
+        efforts = [
+            run_lanes(part, values, some, arrays, threads=threads, on_batch=on_batch)
+            for part, some in groups
+        ]
+    compile_seconds = sum(part.compile_seconds for part, _ in groups)
+    effort = together(efforts)
+    attributes = _provenance(point, program, effort, threads, count, compile_seconds)
     return _dataset(grid, program.variables, arrays, attributes)
+
+
+def _groups(
+    point: Callable,
+    grid: dict[str, np.ndarray],
+    valid: np.ndarray,
+    batch_size: int | None,
+    wide: bool,
+) -> list[tuple[Program, np.ndarray]]:
+    """Programs, each with the points it is for: two where "auto" finds two kinds."""
+    scene = point, tuple(grid), batch_size, wide
+    try:
+        return [(compiled(*scene), valid)]
+    except Undecided:
+        stiff = stiff_points(point, grid, valid, wide)
+        kinds = (SOLVER.explicit, valid & ~stiff), (SOLVER.stiff, valid & stiff)
+        return [(compiled(*scene, kind), some) for kind, some in kinds if some.any()]
 
 
 def _axes(point: Callable, extra: dict, named: dict) -> dict[str, np.ndarray]:
@@ -257,7 +281,12 @@ def _dataset(
 
 
 def _provenance(
-    point: Callable, program: Program, effort: Effort, threads: int, count: int
+    point: Callable,
+    program: Program,
+    effort: Effort,
+    threads: int,
+    count: int,
+    compile_seconds: float,
 ) -> dict[str, Any]:
     try:
         scene = inspect.getsource(point)
@@ -277,7 +306,7 @@ def _provenance(
         "batch_size": program.batch_size,
         "threads": threads,
         "points": count,
-        "compile_seconds": round(program.compile_seconds, 3),
+        "compile_seconds": round(compile_seconds, 3),
         "run_seconds": round(effort.seconds, 3),
         "points_per_second": round(count / max(effort.seconds, 1e-9), 1),
         "useful_step_fraction": round(effort.useful_steps, 4),

@@ -4,6 +4,7 @@ from .control import ControlState, Signals, StepControl
 from .explicit import Explicit
 from .landing import LandingControl, LandingSignals
 from .observed import AbstractFold, Observed, Step
+from .rosenbrock import Rosenbrock
 from .stickslip import StickSlip, StickSlipState
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "LandingControl",
     "LandingSignals",
     "Observed",
+    "Rosenbrock",
     "Signals",
     "Step",
     "StepControl",

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from .._types import Scalar, Vector4
 from .control import Signals
 from .explicit import OKAY, Explicit, dense
+from .rosenbrock import Rosenbrock
 
 
 class Step(NamedTuple):
@@ -59,14 +60,14 @@ class ObservedState(NamedTuple):
 
 
 class Observed(dfx.AbstractSolver):
-    """An explicit solver with a fold over its accepted steps.
+    """A one-step method with a fold over its accepted steps.
 
     Read its `ObservedState` back with `SaveAt(solver_state=True)`. That holds y too:
     `SaveAt(t1=True)` saves by a scatter, which XLA runs lane by lane on a CPU. Needs
     `StepControl`, which understands its `Signals`.
     """
 
-    solver: Explicit
+    solver: Explicit | Rosenbrock
     fold: AbstractFold
 
     term_structure: ClassVar = dfx.AbstractTerm

@@ -5,9 +5,9 @@ One step solves, for $i = 1 \dots 8$,
 $$\Bigl(\frac{1}{\gamma h} I - J\Bigr) U_i = f\Bigl(y_0 + \sum_{j<i} a_{ij} U_j\Bigr)
   + \frac1h \sum_{j<i} c_{ij} U_j, \qquad y_1 = y_0 + \sum_i m_i U_i,$$
 
-with the Jacobian J of f at $y_0$: linear systems with one matrix, no iteration. Smoothed
-friction is stiff in the two rates alone. With $y = (\phi, \omega)$, $\dot\phi = \omega$
-and $J = [[0, I], [P, Q]]$ the angles drop out of each system,
+with the Jacobian J of f at $y_0$: linear systems with one matrix, no iteration.
+Smoothed friction is stiff in the two rates alone. With $y = (\phi, \omega)$,
+$\dot\phi = \omega$ and $J = [[0, I], [P, Q]]$ the angles drop out of each system,
 
 $$\bigl(I - g Q - g^2 P\bigr)\, u_\omega = g\,(r_\omega + g P r_\phi), \qquad
   u_\phi = g\,(r_\phi + u_\omega), \qquad g = \gamma h,$$
@@ -184,10 +184,10 @@ class Rosenbrock(dfx.AbstractSolver):
         r"""One step from y0.
 
         **Returns:** y1, the error estimate, the slope at y1, and the integrals
-        $\int_{t_0}^{t_1} g(y)\,dt$ of `integrand`, a function of the state that returns
-        a tuple; to the order of the method, as if the integrals z were part of the
-        state: their stages are
-        $Z_i = g\,\bigl(g(Y_i) + g'(y_0)\,U_i\bigr) + \gamma \sum_{j<i} c_{ij} Z_j$.
+        $\int_{t_0}^{t_1} p(y)\,dt$ of `integrand`, a function p of the state that
+        returns a tuple; to the order of the method, as if the integrals were part of
+        the state: with the stages' arguments $Y_i$ theirs are
+        $Z_i = g\,\bigl(p(Y_i) + p'(y_0)\,U_i\bigr) + \gamma \sum_{j<i} c_{ij} Z_j$.
         """
         del first  # the linearisation holds the field
         h = t1 - t0
@@ -195,8 +195,8 @@ class Rosenbrock(dfx.AbstractSolver):
         start = materialise(
             t0, lambda: _linearised(lambda y: terms.vf(t0, y, args), y0, g)
         )
-        if integrand is not None:
-            first_parts, along = jax.linearize(integrand, y0)
+        seen = (lambda y: ()) if integrand is None else integrand
+        first_parts, along = jax.linearize(seen, y0)
 
         def solved(field, push):
             r1, r2 = field[0] + push[0], field[1] + push[1]
@@ -209,12 +209,13 @@ class Rosenbrock(dfx.AbstractSolver):
 
         def stage(y, push):
             u = solved(terms.vf(t0, y, args), push)
-            return u, (() if integrand is None else _parts(integrand(y), along(u)))
+            return u, _sums(seen(y), along(u))
 
         def first_stage():
             u = solved(start.field, (0.0,) * 4)
-            return u, (() if integrand is None else _parts(first_parts, along(u)))
+            return u, _sums(first_parts, along(u))
 
+        y = y0
         u, parts = materialise(t0, first_stage)
         stages, works = [u], [tuple(g * x for x in parts)]
         for a, c in zip(A, C, strict=True):
@@ -223,11 +224,9 @@ class Rosenbrock(dfx.AbstractSolver):
             u, parts = materialise(t0, stage, y, push)
             stages.append(u)
             works.append(
-                tuple(
-                    g * x + GAMMA * _dot(c, works, i) for i, x in enumerate(parts)
-                )
+                tuple(g * x + GAMMA * _dot(c, works, i) for i, x in enumerate(parts))
             )
-        y1 = tuple(x + d for x, d in zip(y, stages[-1], strict=True))
+        y1 = _sums(y, stages[-1])
         slopes = tuple(per_h * _dot(_END, stages, i) for i in (2, 3))
         integrals = tuple(_dot(M, works, i) for i in range(len(works[0])))
         return y1, stages[-1], (y1[2], y1[3], *slopes), integrals
@@ -258,7 +257,7 @@ def _linearised(function: Callable, y0: Vector4, g: Any) -> Linearised:
     return Linearised(field, p, inverse)
 
 
-def _parts(values: tuple, changes: tuple) -> tuple:
+def _sums(values: tuple, changes: tuple) -> tuple:
     return tuple(v + c for v, c in zip(values, changes, strict=True))
 
 
