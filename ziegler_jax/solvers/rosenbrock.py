@@ -140,11 +140,15 @@ class Rosenbrock(dfx.AbstractSolver):
 
     For smoothed friction with $v_{smooth}$ far below $\tau$, or strong damping: where
     a joint creeps, the steps of an explicit method stay below a few of its decay times,
-    these do not. A step costs about two of `Explicit()`'s.
+    these do not. A step costs 1.7 of `Explicit()`'s.
 
     The slope that is handed on, to observers and to interpolation, is that of the
     method's continuous extension, not f(y1): there the stiff part would magnify the
-    step's error by its rate.
+    step's error by its rate. The error estimate of a rate is the larger of the embedded
+    method's and of $h (I - gQ - g^2 P)^{-1} (f(y_1) - \dot y(t_1))$, the extension's
+    defect at the step's end, of the same order. The embedded method alone does not see
+    a friction layer that a rate crosses within a step: with v_smooth of 1e-5 to 1e-7 it
+    left errors of up to 10 000 tolerances (both: 40) for the same number of steps.
     """
 
     name: ClassVar[str] = "Rodas5P"
@@ -228,8 +232,20 @@ class Rosenbrock(dfx.AbstractSolver):
             )
         y1 = _sums(y, stages[-1])
         slopes = tuple(per_h * _dot(_END, stages, i) for i in (2, 3))
+
+        def errors():
+            field = terms.vf(t0, y1, args)
+            missed = [h * (field[i + 2] - slopes[i]) for i in (0, 1)]
+            e1, e2, *rates = stages[-1]
+            for i, row in enumerate(start.inverse):
+                defect = row[0] * missed[0] + row[1] * missed[1]
+                larger = jnp.abs(defect) > jnp.abs(rates[i])
+                rates[i] = jnp.where(larger, defect, rates[i])
+            return e1, e2, *rates
+
+        error = materialise(t0, errors)
         integrals = tuple(_dot(M, works, i) for i in range(len(works[0])))
-        return y1, stages[-1], (y1[2], y1[3], *slopes), integrals
+        return y1, error, (y1[2], y1[3], *slopes), integrals
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         """One step, as diffrax asks for it."""
