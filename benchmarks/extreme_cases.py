@@ -58,7 +58,9 @@ def parts():
     for c in (0.0, 1e-12, 1e3):
         yield case(f"c = {c:g}", c=c, explicit=(SPENT,) if c > 1 else ())
     b = math.sqrt(1 - 1e-12)
-    yield case("inertia a d - b^2 = 1e-12", a=1.0, b=b, d=1.0, span=1e-3)
+    yield case(
+        "inertia a d - b^2 = 1e-12", a=1.0, b=b, d=1.0, span=1.0, explicit=(SPENT,)
+    )
     yield case("inertia a d = b^2", ("invalid",), a=1.0, b=1.0, d=1.0)
     for m2 in (1e-6, 1e6):
         rods = {"a": 1 / 3 + m2, "b": m2 / 2, "d": m2 / 3}
