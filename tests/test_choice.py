@@ -74,7 +74,7 @@ def test_a_program_holds_one_method():
             return len(str(jax.make_jaxpr(with_solver(solver))(1e-4, 0.2)))
 
     chosen = length("auto", SOLVER.stiff)
-    # the kind is one number more; measured
+    # the kind is one number more
     assert abs(chosen / length(zj.Rosenbrock(), None) - 1) < 0.01
 
 
