@@ -15,7 +15,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from extreme_cases import CASES, LONG, LONG_AMPLITUDE, LONG_BOUND, USUAL
+from extreme_cases import CASES, LONG, LONG_AMPLITUDE, LONG_BOUND, NOTES, USUAL
 from measure import machine, rounded
 from scipy.integrate import solve_ivp
 
@@ -168,6 +168,8 @@ def written(rows, chosen):
             "as expected" if r["as_expected"] else "**not as expected**",
         ]  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
+    missed = {r["case"] for r in rows if not r["as_expected"]}
+    lines += ["", *(f"{name}: {NOTES.get(name, 'not explained')}" for name in missed)]
     return "\n".join(lines) + "\n"
 
 

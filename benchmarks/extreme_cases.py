@@ -13,6 +13,12 @@ USUAL = {
 }  # fmt: skip
 ENDED = ("unsettled", "stuck")  # followed to the end of the span
 SPENT = "budget_spent"
+OVERFLOWS = ("not_finite", "step_vanished")
+NOTES = {
+    "v_smooth 1e-8": "at a tolerance as fine as the layer is narrow one step crosses it "
+    "unseen by both error estimates, the embedded one and the defect at the step's end; "
+    "at 1e-7, 1e-9 and finer the same scene is within 10 tolerances.",
+}
 
 
 class Case(NamedTuple):
@@ -79,7 +85,7 @@ def starts():
     yield case("angles of 1e6", phi1=1e6, phi2=1e6, span=1e-3)
     yield case("rates of 1e4", omega1=1e4, omega2=-1e4, span=0.01)
     yield case("a start that is not finite", ("invalid",), omega2=math.inf)
-    yield case("a rate whose square overflows", ("not_finite",), omega2=1e200)
+    yield case("a rate whose square overflows", OVERFLOWS, omega2=1e200)
     nan = {"q": math.nan}
     yield case("a load that is NaN", ("invalid",), **nan)
 

@@ -205,8 +205,8 @@ def test_a_turn_of_both_rods_winds_up_spring_1_alone(rng):
             here = (phi1, phi2, w1, w2)
             there = (phi1 + far, phi2 + far, w1, w2)
             moved = np.subtract(field(0.0, there, free), field(0.0, here, free))
-            # accelerations have slopes of up to 13 here; measured
-            assert np.abs(moved).max() < 40 * 2.0**-52 * far
+            # accelerations have slopes of up to 13 here; measured 1.9
+            assert np.abs(moved).max() < 20 * 2.0**-52 * far
             torque = np.subtract(field(0.0, there, wound), field(0.0, there, free))
             s = np.cos(phi1 - phi2) / 2
             expected = np.array([1 / 3, -s]) * -there[0] / (4 / 9 - s * s)

@@ -81,12 +81,12 @@ def residuals(weights, order):
 @pytest.mark.parametrize("order, count", [(1, 1), (2, 1), (3, 2), (4, 4), (5, 9)])
 def test_all_order_conditions_hold_up_to_5_and_up_to_4_embedded(order, count):
     assert len(trees(order)) == count
-    # measured 1.4e-14
+    # measured 1.6e-14
     assert max(residuals(WEIGHTS, order)) < 1e-13
     if order < 5:
-        assert max(residuals(EMBEDDED, order)) < 1e-13  # measured 1.4e-14
+        assert max(residuals(EMBEDDED, order)) < 1e-13  # measured 1.2e-14
     else:  # or the error estimate would vanish
-        assert max(residuals(EMBEDDED, order)) > 1e-4
+        assert max(residuals(EMBEDDED, order)) > 1e-3  # measured 0.015
 
 
 def stability(weights, z):
@@ -95,12 +95,12 @@ def stability(weights, z):
 
 
 def test_it_is_stiffly_accurate_and_l_stable():
-    # the weights are the last row: measured 2e-14
-    np.testing.assert_allclose(WEIGHTS, BETA[-1], rtol=0, atol=2e-13)
+    # the weights are the last row: measured 4e-16
+    np.testing.assert_allclose(WEIGHTS, BETA[-1], rtol=0, atol=4e-15)
     for weights in (WEIGHTS, EMBEDDED):
-        assert abs(stability(weights, -1e9)) < 1e-6
+        assert abs(stability(weights, -1e9)) < 1e-7  # measured 1.3e-8
     on_axis = [abs(stability(WEIGHTS, 1j * y)) for y in np.logspace(-3, 4, 400)]
-    # measured 1 + 3e-15
+    # measured 1
     assert max(on_axis) < 1 + 1e-13
 
 
@@ -267,9 +267,8 @@ def creeping():
 
 def test_the_cost_hardly_depends_on_the_layer(creeping):
     steps = creeping.steps.mean(["q", "mu"]).values
-    #
-    assert steps[4] < 3 * steps[0]  # v_smooth = 1e-6 and 1e-2; measured
-    assert steps[-1] < 4 * steps[0]  # 1e-8; measured
+    assert steps[4] < 3 * steps[0]  # v_smooth = 1e-6 and 1e-2; measured 2.4
+    assert steps[-1] < 4 * steps[0]  # 1e-8; measured 3.2
     assert (creeping.outcome >= OUTCOME.unsettled).all()
 
 
@@ -277,8 +276,8 @@ def test_creeping_joints_count_as_sticking_and_energy_balances(creeping):
     held = creeping.sel(mu=0.4, q=1.2)
     assert (held.outcome == OUTCOME.stuck).all()
     np.testing.assert_array_equal(held.stick_fraction, 1.0)
-    # measured
-    assert np.abs(creeping.energy_imbalance).max() < 1e-5
+    # measured 4.9e-7
+    assert np.abs(creeping.energy_imbalance).max() < 5e-6
 
 
 @pytest.mark.slow
