@@ -30,7 +30,7 @@ SOLVERS = {
     "Dopri8": zj.Explicit(dfx.Dopri8.tableau),
     "Rodas5P": zj.Rosenbrock(),
 }
-TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
+TOLERANCES = (1e-4, 1e-6, 1e-8)
 START = (0.0, 0.0, 0.0, 0.3)
 SPAN, PIECE, BACK = 1e4, 1.0, 100.0
 MOST = 50_000_000
@@ -50,7 +50,7 @@ def advanced(solver, y, q, span, tol):
 
 
 def energies(solver):
-    column, ts = zj.uniform_rods(0.0), np.linspace(0.0, SPAN, 101)
+    column, ts = zj.uniform_rods(0.0), np.linspace(0.0, SPAN, 11)
 
     @jax.jit
     @jax.vmap
@@ -62,7 +62,7 @@ def energies(solver):
         e = jax.vmap(lambda *y: zj.energy(column, y))(*y)
         return e / e[0] - 1
 
-    return ts, np.asarray(run(np.array(TOLERANCES)))
+    return np.asarray(run(np.array(TOLERANCES)))
 
 
 def returns(solver):
@@ -81,7 +81,7 @@ def returns(solver):
 
 def volumes(solver, q):
     """D log(det M dphi domega) / dt of the numerical flow, at each tolerance."""
-    ts = np.arange(0.0, 1001.0, 10 * PIECE)
+    ts = np.arange(0.0, 501.0, 10 * PIECE)
     path = zj.trajectory(
         zj.uniform_rods(q), state(START), ts, rtol=1e-12, atol=1e-12, max_steps=MOST
     )
@@ -91,6 +91,7 @@ def volumes(solver, q):
         return jnp.log(4 / 9 - (jnp.cos(y[0] - y[1]) / 2) ** 2)
 
     @jax.jit
+    @jax.vmap
     def rate(tol):
         def piece(y):
             end = advanced(solver, y, q, jnp.asarray(PIECE), tol)
@@ -102,7 +103,7 @@ def volumes(solver, q):
 
         return jax.vmap(of)(states).mean() / PIECE
 
-    return np.array([float(rate(tol)) for tol in TOLERANCES])
+    return np.asarray(rate(np.array(TOLERANCES)))
 
 
 def draw(result, path):
@@ -150,7 +151,7 @@ def main():
         "volume_rate": {"1.5": {}, "2.6": {}},
     }
     for name, solver in SOLVERS.items():
-        _, drift = energies(solver)
+        drift = energies(solver)
         result["energy_drift"][name] = [float(x) for x in drift[:, -1]]
         result["return_error"][name] = [float(x) for x in returns(solver)]
         for q, rates in result["volume_rate"].items():

@@ -15,9 +15,9 @@ ENDED = ("unsettled", "stuck")  # followed to the end of the span
 SPENT = "budget_spent"
 OVERFLOWS = ("not_finite", "step_vanished")
 NOTES = {
-    "v_smooth 1e-8": "at a tolerance as fine as the layer is narrow one step crosses it "
-    "unseen by both error estimates, the embedded one and the defect at the step's end; "
-    "at 1e-7, 1e-9 and finer the same scene is within 10 tolerances.",
+    "v_smooth 1e-8": "where the tolerance is as fine as the layer is narrow, one step "
+    "crosses it unseen by both error estimates, the embedded one and the defect at the "
+    "step's end; at 1e-7, 1e-9 and finer the same scene is within 10 tolerances.",
 }
 
 
