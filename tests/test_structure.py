@@ -18,7 +18,7 @@ PACKAGE = Path(zj.__file__).parent
 
 # A file imports only from floors below its own.
 FLOORS = [
-    ["_types", "_variables", "outcome", "_cpu", "_legs"]
+    ["_types", "_variables", "outcome", "_cpu", "_legs", "_surroundings"]
     + ["_materialise", "_sincos", "_exponential"],
     ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],

@@ -1,7 +1,6 @@
 """Sweeps: labels, refusals, and lanes that depend on nothing but their own numbers."""
 
 import functools
-import json
 import os
 import signal
 import subprocess
@@ -432,34 +431,6 @@ quiet = functools.partial(zj.sweep, square, progress=False)
 )
 def test_a_wrong_argument_is_refused_by_name_value_and_rule(refuses, call, parts):
     refuses(call, *parts)
-
-
-# What surrounds a point ---------------------------------------------------------------
-
-FACTOR = 1.0
-
-
-def scaled(x):
-    return FACTOR * x
-
-
-def test_a_changed_global_is_another_scene(monkeypatch):
-    before = zj.sweep(scaled, x=[2.0], progress=False)
-    monkeypatch.setitem(globals(), "FACTOR", 5.0)
-    after = zj.sweep(scaled, x=[2.0], progress=False)
-    assert before.value == 2.0 and after.value == 10.0
-    assert json.loads(after.attrs["scene_constants"]) == {"FACTOR": 5.0}
-
-
-def test_an_unhashable_callable_can_be_swept():
-    class Scale:
-        __hash__ = None
-        factor = 3.0
-
-        def __call__(self, x):
-            return self.factor * x
-
-    assert zj.sweep(Scale(), x=[2.0], progress=False).value == 6.0
 
 
 def test_left_out_points_are_nan_for_whole_and_complex_numbers():

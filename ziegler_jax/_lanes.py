@@ -1,6 +1,5 @@
 """How many points run: compiled batches on threads, lanes refilled as they end."""
 
-import inspect
 import os
 import threading
 import time
@@ -17,6 +16,7 @@ from jax import lax
 from ._choice import lanes_of
 from ._cpu import compiles_whole_loops
 from ._legs import Legs, in_legs
+from ._surroundings import surroundings
 from ._variables import DIMENSIONS, Variable, named_variables
 from .outcome import SOLVER
 
@@ -98,9 +98,8 @@ def compiled(
 
     **Arguments:** `kind`: that of all lanes, where `solver="auto"` has asked for it.
     """
-    around = surroundings(point)
     try:
-        return _kept(point, names, batch_size, wide, kind, around)
+        return _kept(point, names, batch_size, wide, kind, surroundings(point))
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
@@ -113,27 +112,6 @@ def _kept(point, names, batch_size, wide, kind, around) -> Program:
     del around  # a part of the key: a changed global is another scene
     with lanes_of(kind):
         return compile_point(point, names, batch_size, wide)
-
-
-def surroundings(point: Callable, numbers_only: bool = False) -> tuple:
-    """What `point` refers to beyond its arguments: numbers by value, else by identity.
-
-    JAX would not notice that one has changed.
-    """
-    try:
-        around = inspect.getclosurevars(inspect.unwrap(point))
-    except (TypeError, ValueError):
-        return ()
-    plain = (bool, int, float, str)
-    found = []
-    for name, value in sorted({**around.globals, **around.nonlocals}.items()):
-        if isinstance(value, plain) or (
-            isinstance(value, tuple) and all(isinstance(v, plain) for v in value)
-        ):
-            found.append((name, value))
-        elif not numbers_only:
-            found.append((name, id(value)))
-    return tuple(found)
 
 
 def compile_point(

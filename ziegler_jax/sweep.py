@@ -19,9 +19,9 @@ from ._lanes import (
     compiled,
     grid_shape,
     run_lanes,
-    surroundings,
     together,
 )
+from ._surroundings import constants
 from ._variables import AXES, DIMENSIONS, Variable
 from .outcome import SOLVER, flag_attributes
 
@@ -300,7 +300,7 @@ def _provenance(
         **versions,
         "python_version": platform.python_version(),
         "scene": scene,
-        "scene_constants": json.dumps(dict(surroundings(point, numbers_only=True))),
+        "scene_constants": json.dumps(constants(point)),
         **program.attributes,
         "precision": "float64" if program.wide else "float32",
         "batch_size": program.batch_size,
