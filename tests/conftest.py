@@ -5,11 +5,20 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, Phase, settings
 
 jax.config.update("jax_enable_x64", True)
 # no silent change of dtype or rank anywhere in the package
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# 32 lanes an example; `--hypothesis-profile=full` draws 10 000 a test and method
+for profile, examples in (("few", 3), ("full", 313)):
+    settings.register_profile(
+        profile, max_examples=examples, deadline=None, database=None, derandomize=True,
+        suppress_health_check=list(HealthCheck), phases=[Phase.generate],
+    )  # fmt: skip
+settings.load_profile("few")
 
 REFERENCE = Path(__file__).parent / "reference"
 

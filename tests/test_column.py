@@ -192,3 +192,22 @@ def test_traced_numbers_that_break_a_rule_are_found_inside():
         rows[row, place] = value
     found = np.asarray(valid(*rows.T))
     assert found.tolist() == [True] + [False] * len(bad)
+
+
+def test_a_turn_of_both_rods_winds_up_spring_1_alone(rng):
+    """The same accelerations but for its torque, to the digits that the angle keeps."""
+    field = jax.jit(zj.vector_field)
+    for turns in (1, 1000, 160_000):  # up to 1e6 rad
+        for phi1, phi2, w1, w2 in rng.uniform(-0.5, 0.5, (5, 4)):
+            free = zj.uniform_rods(2.0, kappa=0.0)
+            wound = zj.uniform_rods(2.0, kappa=1.0)
+            far = 2 * np.pi * turns
+            here = (phi1, phi2, w1, w2)
+            there = (phi1 + far, phi2 + far, w1, w2)
+            moved = np.subtract(field(0.0, there, free), field(0.0, here, free))
+            # accelerations have slopes of up to 13 here; measured 1.9
+            assert np.abs(moved).max() < 20 * 2.0**-52 * far
+            torque = np.subtract(field(0.0, there, wound), field(0.0, there, free))
+            s = np.cos(phi1 - phi2) / 2
+            expected = np.array([1 / 3, -s]) * -there[0] / (4 / 9 - s * s)
+            np.testing.assert_allclose(torque[2:], expected, rtol=1e-9)

@@ -22,7 +22,7 @@ FLOORS = [
     + ["_materialise", "_sincos", "_exponential"],
     ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],
-    ["linear", "sticking", "solvers", "observers", "_parameters"],
+    ["linear", "sticking", "solvers", "observers", "_parameters", "_choice"],
     ["critical", "_scene", "_events"],
     ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"],
     ["_settling", "_shooting"],
@@ -47,6 +47,7 @@ SAME_FLOOR = {
 SOLVERS = [
     ["control", "crossing", "tableaus"],
     ["explicit"],
+    ["rosenbrock"],
     ["observed"],
     ["stickslip"],
 ]

@@ -22,7 +22,7 @@ from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_colu
 from .lyapunov import Exponents, lyapunov_exponents
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .onset import Onset, critical_kick, flutter_onset
-from .outcome import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SPECIAL, VERDICT
+from .outcome import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SOLVER, SPECIAL, VERDICT
 from .poincare import Section, poincare
 from .precision import work_precision
 from .quasi_static import UpDown, sweep_up_down
@@ -30,7 +30,7 @@ from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
 from .si import SI
 from .simulate import Settled, Trajectory, settle, trajectory
-from .solvers import Explicit
+from .solvers import Explicit, Rosenbrock
 from .stabilise import stabilise
 from .sticking import StickingSet, sticking_set
 from .sweep import sweep
@@ -43,6 +43,7 @@ __all__ = [
     "OUTCOME",
     "REGIME",
     "SI",
+    "SOLVER",
     "SPECIAL",
     "VERDICT",
     "Air",
@@ -62,6 +63,7 @@ __all__ = [
     "PeriodicOrbit",
     "Points",
     "RegularisationError",
+    "Rosenbrock",
     "Section",
     "SetValuedCoulomb",
     "Settled",

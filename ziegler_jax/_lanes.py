@@ -13,11 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ._choice import lanes_of
 from ._cpu import compiles_whole_loops
 from ._legs import Legs, in_legs
 from ._override import Override, current_override, overriding
 from ._surroundings import surroundings
 from ._variables import DIMENSIONS, Variable, named_variables
+from .outcome import SOLVER
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.
@@ -89,22 +91,31 @@ class Packing:
 
 
 def compiled(
-    point: Callable, names: tuple[str, ...], batch_size: int | None, wide: bool
+    point: Callable,
+    names: tuple[str, ...],
+    batch_size: int | None,
+    wide: bool,
+    kind: SOLVER | None = None,
 ) -> Program:
-    """`point` for one batch of lanes; kept for the next call where it can be."""
+    """`point` for one batch of lanes; kept for the next call where it can be.
+
+    **Arguments:** `kind`: that of all lanes, where `solver="auto"` has asked for it.
+    """
     around = surroundings(point), current_override()
     try:
-        return _kept(point, names, batch_size, wide, around)
+        return _kept(point, names, batch_size, wide, kind, around)
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
-        return compile_point(point, names, batch_size, wide)
+        with lanes_of(kind):
+            return compile_point(point, names, batch_size, wide)
 
 
 @lru_cache(maxsize=32)
-def _kept(point, names, batch_size, wide, around) -> Program:
+def _kept(point, names, batch_size, wide, kind, around) -> Program:
     del around  # a part of the key: a changed global or option is another scene
-    return compile_point(point, names, batch_size, wide)
+    with lanes_of(kind):
+        return compile_point(point, names, batch_size, wide)
 
 
 def compile_point(
@@ -204,6 +215,13 @@ class Effort(NamedTuple):
 
     seconds: float
     useful_steps: float  # the lanes' own steps over all steps that their batches ran
+
+
+def together(efforts: Sequence[Effort]) -> Effort:
+    """What several runs cost, one after the other."""
+    seconds = sum(e.seconds for e in efforts)
+    useful = sum(e.useful_steps * e.seconds for e in efforts) / max(seconds, 1e-9)
+    return Effort(seconds, useful)
 
 
 def run_lanes(

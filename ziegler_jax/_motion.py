@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from ._legs import current_legs
-from ._scene import outcome_of, prepared
+from ._scene import layer_of, outcome_of, prepared
 from ._types import Scalar, Vector4
 from .column import Column, vector_field
 from .outcome import OUTCOME
@@ -146,9 +146,9 @@ def follow(motion: Motion) -> Run:
     return run
 
 
-def machine(column: Column, solver: Explicit, fold: Any, rtol: Any, atol: Any) -> Any:
+def machine(column: Column, solver: Any, fold: Any, rtol: Any, atol: Any) -> Any:
     """The observing solver and the controller that the friction law needs."""
-    control = StepControl(rtol, atol)  # pyright: ignore[reportCallIssue]
+    control = StepControl(rtol, atol, layer_of(column, solver))  # pyright: ignore
     if isinstance(column.friction, SetValuedCoulomb):
         if solver.bend is None:
             raise ValueError(

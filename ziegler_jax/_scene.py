@@ -8,11 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._choice import AUTO, kind_of
 from ._override import overridden_tolerances
 from ._types import Scalar, Vector4, is_concrete, number
 from .column import Column, State
 from .observers import AbstractObserver, Amplitude
-from .outcome import OUTCOME
+from .outcome import OUTCOME, SOLVER
+from .set_valued import SetValuedCoulomb
+from .solvers import Explicit, Rosenbrock
 
 REST_RATE = 1e-6  # without friction there is no rate of the column's own
 FINEST_IN_FLOAT32 = 1e-5
@@ -55,6 +58,39 @@ def prepared(column: Column) -> Column:
     if column.tangential:
         column = eqx.tree_at(lambda c: c.follower, column, None)
     return column
+
+
+def method_of(
+    solver: Any, column: Column, rtol: Any, otherwise: Explicit
+) -> tuple[Any, jax.Array | None]:
+    """The method for an argument `solver`, and its kind where that was to be chosen."""
+    if solver is None:
+        return otherwise, None
+    set_valued = isinstance(column.friction, SetValuedCoulomb)
+    if isinstance(solver, str) and solver == AUTO:
+        kind = SOLVER.explicit if set_valued else kind_of(column, rtol)
+        method = Rosenbrock() if kind == SOLVER.stiff else otherwise
+        return method, jnp.asarray(kind, jnp.int8)
+    if isinstance(solver, Explicit):
+        return solver, None
+    if not isinstance(solver, Rosenbrock):
+        raise ValueError(
+            "Argument `solver` must be `Explicit(...)`, `Rosenbrock()`, 'auto' or "
+            f"None, but is {solver!r}."
+        )
+    if set_valued:
+        raise ValueError(
+            "Argument `solver` must be `Explicit(...)` with `SetValuedCoulomb` "
+            "friction, which is not stiff, but is `Rosenbrock()`."
+        )
+    return solver, None
+
+
+def layer_of(column: Column, method: Any) -> Scalar | None:
+    """The width of the friction layer that a stiff method's steps resolve."""
+    if column.friction is None or not isinstance(method, Rosenbrock):
+        return None
+    return column.friction.rate_cut()
 
 
 def valid_scene(column: Column, y0: Vector4) -> jax.Array:

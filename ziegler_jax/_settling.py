@@ -7,6 +7,7 @@ from ._override import overridden_solver
 from ._scene import (
     check_scene,
     float_state,
+    method_of,
     rate_cut_of,
     tolerances,
     valid_scene,
@@ -36,7 +37,7 @@ class Settling(Motion):
         observers: tuple[AbstractObserver, ...],
         rtol: Any,
         atol: Any,
-        solver: Explicit | None,
+        solver: Any,
         escape: Any,
         rate_cut: Any,
         max_steps: int,
@@ -47,6 +48,7 @@ class Settling(Motion):
         y0 = float_state(start)
         rtol, atol = tolerances(rtol, atol)
         solver = overridden_solver(solver)
+        method, self.kind = method_of(solver, column, rtol, Explicit())
         self.watch = watch = Windows(
             transient=number("transient", transient, "nonnegative"),
             window=number("window", window, "positive"),
@@ -62,7 +64,7 @@ class Settling(Motion):
             column,
             y0,
             watch,
-            solver=Explicit() if solver is None else solver,
+            solver=method,
             rtol=rtol,
             atol=atol,
             valid=valid,
@@ -75,7 +77,7 @@ class Settling(Motion):
         """The options, for the record."""
         watch = self.watch
         return {
-            "solver": self.method.name,
+            "solver": self.method.name if self.kind is None else "auto",
             "rtol": self.rtol,
             "atol": self.atol,
             "transient": watch.transient,

@@ -35,6 +35,11 @@ from .set_valued import Balance, SetValuedCoulomb, Torques
 class State(eqx.Module):
     r"""A start: angles $\phi_1, \phi_2$ (rad) and rates $\omega_1, \omega_2$.
 
+    Springs are wound up by a turn: $\phi$ and $\phi + 2\pi$ are different states, and
+    angles are never reduced. Both rods turned by $2\pi n$ differ in spring 1's torque
+    alone, and in rounding: an angle's last digit, $2^{-52} |\phi|$, is the finest that
+    its sine, and the motion, can know.
+
     **Arguments:** `phi`, `omega`: two numbers each, finite where concrete.
     """
 

@@ -1,6 +1,6 @@
 """Motions of a column: a time history to look at, and the long run as numbers."""
 
-from typing import Any
+from typing import Any, Literal
 
 import diffrax as dfx
 import equinox as eqx
@@ -14,6 +14,8 @@ from ._scene import (
     check_scene,
     float_state,
     increasing_times,
+    layer_of,
+    method_of,
     nan_where,
     outcome_of,
     prepared,
@@ -26,9 +28,11 @@ from ._settling import Settling
 from ._variables import Variable
 from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
-from .outcome import OUTCOME
+from .outcome import OUTCOME, SOLVER
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit, StepControl
+from .solvers import Explicit, Rosenbrock, StepControl
+
+Solver = Explicit | Rosenbrock | Literal["auto"] | None
 
 
 class Settled(eqx.Module):
@@ -45,6 +49,7 @@ class Settled(eqx.Module):
     steps: Any  # attempted steps, rejected ones included
     windows: Any  # windows observed
     outcome: Any  # a code of OUTCOME
+    solver_kind: Any  # a code of SOLVER where `solver="auto"` chose; else None
     observers: tuple[AbstractObserver, ...]
     settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
 
@@ -72,6 +77,10 @@ class Settled(eqx.Module):
             "windows": Variable(self.windows, "observed windows"),
             "outcome": Variable(self.outcome, "how the motion ended", codes=OUTCOME),
         }
+        if self.solver_kind is not None:
+            named["solver_kind"] = Variable(
+                self.solver_kind, "kind of method that was chosen", codes=SOLVER
+            )
         return named
 
     def attributes(self) -> dict[str, Any]:
@@ -106,7 +115,7 @@ def settle(
     observers: tuple[AbstractObserver, ...] = (),
     rtol: Any = 1e-6,
     atol: Any = 1e-6,
-    solver: Explicit | None = None,
+    solver: Solver = None,
     escape: Any = np.pi,
     rate_cut: Any = None,
     max_steps: int = 1_000_000,
@@ -136,7 +145,9 @@ def settle(
     - `rtol`, `atol`: tolerances of each step. On friction cycles (q = 2.6,
         $\tau$ = 0.026, v_smooth from 0.3 to 0.003) 1e-6 leaves up to 7e-5 rad in an
         amplitude, 1e-7 6e-6 for 1.4 times the steps.
-    - `solver`: `Explicit(tableau)`; None is Tsit5.
+    - `solver`: `Explicit(tableau)`; `Rosenbrock()` for stiff lanes; "auto" chooses by
+        the lane's own numbers (`ziegler_jax._choice` has the rule), where these are
+        known or in a `sweep`, and tells in `solver_kind`; None is Tsit5.
     - `escape`: a rod's angle beyond which the lane ends as `escaped`.
     - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
         (`v_smooth`; with set-valued friction what sticks rests); without friction 1e-6.
@@ -185,6 +196,7 @@ def settled(motion: Settling, run: Run) -> Settled:
         steps=run.steps,
         windows=watched.windows,
         outcome=run.outcome.astype(jnp.int8),
+        solver_kind=motion.kind,
         observers=watch.observers,
         settings=recorded(**motion.settings()),
     )
@@ -197,7 +209,7 @@ def trajectory(
     *,
     rtol: Any = 1e-8,
     atol: Any = 1e-8,
-    solver: Explicit | None = None,
+    solver: Solver = None,
     max_steps: int = 1_000_000,
     max_events: int = 1000,
 ) -> Trajectory:
@@ -210,8 +222,8 @@ def trajectory(
     - `column`, `start`: the scene; the start is the state at `ts[0]`.
     - `ts`: increasing times in $\sqrt{m l^2/k}$, shape (n,), at least two.
     - `rtol`, `atol`: tolerances of each step.
-    - `solver`: `Explicit(tableau)`; None is Dopri8; with set-valued friction it is
-        Tsit5, whose interpolant finds the events.
+    - `solver`: as `settle`, but None is Dopri8; with set-valued friction it is Tsit5,
+        whose interpolant finds the events.
     - `max_steps`: the step budget.
     - `max_events`: how many events there is room for, with set-valued friction.
 
@@ -224,20 +236,27 @@ def trajectory(
     solver = overridden_solver(solver)
     y0 = float_state(start)
     ts = increasing_times(ts, y0[0].dtype)
-    good = valid_scene(column, y0)
+    good = valid_scene(column, y0) & (rtol > 0) & (atol > 0)
+    good &= jnp.all(jnp.diff(ts) > 0) & jnp.all(jnp.isfinite(ts))
+    # diffrax refuses bad times, and a span of none; nothing moves on from NaN
+    ts = jnp.where(good, ts, jnp.arange(ts.size, dtype=ts.dtype))
+    y0 = nan_where(~good, y0)
     limit = whole_number("max_steps", max_steps)
     if isinstance(column.friction, SetValuedCoulomb):
-        return _stick_slip(column, y0, ts, good, rtol, atol, solver, limit, max_events)
+        method, _ = method_of(solver, column, rtol, Explicit())
+        return _stick_slip(column, y0, ts, good, rtol, atol, method, limit, max_events)
+    method, _ = method_of(solver, column, rtol, Explicit(dfx.Dopri8.tableau))
+    control = StepControl(rtol, atol, layer_of(column, method))  # pyright: ignore
     solution = dfx.diffeqsolve(
         dfx.ODETerm(vector_field),
-        Explicit(dfx.Dopri8.tableau) if solver is None else solver,
+        method,
         t0=ts[0],
-        t1=jnp.where(good, ts[-1], ts[0]),
+        t1=ts[-1],
         dt0=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
         y0=y0,
         args=prepared(column),
         stepsize_controller=dfx.ClipStepSizeController(
-            StepControl(rtol, atol),  # pyright: ignore[reportCallIssue]
+            control,
             step_ts=ts,
         ),
         saveat=dfx.SaveAt(ts=ts, solver_state=True),
@@ -253,7 +272,7 @@ def trajectory(
         ts=ts,
         phi=jnp.stack(ys[:2], axis=-1),
         omega=jnp.stack(ys[2:], axis=-1),
-        steps=solution.stats["num_steps"],
+        steps=jnp.where(good, solution.stats["num_steps"], 0),
         outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
     )
 

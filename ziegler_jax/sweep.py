@@ -12,17 +12,19 @@ import xarray as xr
 from tqdm import tqdm
 
 from ._audit import audit_attributes, checked_share, drawn
+from ._choice import Undecided, stiff_points
 from ._lanes import (
     Effort,
     Program,
     all_cores,
     compiled,
     run_lanes,
+    together,
 )
 from ._override import Override, overriding
 from ._surroundings import constants
 from ._variables import AXES, Variable
-from .outcome import flag_attributes
+from .outcome import SOLVER, flag_attributes
 
 
 def sweep(
@@ -61,7 +63,8 @@ def sweep(
     - `batch_size`: lanes a batch. None is 8192 for points that run no `settle`, and
         else 128, or 512 where `configure_cpu()` was needed and not called. A lane's
         result does not depend on its batch mates; another batch size is another
-        program, equal to rounding.
+        program, equal to rounding. With `solver="auto"` lanes of a kind share programs
+        and batches.
     - `threads`: None uses every core that the process may use.
     - `progress`: a bar with points per second; None shows it on a terminal only.
     - `precision`: of the computation, whatever JAX's own setting.
@@ -98,7 +101,8 @@ def sweep(
         )
     share = None if audit is None else checked_share(audit)
     wide = precision == "float64"
-    program = compiled(point, names, batch_size, wide)
+    groups = _groups(point, grid, valid, batch_size, wide)
+    program = groups[0][0]
     _check_names(names, program)
     arrays = {
         name: _empty(variable, shape) for name, variable in program.variables.items()
@@ -117,10 +121,13 @@ def sweep(
                 bar.set_postfix_str(f"{useful:.0%} useful steps", refresh=False)
             bar.update(done)
 
-        effort = run_lanes(
-            program, values, valid, arrays, threads=threads, on_batch=on_batch
-        )
-    attributes = _provenance(point, program, effort, threads, count)
+        efforts = [
+            run_lanes(part, values, some, arrays, threads=threads, on_batch=on_batch)
+            for part, some in groups
+        ]
+    compile_seconds = sum(part.compile_seconds for part, _ in groups)
+    effort = together(efforts)
+    attributes = _provenance(point, program, effort, threads, count, compile_seconds)
     found = _dataset(grid, program, arrays, attributes)
     if share is not None:
         sample = drawn(valid, round(share * count))
@@ -138,6 +145,23 @@ def sweep(
 
 
 FINER = 0.01  # the audit's tolerances, against the point's own
+
+
+def _groups(
+    point: Callable,
+    grid: dict[str, np.ndarray],
+    valid: np.ndarray,
+    batch_size: int | None,
+    wide: bool,
+) -> list[tuple[Program, np.ndarray]]:
+    """Programs, each with the points it is for: two where "auto" finds two kinds."""
+    scene = point, tuple(grid), batch_size, wide
+    try:
+        return [(compiled(*scene), valid)]
+    except Undecided:
+        stiff = stiff_points(point, grid, valid, wide)
+        kinds = (SOLVER.explicit, valid & ~stiff), (SOLVER.stiff, valid & stiff)
+        return [(compiled(*scene, kind), some) for kind, some in kinds if some.any()]
 
 
 def _axes(point: Callable, extra: dict, named: dict) -> dict[str, np.ndarray]:
@@ -286,7 +310,12 @@ def _dataset(
 
 
 def _provenance(
-    point: Callable, program: Program, effort: Effort, threads: int, count: int
+    point: Callable,
+    program: Program,
+    effort: Effort,
+    threads: int,
+    count: int,
+    compile_seconds: float,
 ) -> dict[str, Any]:
     try:
         scene = inspect.getsource(point)
@@ -306,7 +335,7 @@ def _provenance(
         "batch_size": program.batch_size,
         "threads": threads,
         "points": count,
-        "compile_seconds": round(program.compile_seconds, 3),
+        "compile_seconds": round(compile_seconds, 3),
         "run_seconds": round(effort.seconds, 3),
         "points_per_second": round(count / max(effort.seconds, 1e-9), 1),
         "useful_step_fraction": round(effort.useful_steps, 4),

@@ -3,6 +3,7 @@
 from .control import ControlState, Signals, StepControl
 from .explicit import Explicit
 from .observed import AbstractFold, Observed, Step
+from .rosenbrock import Rosenbrock
 from .stickslip import StickSlip, StickSlipState
 
 __all__ = [
@@ -10,6 +11,7 @@ __all__ = [
     "ControlState",
     "Explicit",
     "Observed",
+    "Rosenbrock",
     "Signals",
     "Step",
     "StepControl",

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from .._types import Scalar, Vector4
 from .control import Signals
 from .explicit import OKAY, Explicit, dense
+from .rosenbrock import Rosenbrock
 
 
 class Step(NamedTuple):
@@ -59,14 +60,14 @@ class ObservedState(NamedTuple):
 
 
 class Observed(dfx.AbstractSolver):
-    """An explicit solver with a fold over its accepted steps.
+    """A one-step method with a fold over its accepted steps.
 
     Read its `ObservedState` back with `SaveAt(solver_state=True)`. That holds y too:
     `SaveAt(t1=True)` saves by a scatter, which XLA runs lane by lane on a CPU. Needs
     `StepControl`, which understands its `Signals`.
     """
 
-    solver: Explicit
+    solver: Explicit | Rosenbrock
     fold: AbstractFold
 
     term_structure: ClassVar = dfx.AbstractTerm
@@ -93,7 +94,7 @@ class Observed(dfx.AbstractSolver):
         """One step, seen by the fold."""
         del made_jump
         _, f0, folded = solver_state
-        y1, error, f1, integrals, _ = self.solver.advance(
+        y1, error, f1, integrals, *_ = self.solver.advance(
             terms, t0, t1, y0, args, f0, self.fold.integrand(args)
         )
         seen = Step(t0, t1, y0, y1, f0, f1, integrals)
