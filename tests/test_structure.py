@@ -18,13 +18,17 @@ PACKAGE = Path(zj.__file__).parent
 
 # A file imports only from floors below its own.
 FLOORS = [
-    ["_types", "_variables", "outcome", "_cpu", "_legs"]
+    ["_types", "_variables", "outcome", "_cpu", "_cache", "_legs"]
     + ["_materialise", "_sincos", "_exponential"],
     ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters"],
     ["critical", "_windows", "_events", "_scene", "simulate"],
     ["sensitivity", "stabilise", "_lanes"],
+    ["_blocks"],
+    ["_fingerprint", "_progress"],
+    ["_store"],
+    ["_cluster"],
     ["sweep"],
     ["plot", "plot_linear", "audit"],
     ["__main__"],

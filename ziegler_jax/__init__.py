@@ -1,6 +1,8 @@
 """Flutter of the Ziegler column with dry friction: vectorised maps in JAX."""
 
+from ._cache import configure_cache
 from ._cpu import configure_cpu
+from ._store import open_sweep
 from .audit import RegularisationError, regularisation_error
 from .column import (
     Column,
@@ -50,10 +52,12 @@ __all__ = [
     "Sum",
     "Trajectory",
     "Viscous",
+    "configure_cache",
     "configure_cpu",
     "critical_load",
     "energy",
     "linearise",
+    "open_sweep",
     "point_masses",
     "power",
     "reactions",

@@ -10,6 +10,7 @@ import numpy as np
 from ._events import EventLog, Events
 from ._legs import current_legs
 from ._scene import (
+    budget,
     check_scene,
     float_state,
     increasing_times,
@@ -30,7 +31,7 @@ from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
 from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit, LandingControl, Observed, StepControl, StickSlip
+from .solvers import Explicit, GoingOn, LandingControl, Observed, StepControl, StickSlip
 
 FIRST_STEP = 0.01
 
@@ -158,7 +159,7 @@ def settle(
     watch = Windows(
         transient=number("transient", transient, "nonnegative"),
         window=number("window", window, "positive"),
-        max_windows=whole_number("max_windows", max_windows),
+        max_windows=budget("max_windows", max_windows),
         rtol_settle=number("rtol_settle", rtol_settle, "positive"),
         escape=number("escape", escape, "positive"),
         rate_cut=rate_cut_of(column, rate_cut),
@@ -167,7 +168,7 @@ def settle(
     args = prepared(column)
     watching, control = _machine(column, solver, watch, rtol, atol)
     terms = dfx.ODETerm(vector_field)
-    max_steps = whole_number("max_steps", max_steps)
+    max_steps = budget("max_steps", max_steps)
     y0 = float_state(start)
     zero = jnp.zeros((), y0[0].dtype)
     good = valid_scene(column, y0) & watch.valid() & (rtol > 0) & (atol > 0)
@@ -190,12 +191,10 @@ def settle(
         watching,
         t0=t,
         t1=jnp.where(run.outcome == OUTCOME.not_computed, zero + end, t),
-        # t + (t_next - t) is t_next to the last bit as soon as t >= t_next / 2
-        # (Sterbenz), and a leg is many steps long: a pause changes nothing
-        dt0=run.control.t_next - t,
+        dt0=None,
         y0=run.solver.y,
         args=args,
-        stepsize_controller=control,
+        stepsize_controller=GoingOn(control, run.control.t_next),
         solver_state=run.solver,
         controller_state=run.control._replace(left=left.astype(jnp.int32)),
         saveat=dfx.SaveAt(solver_state=True, controller_state=True),
@@ -239,6 +238,7 @@ def settle(
             transient=watch.transient,
             window=watch.window,
             max_windows=watch.max_windows,
+            max_steps=max_steps,
             rtol_settle=watch.rtol_settle,
             escape=watch.escape,
             rate_cut="by modes" if watch.by_modes else watch.rate_cut,
