@@ -364,6 +364,12 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, refuses):
     refuses(lambda: sweep(store=tmp_path / "thesis.txt"), "`store`", "thesis")
 
 
+def test_a_half_deleted_store_can_be_overwritten(path):
+    sweep(store=path)
+    (path / "zarr.json").unlink()
+    assert same(sweep(store=path, resume="overwrite"), sweep())
+
+
 # Faults -------------------------------------------------------------------------------
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from itertools import islice
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 from ._blocks import Block, Blocks, Desk, Tally
 from ._cpu import compiles_whole_loops, configure_cpu
@@ -24,7 +25,7 @@ _TASKS_A_THREAD = 3  # on their way, so that no worker waits for the next
 class Recipe(NamedTuple):
     """What a worker must know of a sweep beside the block."""
 
-    point: Callable[..., Any]
+    point: bytes  # pickled: the same bytes are the same program to a worker
     names: tuple[str, ...]
     batch_size: int
     wide: bool
@@ -32,6 +33,22 @@ class Recipe(NamedTuple):
     whole_loops: bool
     threads: int
     store: str | None
+    token: str  # this sweep's: a store may have been replaced since the last
+
+    @staticmethod
+    def of(point: Callable, program: Program, names: tuple, **parts: Any) -> "Recipe":
+        """What there is to know."""
+        import cloudpickle
+
+        return Recipe(
+            cloudpickle.dumps(point),
+            names,
+            program.batch_size,
+            program.wide,
+            whole_loops=compiles_whole_loops(),
+            token=uuid4().hex,
+            **parts,
+        )
 
 
 def run_blocks(
@@ -47,10 +64,8 @@ def run_blocks(
     **Arguments:** `keep`: told each block, its arrays (None if the worker has written
     them) and its tally.
     """
-    import cloudpickle
     from distributed import as_completed
 
-    text = cloudpickle.dumps(recipe)
     started = time.perf_counter()
     waiting = iter(missing)
     flying = as_completed()
@@ -59,7 +74,9 @@ def run_blocks(
     def submit() -> None:
         room = _TASKS_A_THREAD * max(1, sum(client.nthreads().values()))
         for number in islice(waiting, max(0, room - flying.count())):
-            flying.add(client.submit(_compute, text, blocks.block(number), pure=False))
+            flying.add(
+                client.submit(_compute, recipe, blocks.block(number), pure=False)
+            )
 
     try:
         submit()
@@ -74,23 +91,29 @@ def run_blocks(
     return Effort(time.perf_counter() - started, own, ran)
 
 
-def _compute(text: bytes, block: Block) -> tuple[Block, Any, Tally, Effort]:
+def _compute(recipe: Recipe, block: Block) -> tuple[Block, Any, Tally, Effort]:
     """A task."""
-    recipe, program, store = _prepared(text)
-    if store is not None and store.holds(block):  # its writer died before it said so
-        return block, None, Tally(0, 0.0, 0, {}), Effort(0.0, 0, 0)
-    part = Blocks(block.axes, points_a_block=block.chosen.size)
-    found: list[Any] = []
-    desk = Desk(part, program.variables, lambda *whole: found.extend(whole))
-    _, chosen, known = (
-        (block, block.chosen, None) if store is None else store.work(block)
-    )
+    with _PREPARING:
+        program = _program(*recipe[:6])
+        store = None if recipe.store is None else _store(recipe.store, recipe.token)
+    chosen, known = block.chosen, None
+    if store is not None:
+        if store.holds(block):  # its writer died before it could say so
+            return block, None, Tally(0, 0.0, 0, {}), Effort(0.0, 0, 0)
+        _, chosen, known = store.work(block)
+    whole: list[Any] = []
+    part = Blocks(block.axes, points_a_block=chosen.size)
+    desk = Desk(part, program.variables, lambda *found: whole.extend(found))
     points = desk.hand_out([(part.block(0), chosen, known)])
     effort = run_lanes(
-        program, block.axes, points, desk.put,
-        threads=recipe.threads, on_batch=lambda *_: None,
-    )  # fmt: skip
-    _, arrays, tally = found
+        program,
+        block.axes,
+        points,
+        desk.put,
+        threads=recipe.threads,
+        on_batch=lambda *_: None,
+    )
+    _, arrays, tally = whole
     if store is None:
         return block, arrays, tally, effort
     store.keep(block, arrays, tally)
@@ -100,26 +123,29 @@ def _compute(text: bytes, block: Block) -> tuple[Block, Any, Tally, Effort]:
 _PREPARING = threading.Lock()  # a worker's threads compile once
 
 
-def _prepared(text: bytes) -> tuple[Recipe, Program, Store | None]:
-    with _PREPARING:
-        return _unpacked(text)
-
-
 @lru_cache(maxsize=8)
-def _unpacked(text: bytes) -> tuple[Recipe, Program, Store | None]:
+def _program(
+    pickled: bytes,
+    names: tuple[str, ...],
+    batch_size: int,
+    wide: bool,
+    digest: str,
+    whole_loops: bool,
+) -> Program:
     import cloudpickle
 
-    recipe: Recipe = cloudpickle.loads(text)
-    if recipe.whole_loops and not compiles_whole_loops():
+    point = cloudpickle.loads(pickled)
+    if whole_loops and not compiles_whole_loops():
         configure_cpu()
-    here = scene_hash(recipe.point, recipe.names, recipe.wide)
-    if here != recipe.digest:
+    if scene_hash(point, names, wide) != digest:
         raise ValueError(
             "Argument `client` must have workers with the same scene, but to one of "
             "them `point` is another program: its modules or versions differ."
         )
-    program = compiled(
-        recipe.point, recipe.names, recipe.batch_size, recipe.wide, recipe.digest
-    )
-    store = None if recipe.store is None else Store(recipe.store, "r+")
-    return recipe, program, store
+    return compiled(point, names, batch_size, wide, digest)
+
+
+@lru_cache(maxsize=8)
+def _store(path: str, token: str) -> Store:
+    del token
+    return Store(path, "r+")

@@ -2,8 +2,8 @@
 
 - `map.zarr/`: the Dataset. A chunk of each variable is a block; a chunk that is not
   there reads as NaN, and as 0 (`not_computed`) for codes.
-- `map.zarr/progress/`: a group whose attributes hold the sweep's fingerprint, and a
-  folder with a file for each finished block, its commit marker.
+- `map.zarr/progress/`: `sweep.json` with the sweep's fingerprint, and in `blocks/` a
+  file for each finished block, its commit marker.
 
 A block's chunks are written first, codes after numbers, its marker last. Each file
 appears whole, by a rename: a reader never sees half of one. What has no marker is
@@ -46,13 +46,12 @@ def prepared(
     path = Path(path).absolute()
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return Store.create(path, template, blocks, fingerprint)
+    if resume == "overwrite":
+        _remove(path)
+        return Store.create(path, template, blocks, fingerprint)
     store = Store(path)
     there = store.record["fingerprint"]
     other = difference(there, fingerprint)
-    if resume == "overwrite":
-        store.claim()
-        store.remove()
-        return Store.create(path, template, blocks, fingerprint)
     if other is None:
         return store
     if resume == "unsettled":
@@ -85,7 +84,8 @@ def open_sweep(path: str | os.PathLike) -> xr.Dataset:
     store = Store(path)
     # chunks=None: without Dask; Zarr 3 has no consolidated metadata
     ds = xr.open_zarr(store.path, consolidated=False, chunks=None)
-    marks = store.marks().values()
+    run = store.record["run"]
+    marks = [mark for mark in store.marks().values() if mark["run"] == run]
     progress = {
         "points": store.record["points"],
         "points_done": sum(mark["points"] for mark in marks),
@@ -145,13 +145,7 @@ class Store:
         self.path = Path(path).absolute()
         self.progress = self.path / "progress"
         self.lock: int | None = None
-        try:
-            text = (self.progress / "sweep.json").read_text()
-        except (FileNotFoundError, NotADirectoryError):
-            raise ValueError(
-                f"Argument `store` must be a sweep's store, but {str(path)!r} is none."
-            ) from None
-        self.record: dict[str, Any] = json.loads(text)
+        self.record = _recorded(self.path)
         self._open(mode)
 
     def _open(self, mode: Literal["r", "r+"]) -> None:
@@ -228,14 +222,6 @@ class Store:
             os.close(self.lock)
             self.lock = None
 
-    def remove(self) -> None:
-        """Delete the store; what is half deleted is still known for one."""
-        for part in self.path.iterdir():
-            if part != self.progress:
-                shutil.rmtree(part) if part.is_dir() else part.unlink()
-        self.release()
-        shutil.rmtree(self.path)
-
     def begin_again(self, fingerprint: Mapping[str, Any]) -> None:
         """Larger budgets: what was unsettled is to be computed again."""
         self.claim()
@@ -302,6 +288,29 @@ class Store:
 
     def _mark(self, block: Block) -> Path:
         return self.progress / "blocks" / str(block.number)
+
+
+def _recorded(path: Path) -> dict[str, Any]:
+    """What the store says of its sweep."""
+    try:
+        return _read(path / "progress" / "sweep.json")
+    except (FileNotFoundError, NotADirectoryError):
+        raise ValueError(
+            f"Argument `store` must be a sweep's store, but {str(path)!r} is none."
+        ) from None
+
+
+def _remove(path: Path) -> None:
+    """Delete a store, and nothing else; a half deleted one can be deleted again."""
+    _recorded(path)
+    lock = _locked(path / "progress" / "lock")
+    try:
+        for part in (*path.iterdir(), path / "progress" / "blocks"):
+            if part.name != "progress":
+                shutil.rmtree(part) if part.is_dir() else part.unlink(missing_ok=True)
+        shutil.rmtree(path)
+    finally:
+        os.close(lock)
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -13,7 +13,6 @@ import xarray as xr
 
 from ._blocks import Block, Blocks, Desk, Tally, asked
 from ._cluster import Recipe, run_blocks
-from ._cpu import compiles_whole_loops
 from ._fingerprint import fingerprint, scene_hash
 from ._lanes import Effort, Program, all_cores, compiled, run_lanes, surroundings
 from ._progress import Progress
@@ -145,10 +144,6 @@ def sweep(
     left = sum(missing.values())
     if not missing:
         return shelf.dataset({})
-    recipe = Recipe(
-        point, names, program.batch_size, wide, digest, compiles_whole_loops(), threads,
-        None if store is None else os.path.abspath(store),
-    )  # fmt: skip
     with shelf, Progress(total - left, total, progress, log) as told:
 
         def keep(block: Block, arrays: Any, tally: Tally) -> None:
@@ -157,6 +152,10 @@ def sweep(
             told.finished(block, tally)
 
         if client is not None:
+            recipe = Recipe.of(
+                point, program, names, digest=digest, threads=threads,
+                store=None if store is None else os.path.abspath(store),
+            )  # fmt: skip
             effort = run_blocks(client, recipe, blocks, missing, keep, told.advance)
         else:
             desk = Desk(blocks, program.variables, keep)
