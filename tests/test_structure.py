@@ -18,7 +18,16 @@ PACKAGE = Path(zj.__file__).parent
 
 # A file imports only from floors below its own.
 FLOORS = [
-    ["_types", "_variables", "outcome", "_cpu", "_legs", "_surroundings", "_override"]
+    [
+        "_types",
+        "_variables",
+        "outcome",
+        "_cpu",
+        "_cache",
+        "_legs",
+        "_surroundings",
+        "_override",
+    ]
     + ["_materialise", "_sincos", "_exponential"],
     ["friction", "set_valued", "_layer", "damping"],
     ["column", "_reactions", "_characteristic"],
@@ -29,6 +38,10 @@ FLOORS = [
     ["_lanes", "_sequence", "simulate", "lyapunov", "poincare", "cycle"],
     ["onset", "quasi_static", "verdict", "si", "_audit", "_march"],
     ["continuation"],
+    ["_blocks"],
+    ["_fingerprint", "_progress"],
+    ["_store"],
+    ["_cluster"],
     ["sweep"],
     ["plot", "plot_linear", "plot_precision", "audit", "basin", "precision"],
     ["__main__"],

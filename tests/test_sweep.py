@@ -15,9 +15,7 @@ import xarray as xr
 from jax import lax
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME, _lanes
-
-sweep_module = sys.modules["ziegler_jax.sweep"]
+from ziegler_jax import OUTCOME, _lanes, _progress
 
 # A small scene with a loop: lanes of very unlike length, and one batch of eight.
 
@@ -303,13 +301,13 @@ def test_a_values_rule_breaks_inside_a_scene_as_outside(refuses):
 
 
 def test_an_interruption_leaves_no_thread_behind(whole, monkeypatch):
-    class Bar(sweep_module.tqdm):
+    class Bar(_progress.tqdm):
         def update(self, done=1):
             raise KeyboardInterrupt
 
     threads = threading.active_count()
     with monkeypatch.context() as patch:
-        patch.setattr(sweep_module, "tqdm", Bar)
+        patch.setattr(_progress, "tqdm", Bar)
         with pytest.raises(KeyboardInterrupt):
             sweep(q=np.linspace(1.5, 3.5, 400), mu=MU, threads=2)
     assert threading.active_count() == threads

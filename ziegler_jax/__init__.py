@@ -1,6 +1,8 @@
 """Flutter of the Ziegler column with dry friction: vectorised maps in JAX."""
 
+from ._cache import configure_cache
 from ._cpu import configure_cpu
+from ._store import open_sweep
 from .audit import RegularisationError, regularisation_error
 from .basin import basin
 from .column import (
@@ -77,6 +79,7 @@ __all__ = [
     "Verdict",
     "Viscous",
     "basin",
+    "configure_cache",
     "configure_cpu",
     "continue_cycle",
     "critical_kick",
@@ -86,6 +89,7 @@ __all__ = [
     "flutter_onset",
     "linearise",
     "lyapunov_exponents",
+    "open_sweep",
     "periodic_orbit",
     "poincare",
     "point_masses",

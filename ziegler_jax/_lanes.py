@@ -3,7 +3,7 @@
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -96,12 +96,15 @@ def compiled(
     batch_size: int | None,
     wide: bool,
     kind: SOLVER | None = None,
+    digest: str = "",
 ) -> Program:
     """`point` for one batch of lanes; kept for the next call where it can be.
 
-    **Arguments:** `kind`: that of all lanes, where `solver="auto"` has asked for it.
+    **Arguments:** `kind`: that of all lanes, where `solver="auto"` has asked for it;
+    `digest`: that of the scene's program where it is known: it sees what
+    `surroundings` cannot.
     """
-    around = surroundings(point), current_override()
+    around = digest, surroundings(point), current_override()
     try:
         return _kept(point, names, batch_size, wide, kind, around)
     except TypeError as error:
@@ -214,35 +217,39 @@ class Effort(NamedTuple):
     """What the lanes cost."""
 
     seconds: float
-    useful_steps: float  # the lanes' own steps over all steps that their batches ran
+    own_steps: int  # of the lanes
+    all_steps: int  # that their batches ran
+
+    @property
+    def useful_steps(self) -> float:
+        """The share of the lanes' own steps; NaN where they do not run in legs."""
+        return self.own_steps / self.all_steps if self.all_steps else float("nan")
 
 
 def together(efforts: Sequence[Effort]) -> Effort:
     """What several runs cost, one after the other."""
-    seconds = sum(e.seconds for e in efforts)
-    useful = sum(e.useful_steps * e.seconds for e in efforts) / max(seconds, 1e-9)
-    return Effort(seconds, useful)
+    return Effort(*map(sum, zip(*efforts, strict=True)))
 
 
 def run_lanes(
     program: Program,
-    axes: Sequence[np.ndarray],
-    valid: np.ndarray,
-    into: dict[str, np.ndarray],
+    axes: Mapping[str, np.ndarray],
+    points: Iterator[np.ndarray],
+    put: Callable[[np.ndarray, list[Any], np.ndarray], None],
     *,
     threads: int,
     on_batch: Callable[[int, float], None],
 ) -> Effort:
-    """Compute every valid point of the grid of `axes`.
+    """Compute points of the grid of `axes`.
 
     **Arguments:**
 
-    - `valid`: shape of the grid, which points to compute.
-    - `into`: arrays of the grid's shape (and the variable's own behind it), filled in.
+    - `points`: their places in the grid, in C order, some at a time.
+    - `put`: told by any thread of places, their results (lanes behind) and steps.
     - `on_batch`: told the number of finished points and the useful share.
     """
-    queue = _Queue(np.flatnonzero(valid))
-    work = _Work(program, axes, valid.shape, into)
+    queue = _Queue(points)
+    work = _Work(program, axes, put)
     runner = _run_whole if program.carry is None else _run_in_legs
     started = time.perf_counter()
     pool = ThreadPoolExecutor(threads)
@@ -257,36 +264,43 @@ def run_lanes(
         # Ctrl-C and errors: a batch in flight ends its leg, nothing more is begun
         queue.close()
         pool.shutdown(wait=True)
-    return Effort(time.perf_counter() - started, work.useful())
+    return Effort(time.perf_counter() - started, work.own_steps, work.all_steps)
 
 
 class _Queue:
     """The points that wait, handed out in order to any thread."""
 
-    def __init__(self, points: np.ndarray):
-        self.points, self.next, self.closed = points, 0, False
+    def __init__(self, source: Iterator[np.ndarray]):
+        self.source, self.closed = source, False
+        self.waiting = np.zeros(0, np.int64)
         self.lock = threading.Lock()
 
     def take(self, count: int) -> np.ndarray:
+        """So many points, fewer only at the end."""
+        taken = [np.zeros(0, np.int64)]
         with self.lock:
-            first = self.next
-            self.next = min(first + count, self.points.size)
-            return self.points[first : self.next]
+            while count and not self.closed:
+                if not self.waiting.size:
+                    self.waiting = next(self.source, taken[0])
+                part, self.waiting = self.waiting[:count], self.waiting[count:]
+                if not part.size:  # the end
+                    break
+                taken.append(part)
+                count -= part.size
+        return np.concatenate(taken)
 
     def close(self) -> None:
         with self.lock:
-            self.next, self.closed = self.points.size, True
+            self.closed = True
 
 
 class _Work:
     """Where the points' numbers come from and where their results go."""
 
-    def __init__(self, program, axes, shape, into):
-        self.program, self.axes, self.shape = program, axes, shape
-        self.flat = [
-            np.moveaxis(a.reshape(-1, *a.shape[len(shape) :]), 0, -1)
-            for a in into.values()
-        ]
+    def __init__(self, program, axes, put):
+        self.program, self.put = program, put
+        self.names, self.axes = list(axes), list(axes.values())
+        self.shape = tuple(axis.size for axis in self.axes)
         self.dtype = np.float64 if program.wide else np.float32
         self.lock = threading.Lock()
         self.finished = self.reported = 0
@@ -297,22 +311,29 @@ class _Work:
         pairs = zip(self.axes, places, strict=True)
         return [axis[place].astype(self.dtype) for axis, place in pairs]
 
-    def call(self, *arguments: Any) -> Any:
-        # both settings are local to a thread
-        with jax.enable_x64(self.program.wide), overriding(self.program.override):
-            return self.program.run(*arguments)
+    def call(self, points: np.ndarray, *arguments: Any) -> Any:
+        """Run the program and wait for it; what it raises says at which points."""
+        wide, override = self.program.wide, self.program.override
+        try:
+            # both settings are local to a thread
+            with jax.enable_x64(wide), overriding(override):
+                return jax.block_until_ready(self.program.run(*arguments))
+        except Exception as error:
+            pairs = list(zip(self.names, self.values(points), strict=True))
+            spans = [f"{v.min():.17g} <= {n} <= {v.max():.17g}" for n, v in pairs]
+            error.add_note(f"In a batch of points with {', '.join(spans)}.")
+            raise
 
     def store(
-        self, points: np.ndarray, lanes: Any, packed: Any, own: int, ran: int
+        self, points: np.ndarray, lanes: Any, packed: Any, steps: np.ndarray, ran: int
     ) -> None:
-        """Keep the results of `lanes` and count: their own steps, all that ran."""
+        """Hand over the results of `lanes` and count: their own steps, all that ran."""
         if points.size:
             found = self.program.results.unpack([np.asarray(p) for p in packed])
-            for target, result in zip(self.flat, found, strict=True):
-                target[..., points] = result[..., lanes]
+            self.put(points, [result[..., lanes] for result in found], steps)
         with self.lock:
             self.finished += points.size
-            self.own_steps += own
+            self.own_steps += int(steps.sum())
             self.all_steps += ran
 
     def mean_steps(self) -> float:
@@ -333,8 +354,8 @@ def _run_whole(work: _Work, queue: _Queue) -> None:
     size = work.program.batch_size
     while (points := queue.take(size)).size:
         # the last batch is padded with real lanes: another size would be compiled again
-        packed = work.call(work.values(np.resize(points, size)))
-        work.store(points, slice(0, points.size), packed, 0, 0)
+        packed = work.call(points, work.values(np.resize(points, size)))
+        work.store(points, slice(0, points.size), packed, np.zeros_like(points), 0)
 
 
 def _run_in_legs(work: _Work, queue: _Queue) -> None:
@@ -352,13 +373,13 @@ def _run_in_legs(work: _Work, queue: _Queue) -> None:
     quota = FIRST_LEG
     while busy.any():
         packed, carried, running, steps = work.call(
-            np.int32(quota), fresh, values, carried
+            points[busy], np.int32(quota), fresh, values, carried
         )
         steps, running = np.asarray(steps), np.asarray(running)
         ran = int((steps - before).max(where=busy, initial=0)) * size
         before, fresh = steps.copy(), np.zeros(size, bool)
         lanes = np.flatnonzero(busy & ~running)
-        work.store(points[lanes], lanes, packed, int(steps[lanes].sum()), ran)
+        work.store(points[lanes], lanes, packed, steps[lanes], ran)
         if queue.closed:
             return
         busy &= running

@@ -15,6 +15,7 @@ from .set_valued import SetValuedCoulomb
 from .solvers import (
     AbstractFold,
     Explicit,
+    GoingOn,
     Observed,
     StepControl,
     StickSlip,
@@ -111,12 +112,10 @@ class Motion:
             t0=t,
             # a motion that has ended does not move
             t1=jnp.where(run.running, jnp.zeros_like(t) + self.end, t),
-            # t + (t_next - t) is t_next to the last bit as soon as t >= t_next / 2
-            # (Sterbenz), and a leg is many steps long: a pause changes nothing
-            dt0=run.control.t_next - t,
+            dt0=None,
             y0=run.solver.y,
             args=self.args,
-            stepsize_controller=self.control,
+            stepsize_controller=GoingOn(self.control, run.control.t_next),
             solver_state=run.solver,
             controller_state=run.control._replace(left=left.astype(jnp.int32)),
             saveat=dfx.SaveAt(solver_state=True, controller_state=True),

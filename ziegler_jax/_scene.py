@@ -1,5 +1,8 @@
 """What `settle` and `trajectory` ask of a scene, and what they make of it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import diffrax as dfx
@@ -133,6 +136,25 @@ def whole_number(name: str, x: Any) -> int:
             f"but is {x!r}."
         )
     return int(x)
+
+
+_BUDGETS_APART: ContextVar[bool] = ContextVar("budgets apart", default=False)
+
+
+@contextmanager
+def budgets_apart() -> Iterator[None]:
+    """Trace scenes alike that differ in their budgets alone."""
+    token = _BUDGETS_APART.set(True)
+    try:
+        yield
+    finally:
+        _BUDGETS_APART.reset(token)
+
+
+def budget(name: str, x: Any) -> int:
+    """A whole number that bounds the work and, where it suffices, changes no result."""
+    x = whole_number(name, x)
+    return min(x, 2) if _BUDGETS_APART.get() else x  # one window is another program
 
 
 def increasing_times(ts: Any, dtype: Any) -> jax.Array:

@@ -5,13 +5,13 @@ from typing import Any
 from ._motion import Motion
 from ._override import overridden_solver
 from ._scene import (
+    budget,
     check_scene,
     float_state,
     method_of,
     rate_cut_of,
     tolerances,
     valid_scene,
-    whole_number,
     with_amplitude,
 )
 from ._types import number
@@ -52,7 +52,7 @@ class Settling(Motion):
         self.watch = watch = Windows(
             transient=number("transient", transient, "nonnegative"),
             window=number("window", window, "positive"),
-            max_windows=whole_number("max_windows", max_windows),
+            max_windows=budget("max_windows", max_windows),
             rtol_settle=number("rtol_settle", rtol_settle, "positive"),
             escape=number("escape", escape, "positive"),
             rate_cut=rate_cut_of(column, rate_cut),
@@ -70,7 +70,7 @@ class Settling(Motion):
             valid=valid,
             first_stop=watch.first_stop(),
             end=watch.transient + watch.window * (watch.max_windows + 1),
-            max_steps=whole_number("max_steps", max_steps),
+            max_steps=budget("max_steps", max_steps),
         )
 
     def settings(self) -> dict[str, Any]:
@@ -83,6 +83,7 @@ class Settling(Motion):
             "transient": watch.transient,
             "window": watch.window,
             "max_windows": watch.max_windows,
+            "max_steps": self.max_steps,
             "rtol_settle": watch.rtol_settle,
             "escape": watch.escape,
             "rate_cut": "by modes" if watch.by_modes else watch.rate_cut,

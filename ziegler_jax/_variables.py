@@ -2,6 +2,8 @@
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from .outcome import REGIME, Code
 
 
@@ -78,3 +80,15 @@ def named_variables(result: Any) -> dict[str, Variable]:
             )
         named[str(name)] = Variable(value, str(name), codes=FLAGS.get(str(name)))
     return named
+
+
+def empty(variable: Variable, shape: tuple[int, ...]) -> np.ndarray:
+    """A variable over a grid: NaN for numbers, 0 (`not_computed`) for codes.
+
+    One number in memory, however large the shape: copy it to write to it.
+    """
+    dtype = np.dtype(variable.value.dtype)
+    if dtype.kind in "biu" and variable.codes is None:
+        dtype = np.dtype(np.float64)  # so that a missing point can be told from 0
+    fill = np.array(np.nan if dtype.kind in "fc" else 0, dtype)
+    return np.broadcast_to(fill, shape + tuple(variable.value.shape))

@@ -2,28 +2,26 @@
 
 import inspect
 import json
+import os
 import platform
 from collections.abc import Callable, Mapping
 from importlib import metadata
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import xarray as xr
-from tqdm import tqdm
 
 from ._audit import audit_attributes, checked_share, drawn
+from ._blocks import Block, Blocks, Desk, Tally, asked
 from ._choice import Undecided, stiff_points
-from ._lanes import (
-    Effort,
-    Program,
-    all_cores,
-    compiled,
-    run_lanes,
-    together,
-)
+from ._cluster import Recipe, run_blocks
+from ._fingerprint import fingerprint, scene_hash
+from ._lanes import Effort, Program, all_cores, compiled, run_lanes, together
 from ._override import Override, overriding
+from ._progress import Progress
+from ._store import Memory, Resume, prepared
 from ._surroundings import constants
-from ._variables import AXES, Variable
+from ._variables import AXES, empty
 from .outcome import SOLVER, flag_attributes
 
 
@@ -37,6 +35,10 @@ def sweep(
     precision: Literal["float64", "float32"] = "float64",
     audit: float | None = None,
     axes: Mapping[str, Any] | None = None,
+    store: str | os.PathLike | None = None,
+    resume: Resume = "same",
+    client: Any = None,
+    log: str | os.PathLike | None = None,
     **named_axes: Any,
 ) -> xr.Dataset:
     """Compute `point` at every combination of the axes' values.
@@ -59,7 +61,8 @@ def sweep(
         same. Where it runs one `settle`, lanes run in legs and are refilled as they
         end; whatever else it computes is then computed anew in each leg.
     - `where`: a function of the same names that says which points to compute. It gets
-        the axes as NumPy arrays that broadcast against each other.
+        the axes as NumPy arrays that broadcast against each other; with `store`, those
+        of a block at a time, so that it must judge each point by its own values.
     - `batch_size`: lanes a batch. None is 8192 for points that run no `settle`, and
         else 128, or 512 where `configure_cpu()` was needed and not called. A lane's
         result does not depend on its batch mates; another batch size is another
@@ -75,6 +78,21 @@ def sweep(
         the dataset's hold `audit_points` and `audit_changed_outcomes`, the share of
         these whose outcome changed. It tells the error of the steps, not that of
         `rtol_settle`.
+    - `store`: a folder, e.g. `"map.zarr"`, into which every block of about 16 000
+        points goes as soon as it is finished; in memory are the blocks that are not.
+        The same sweep with the same store computes only what is missing, also after it
+        was killed, and ends in the same numbers to the last bit (on the same kind of
+        processor). A store of another scene, other axes, tolerances, precision or
+        versions is refused. The scene is known by its lowered program, which does not
+        show what a host callback does. `open_sweep` reads the store at any time.
+    - `resume`: `"overwrite"` replaces the store's sweep; `"unsettled"` goes on with one
+        whose `max_windows` and `max_steps` were smaller, and computes its points that
+        are `unsettled` or `budget_spent` anew; else it must be `"same"`.
+    - `client`: a `dask.distributed.Client`: blocks become tasks of its cluster, one a
+        worker's thread at a time. Its workers must be able to import the package and
+        what `point` needs, and to write to `store` where there is one.
+    - `log`: a file to which a line of JSON is added for every finished block: where
+        it lies, its points, seconds, steps and outcomes.
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers. An axis that
         is named like an option goes into `axes`.
 
@@ -82,17 +100,24 @@ def sweep(
     or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
     hold versions, precision, the scene's source with the numbers that it takes from
     around it, and what the run cost (the share of useful steps where lanes run in
-    legs, else NaN).
+    legs, else NaN). With `store`, its arrays stay on the disk until they are looked at.
 
-    **Raises:** `ValueError` that names the argument, its value and the rule.
+    **Raises:** `ValueError` that names the argument, its value and the rule; what
+    `point` raises while it runs, with a note of the batch's values; `OSError` where
+    the store cannot be written. What was finished before stays in the store.
     """
     if axes is not None and not isinstance(axes, Mapping):
         raise ValueError(f"Argument `axes` must map names to values, but is {axes!r}.")
     grid = _axes(point, dict(axes or {}), named_axes)
-    names, values = tuple(grid), list(grid.values())
-    shape = tuple(v.size for v in values)
-    valid = _valid_points(where, grid, shape)
-    threads = all_cores() if threads is None else _count("threads", threads)
+    names = tuple(grid)
+    if where is not None:
+        if not callable(where):
+            raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
+        _check_signature(where, list(grid), "where")
+    whole = where is not None and store is None
+    blocks = Blocks(grid, asked(where, grid) if whole else where)
+    if threads is not None:
+        threads = _count("threads", threads)
     if batch_size is not None:
         batch_size = _count("batch_size", batch_size)
     if precision not in ("float64", "float32"):
@@ -100,37 +125,83 @@ def sweep(
             f"Argument `precision` must be float64 or float32, but is {precision!r}."
         )
     share = None if audit is None else checked_share(audit)
+    if resume not in get_args(Resume):
+        raise ValueError(
+            "Argument `resume` must be same, unsettled or overwrite, but is "
+            f"{resume!r}."
+        )
+    if store is None and resume != "same":
+        raise ValueError("Argument `resume` must come with `store`, but that is None.")
+    if client is not None and not hasattr(client, "submit"):
+        raise ValueError(
+            f"Argument `client` must be a `dask.distributed.Client`, not {client!r}."
+        )
     wide = precision == "float64"
-    groups = _groups(point, grid, valid, batch_size, wide)
+    scene = point, names, batch_size, wide
+    digest = ""
+    if store is None and client is None:
+        groups = _groups(scene, blocks)
+    else:
+        if audit is not None:
+            raise ValueError(
+                "Argument `audit` must be left out with `store` or `client`, but is "
+                f"{audit!r}: audit a smaller sweep of the same scene."
+            )
+        digest = _digest(point, names, wide)
+        groups = [(compiled(*scene, digest=digest), blocks)]
     program = groups[0][0]
     _check_names(names, program)
-    arrays = {
-        name: _empty(variable, shape) for name, variable in program.variables.items()
-    }
-    count = int(valid.sum())
-    with tqdm(
-        total=count,
-        unit="point",
-        unit_scale=True,
-        smoothing=0.05,
-        disable=None if progress is None else not progress,
-    ) as bar:
+    if threads is None:  # a cluster's worker runs as many blocks as it has threads
+        threads = all_cores() if client is None else 1
+    total = int(blocks.sizes.sum())
+    seconds = sum(part.compile_seconds for part, _ in groups)
+    attributes = _provenance(point, program, threads, total, seconds)
+    template = _template(grid, program, blocks.shape, attributes)
+    if store is None:
+        shelf = Memory(template)
+    else:
+        here = fingerprint(
+            point, blocks, scene=digest, settings=program.attributes,
+            batch_size=program.batch_size, wide=wide,
+        )  # fmt: skip
+        shelf = prepared(store, template, blocks, here, resume)
+    missing = shelf.missing(blocks)
+    left = sum(missing.values())
+    if not missing:
+        return shelf.dataset({})
+    with shelf, Progress(total - left, total, progress, log) as told:
 
-        def on_batch(done: int, useful: float) -> None:
-            if np.isfinite(useful):
-                bar.set_postfix_str(f"{useful:.0%} useful steps", refresh=False)
-            bar.update(done)
+        def keep(block: Block, arrays: Any, tally: Tally) -> None:
+            if arrays is not None:  # else a worker has written them
+                shelf.keep(block, arrays, tally)
+            told.finished(block, tally)
 
-        efforts = [
-            run_lanes(part, values, some, arrays, threads=threads, on_batch=on_batch)
-            for part, some in groups
-        ]
-    compile_seconds = sum(part.compile_seconds for part, _ in groups)
-    effort = together(efforts)
-    attributes = _provenance(point, program, effort, threads, count, compile_seconds)
-    found = _dataset(grid, program, arrays, attributes)
+        if client is not None:
+            recipe = Recipe.of(
+                point, program, names, digest=digest, threads=threads,
+                store=None if store is None else os.path.abspath(store),
+            )  # fmt: skip
+            effort = run_blocks(client, recipe, blocks, missing, keep, told.advance)
+        else:
+            efforts = []
+            for part, some in groups:
+                desk = Desk(some, part.variables, keep)
+                work = (shelf.work(some.block(n)) for n in shelf.missing(some))
+                points = desk.hand_out(work)
+                efforts.append(
+                    run_lanes(
+                        part,
+                        grid,
+                        points,
+                        desk.put,
+                        threads=threads,
+                        on_batch=told.advance,
+                    )  # fmt: skip
+                )
+            effort = together(efforts)
+        found = shelf.dataset({**attributes, **_cost(effort, left)})
     if share is not None:
-        sample = drawn(valid, round(share * count))
+        sample = drawn(blocks.chosen(), round(share * total))
         with overriding(Override(factor=FINER)):
             finer = sweep(
                 point,
@@ -147,21 +218,30 @@ def sweep(
 FINER = 0.01  # the audit's tolerances, against the point's own
 
 
-def _groups(
-    point: Callable,
-    grid: dict[str, np.ndarray],
-    valid: np.ndarray,
-    batch_size: int | None,
-    wide: bool,
-) -> list[tuple[Program, np.ndarray]]:
+def _groups(scene: Any, blocks: Blocks) -> list[tuple[Program, Blocks]]:
     """Programs, each with the points it is for: two where "auto" finds two kinds."""
-    scene = point, tuple(grid), batch_size, wide
     try:
-        return [(compiled(*scene), valid)]
+        return [(compiled(*scene), blocks)]
     except Undecided:
-        stiff = stiff_points(point, grid, valid, wide)
-        kinds = (SOLVER.explicit, valid & ~stiff), (SOLVER.stiff, valid & stiff)
-        return [(compiled(*scene, kind), some) for kind, some in kinds if some.any()]
+        point, _, _, wide = scene
+        chosen = blocks.chosen()
+        stiff = stiff_points(point, blocks.grid, chosen, wide)
+        kinds = (SOLVER.explicit, chosen & ~stiff), (SOLVER.stiff, chosen & stiff)
+        return [
+            (compiled(*scene, kind=kind), Blocks(blocks.grid, some))
+            for kind, some in kinds
+            if some.any()
+        ]
+
+
+def _digest(point: Callable, names: tuple[str, ...], wide: bool) -> str:
+    try:
+        return scene_hash(point, names, wide)
+    except Undecided:
+        raise ValueError(
+            "Argument `solver` must be named in a sweep with `store` or `client`, but "
+            "is 'auto': a block of the store is of one kind."
+        ) from None
 
 
 def _axes(point: Callable, extra: dict, named: dict) -> dict[str, np.ndarray]:
@@ -243,30 +323,6 @@ def _check_names(names: tuple[str, ...], program: Program) -> None:
             )
 
 
-def _valid_points(where: Callable | None, grid: dict, shape: tuple) -> np.ndarray:
-    if where is None:
-        return np.ones(shape, dtype=bool)
-    if not callable(where):
-        raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
-    _check_signature(where, list(grid), "where")
-    mesh = np.meshgrid(*grid.values(), indexing="ij", sparse=True)
-    try:
-        chosen = np.asarray(where(**dict(zip(grid, mesh, strict=True))))
-        valid = np.broadcast_to(chosen, shape)
-    except Exception as error:
-        raise ValueError(
-            "Argument `where` must work on arrays that broadcast (use `&`, not `and`), "
-            f"but raised {type(error).__name__}: {error}"
-        ) from error
-    if valid.dtype != bool:
-        raise ValueError(
-            f"Argument `where` must return booleans, but returned {valid.dtype}."
-        )
-    if not valid.any():
-        raise ValueError("Argument `where` must leave a point, but leaves none.")
-    return valid.copy()
-
-
 def _count(name: str, x: Any) -> int:
     if isinstance(x, bool) or not isinstance(x, (int, np.integer)) or x < 1:
         raise ValueError(
@@ -275,20 +331,11 @@ def _count(name: str, x: Any) -> int:
     return int(x)
 
 
-def _empty(variable: Variable, shape: tuple[int, ...]) -> np.ndarray:
-    """NaN for numbers, 0 (`not_computed`) for codes."""
-    dtype = np.dtype(variable.value.dtype)
-    if dtype.kind in "biu" and variable.codes is None:
-        dtype = np.dtype(np.float64)  # so that a missing point can be told from 0
-    fill = np.nan if dtype.kind in "fc" else 0
-    return np.full(shape + tuple(variable.value.shape), fill, dtype)
-
-
-def _dataset(
-    grid: dict, program: Program, arrays: dict, attributes: dict
+def _template(
+    grid: dict, program: Program, shape: tuple, attributes: dict
 ) -> xr.Dataset:
-    dims = tuple(grid)
-    data, used = {}, {}
+    """The dataset with nothing computed."""
+    data, used, coords = {}, {}, {}
     for name, variable in program.variables.items():
         attrs: dict[str, Any] = {
             "long_name": variable.long_name,
@@ -296,9 +343,8 @@ def _dataset(
         }
         if variable.codes is not None:
             attrs = {"long_name": variable.long_name, **flag_attributes(variable.codes)}
-        data[name] = (dims + variable.dims, arrays[name], attrs)
+        data[name] = (tuple(grid) + variable.dims, empty(variable, shape), attrs)
         used |= {dim: program.coordinates[dim] for dim in variable.dims}
-    coords = {}
     for name, values in {**used, **grid}.items():
         if name in used and name not in AXES:  # rods, joints, branches
             coords[name] = list(values)
@@ -310,12 +356,7 @@ def _dataset(
 
 
 def _provenance(
-    point: Callable,
-    program: Program,
-    effort: Effort,
-    threads: int,
-    count: int,
-    compile_seconds: float,
+    point: Callable, program: Program, threads: int, points: int, seconds: float
 ) -> dict[str, Any]:
     try:
         scene = inspect.getsource(point)
@@ -334,9 +375,15 @@ def _provenance(
         "precision": "float64" if program.wide else "float32",
         "batch_size": program.batch_size,
         "threads": threads,
-        "points": count,
-        "compile_seconds": round(compile_seconds, 3),
+        "points": points,
+        "compile_seconds": round(seconds, 3),
+    }
+
+
+def _cost(effort: Effort, points: int) -> dict[str, float]:
+    """What the last run cost, and how many points it computed."""
+    return {
         "run_seconds": round(effort.seconds, 3),
-        "points_per_second": round(count / max(effort.seconds, 1e-9), 1),
+        "points_per_second": round(points / max(effort.seconds, 1e-9), 1),
         "useful_step_fraction": round(effort.useful_steps, 4),
     }

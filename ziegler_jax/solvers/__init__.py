@@ -1,6 +1,6 @@
 """Lane solvers: diffrax solvers that run fast for thousands of lanes under vmap."""
 
-from .control import ControlState, Signals, StepControl
+from .control import ControlState, GoingOn, Signals, StepControl
 from .explicit import Explicit
 from .observed import AbstractFold, Observed, Step
 from .rosenbrock import Rosenbrock
@@ -10,6 +10,7 @@ __all__ = [
     "AbstractFold",
     "ControlState",
     "Explicit",
+    "GoingOn",
     "Observed",
     "Rosenbrock",
     "Signals",

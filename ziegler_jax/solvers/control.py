@@ -137,6 +137,30 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         return keep, t, t_next, False, state, result
 
 
+class GoingOn(dfx.AbstractStepSizeController):
+    """A controller whose first step ends at a time that is known already.
+
+    diffrax would check the sign of a `dt0` by a host callback; a program that holds one
+    is called slowly, and jaxlib 0.10 does not keep it in its compilation cache.
+    """
+
+    control: Any
+    t_next: Scalar
+
+    def wrap(self, direction):
+        """As the controller does."""
+        return GoingOn(self.control.wrap(direction), self.t_next)
+
+    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
+        """The known time; the controller's state is handed to diffrax beside it."""
+        del terms, t0, t1, y0, dt0, args, func, error_order
+        return self.t_next, None
+
+    def adapt_step_size(self, *arguments):  # pyright: ignore
+        """As the controller does."""
+        return self.control.adapt_step_size(*arguments)
+
+
 def judge(
     rtol: Scalar,
     atol: Scalar,

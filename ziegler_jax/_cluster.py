@@ -1,0 +1,163 @@
+"""Blocks as tasks of a Dask cluster: each worker with its own compiled program.
+
+A task is a block. Where there is a store, the worker writes the block itself and sends
+back what it cost; else it sends the numbers. Dask gives the task of a worker that died
+to another; a block that was finished before is not computed again.
+
+What 10^9 points ask for, at r points a second and core (the main job's kind: about
+10^3; its results: 8 variables, 85 bytes a point):
+
+- 61 000 blocks of 16 384 points, each a task of 16 384 / r = 16 s: a scheduler, which
+  needs a millisecond a task, feeds thousands of cores.
+- 10^9 / r = 280 core hours: an hour and five minutes on 256 cores, and some ten seconds
+  of tracing and compilation a worker.
+- To a worker go 20 to 30 kB a task (the point, the block's axes, which points): 1.5 GB
+  in all. To the store go 85 GB, 1.4 MB a block: 22 MB/s from 256 cores, in half a
+  million files of 16 to 260 kB. Gathered instead, they would go through one process
+  and its memory; with `store` less than a kilobyte a task comes back.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from itertools import islice
+from typing import Any, NamedTuple
+from uuid import uuid4
+
+from ._blocks import Block, Blocks, Desk, Tally
+from ._cpu import compiles_whole_loops, configure_cpu
+from ._fingerprint import scene_hash
+from ._lanes import Effort, Program, compiled, run_lanes
+from ._store import Store
+
+_TASKS_A_THREAD = 3  # on their way, so that no worker waits for the next
+
+
+class Recipe(NamedTuple):
+    """What a worker must know of a sweep beside the block."""
+
+    point: bytes  # pickled: the same bytes are the same program to a worker
+    names: tuple[str, ...]
+    batch_size: int
+    wide: bool
+    digest: str  # of the scene
+    whole_loops: bool
+    threads: int
+    store: str | None
+    token: str  # this sweep's: a store may have been replaced since the last
+
+    @staticmethod
+    def of(point: Callable, program: Program, names: tuple, **parts: Any) -> "Recipe":
+        """What there is to know."""
+        import cloudpickle
+
+        return Recipe(
+            cloudpickle.dumps(point),
+            names,
+            program.batch_size,
+            program.wide,
+            whole_loops=compiles_whole_loops(),
+            token=uuid4().hex,
+            **parts,
+        )
+
+
+def run_blocks(
+    client: Any,
+    recipe: Recipe,
+    blocks: Blocks,
+    missing: Mapping[int, int],
+    keep: Callable[[Block, Any, Tally], None],
+    on_batch: Callable[[int, float], None],
+) -> Effort:
+    """Compute the missing blocks on the cluster of `client`.
+
+    **Arguments:** `keep`: told each block, its arrays (None if the worker has written
+    them) and its tally.
+    """
+    from distributed import as_completed
+
+    started = time.perf_counter()
+    waiting = iter(missing)
+    flying = as_completed()
+    own = ran = 0
+
+    def submit() -> None:
+        room = _TASKS_A_THREAD * max(1, sum(client.nthreads().values()))
+        for number in islice(waiting, max(0, room - flying.count())):
+            flying.add(
+                client.submit(_compute, recipe, blocks.block(number), pure=False)
+            )
+
+    try:
+        submit()
+        for future in flying:
+            number, arrays, tally, effort = future.result()
+            keep(blocks.block(number), arrays, tally)
+            own, ran = own + effort.own_steps, ran + effort.all_steps
+            on_batch(missing[number], own / ran if ran else float("nan"))
+            submit()
+    finally:
+        client.cancel(list(flying.futures))
+    return Effort(time.perf_counter() - started, own, ran)
+
+
+def _compute(recipe: Recipe, block: Block) -> tuple[int, Any, Tally, Effort]:
+    """A task."""
+    with _PREPARING:
+        program = _program(*recipe[:6])
+        store = None if recipe.store is None else _store(recipe.store, recipe.token)
+    chosen, known = block.chosen, None
+    if store is not None:
+        if store.holds(block):  # its writer died before it could say so
+            return block.number, None, Tally(0, 0.0, 0, {}), Effort(0.0, 0, 0)
+        _, chosen, known = store.work(block)
+    whole: list[Any] = []
+    part = Blocks(block.axes, points_a_block=chosen.size)
+    desk = Desk(part, program.variables, lambda *found: whole.extend(found))
+    points = desk.hand_out([(part.block(0), chosen, known)])
+    effort = run_lanes(
+        program,
+        block.axes,
+        points,
+        desk.put,
+        threads=recipe.threads,
+        on_batch=lambda *_: None,
+    )
+    _, arrays, tally = whole
+    if store is None:
+        return block.number, arrays, tally, effort
+    store.keep(block, arrays, tally)
+    return block.number, None, tally, effort
+
+
+_PREPARING = threading.Lock()  # a worker's threads compile once
+
+
+@lru_cache(maxsize=8)
+def _program(
+    pickled: bytes,
+    names: tuple[str, ...],
+    batch_size: int,
+    wide: bool,
+    digest: str,
+    whole_loops: bool,
+) -> Program:
+    import cloudpickle
+
+    point = cloudpickle.loads(pickled)
+    if whole_loops and not compiles_whole_loops():
+        configure_cpu()
+    if scene_hash(point, names, wide) != digest:
+        raise ValueError(
+            "Argument `client` must have workers with the same scene, but to one of "
+            "them `point` is another program: its modules or versions differ."
+        )
+    return compiled(point, names, batch_size, wide, digest=digest)
+
+
+@lru_cache(maxsize=8)
+def _store(path: str, token: str) -> Store:
+    del token
+    return Store(path, "r+")
