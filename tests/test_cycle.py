@@ -195,12 +195,14 @@ def folds():
     return np.asarray(value), found, np.asarray(slope)
 
 
+@pytest.mark.slow
 def test_dry_friction_folds_the_cycle_where_it_is_known_to(folds):
     value, found, _ = folds
     assert (found.outcome == zj.ORBIT.found).all()
     np.testing.assert_allclose(value[:4], list(FOLDS.values()), rtol=0, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_two_multipliers_are_1_at_a_fold_and_sticking_makes_one_zero(folds):
     _, found, _ = folds
     mu = np.asarray(found.cycle.multipliers)[:, 0]
@@ -209,6 +211,7 @@ def test_two_multipliers_are_1_at_a_fold_and_sticking_makes_one_zero(folds):
     assert (np.abs(mu[:, 2]) < 0.5).all()
 
 
+@pytest.mark.slow
 def test_the_fold_moves_with_friction_as_its_derivative_says(folds):
     value, _, slope = folds
     difference = (value[4] - value[5]) / (2 * STEP)

@@ -177,6 +177,7 @@ def test_a_stick_slip_cycle_has_a_zero_one_and_loses_a_dimension(set_valued):
     assert rates[1] < -0.1 and rates[3] == -np.inf
 
 
+@pytest.mark.slow
 def test_stick_slip_chaos_has_one_largest_exponent_whatever_the_start(set_valued):
     rates, errors = set_valued.exponents[1:3, :2].T, set_valued.errors[1:3, :2].T
     assert (rates[0] > 5 * errors[0]).all()

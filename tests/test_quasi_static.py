@@ -1,6 +1,7 @@
 """Loads that rise and fall: hysteresis, and agreement with motions on their own."""
 
 import numpy as np
+import pytest
 
 import ziegler_jax as zj
 
@@ -22,6 +23,7 @@ def point(tau, kick):
     )
 
 
+@pytest.mark.slow
 def test_the_way_down_leaves_the_cycle_at_the_fold_and_the_way_up_far_above():
     found = zj.sweep(point, tau=[0.01], kick=[0.0, 0.07], batch_size=2, progress=False)
     found = found.squeeze()

@@ -265,6 +265,7 @@ def creeping():
     return zj.sweep(point, v_smooth=LAYERS, progress=False, **axes)
 
 
+@pytest.mark.slow
 def test_the_cost_hardly_depends_on_the_layer(creeping):
     steps = creeping.steps.mean(["q", "mu"]).values
     assert steps[4] < 3 * steps[0]  # v_smooth = 1e-6 and 1e-2; measured 2.4
@@ -272,6 +273,7 @@ def test_the_cost_hardly_depends_on_the_layer(creeping):
     assert (creeping.outcome >= OUTCOME.unsettled).all()
 
 
+@pytest.mark.slow
 def test_creeping_joints_count_as_sticking_and_energy_balances(creeping):
     held = creeping.sel(mu=0.4, q=1.2)
     assert (held.outcome == OUTCOME.stuck).all()

@@ -28,7 +28,7 @@ def fixed_steps(solver):
         def body(i, carry):
             y, slope, works = carry
             t0 = i * h
-            y, _, slope, more = solver.advance(
+            y, _, slope, more, *_ = solver.advance(
                 TERMS, t0, t0 + h, y, COLUMN, slope, powers
             )
             return y, slope, tuple(w + d for w, d in zip(works, more, strict=True))
