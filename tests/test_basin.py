@@ -1,6 +1,7 @@
 """Basins: symmetry, the sticking set, and what is counted."""
 
 import numpy as np
+import pytest
 
 import ziegler_jax as zj
 
@@ -10,6 +11,7 @@ def dry(q, tau=0.2):
     return zj.uniform_rods(q, friction=law)
 
 
+@pytest.mark.slow
 def test_a_basin_is_symmetric_and_holds_the_sticking_set():
     """(phi, omega) and (-phi, -omega) have the same fate; what can rest, rests."""
     phi1, phi2 = np.linspace(-0.6, 0.6, 7), np.linspace(-0.9, 0.9, 7)

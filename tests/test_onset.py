@@ -47,6 +47,7 @@ def kicks(q, tau, span=40.0, escape=np.pi, rtol=1e-6, eta=1.0, w1=0.0, stiff=0.0
     return zj.sweep(kick_of, axes=axes, batch_size=4, progress=False).squeeze()
 
 
+@pytest.mark.slow
 def test_the_critical_kick_collapses_over_the_torque():
     """Small motions with Coulomb friction are homogeneous in (state, torque).
 

@@ -219,6 +219,7 @@ def plain_field(t, y, v_smooth, tau, q):
     return [w1, w2, (r1 / 3 - c / 2 * r2) / det, (4 / 3 * r2 - c / 2 * r1) / det]
 
 
+@pytest.mark.slow
 def test_stiff_motions_meet_tolerances():
     """Against scipy's Radau at 1e-12, with stick and slip on the way."""
     ts = np.linspace(0.0, 12.0, 13)

@@ -322,7 +322,8 @@ def final_and_events(q, tau, ratio, kick, span):
     return jnp.concatenate([found.phi[-1], found.omega[-1]]), found.events
 
 
-@pytest.mark.parametrize("ratio", [0.7, pytest.param(1.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.7, 1.0])
 def test_forward_derivatives_pass_through_events(ratio):
     """Seven events and more: each moves with the numbers, and the state jumps with it.
 

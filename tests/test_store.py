@@ -310,6 +310,7 @@ def test_every_setting_is_refused_by_name():
         assert said == f"has {name} {settings[name]}, and this sweep {value}"
 
 
+@pytest.mark.slow
 def test_larger_budgets_compute_the_unsettled_points_alone(path, tmp_path, refuses):
     def with_windows(count):
         def scene(q, mu):

@@ -259,7 +259,10 @@ def with_jvp(q):
     return {"slope": slope, "value": value}
 
 
-@pytest.mark.parametrize("scene", [two_settles, under_vmap, with_jvp])
+@pytest.mark.parametrize(
+    "scene",
+    [two_settles, under_vmap, pytest.param(with_jvp, marks=pytest.mark.slow)],
+)
 def test_scenes_that_cannot_run_in_legs_agree_with_direct_calls(scene):
     q = np.linspace(1.0, 3.0, 5)
     found = zj.sweep(scene, q=q, batch_size=4, progress=False)
