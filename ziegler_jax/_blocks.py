@@ -220,8 +220,9 @@ class Desk:
     def put(self, points: np.ndarray, found: list[Any], steps: np.ndarray) -> None:
         """Take the results of these points, lanes behind."""
         numbers = self.blocks.number(points)
-        for number in np.unique(numbers).tolist():
-            mine = numbers == number
+        several = (numbers != numbers[0]).any()
+        for number in np.unique(numbers).tolist() if several else [int(numbers[0])]:
+            mine = numbers == number if several else slice(None)
             opened = self.open[number]
             places = points[mine] - self.blocks.first(number)
             for target, result in zip(opened.flat, found, strict=True):

@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import nullcontext
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -55,6 +56,13 @@ class Packing:
         """Lay out leaves of these shapes and dtypes."""
         self.shapes = [(tuple(s.shape), np.dtype(s.dtype)) for s in shapes]
         self.dtypes = sorted({dtype for _, dtype in self.shapes}, key=str)
+        self.places = []  # which vector, and where in it
+        used = [0] * len(self.dtypes)
+        for shape, dtype in self.shapes:
+            which = self.dtypes.index(dtype)
+            first, used[which] = used[which], used[which] + int(np.prod(shape))
+            self.places.append((which, slice(first, used[which])))
+        self.used = used
 
     def pack(self, leaves: Sequence[Any]) -> tuple[jax.Array, ...]:
         """One vector a dtype."""
@@ -67,24 +75,16 @@ class Packing:
 
     def unpack(self, packed: Sequence[Any]) -> list[Any]:
         """The leaves again; lanes, if any, stand behind, and stay there."""
-        used = dict.fromkeys(self.dtypes, 0)
-        leaves = []
-        for shape, dtype in self.shapes:
-            source = packed[self.dtypes.index(dtype)]
-            size = int(np.prod(shape))
-            part = source[used[dtype] : used[dtype] + size]
-            leaves.append(part.reshape(shape + source.shape[1:]))
-            used[dtype] += size
-        return leaves
+        pairs = zip(self.shapes, self.places, strict=True)
+        return [
+            packed[which][place].reshape(shape + packed[which].shape[1:])
+            for (shape, _), (which, place) in pairs
+        ]
 
     def empty(self, lanes: int) -> tuple[np.ndarray, ...]:
         """Zeros for a batch that has not started."""
-        return tuple(
-            np.zeros(
-                (sum(int(np.prod(s)) for s, d in self.shapes if d == dt), lanes), dt
-            )
-            for dt in self.dtypes
-        )
+        pairs = zip(self.used, self.dtypes, strict=True)
+        return tuple(np.zeros((used, lanes), dtype) for used, dtype in pairs)
 
     def _pairs(self, leaves):
         return zip(leaves, self.shapes, strict=True)
@@ -313,10 +313,13 @@ class _Work:
 
     def call(self, points: np.ndarray, *arguments: Any) -> Any:
         """Run the program and wait for it; what it raises says at which points."""
-        wide, override = self.program.wide, self.program.override
+        override = self.program.override
+        # a context that is entered slows every call, so none without need
+        usual = override == Override()
+        context = nullcontext() if usual else overriding(override)
         try:
             # both settings are local to a thread
-            with jax.enable_x64(wide), overriding(override):
+            with jax.enable_x64(self.program.wide), context:
                 return jax.block_until_ready(self.program.run(*arguments))
         except Exception as error:
             pairs = list(zip(self.names, self.values(points), strict=True))

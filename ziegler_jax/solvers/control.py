@@ -103,24 +103,28 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
 
         # each number that a lane carries asks whether its step was accepted
         tols = self.rtol, self.atol
-        reached = t1 if signals is None or signals.reached is None else signals.reached
+        whole = signals is None or signals.reached is None  # steps are never cut
+        reached = t1 if whole else signals.reached
         tried, allowed = t1 - t0, controller_state.h
 
         def verdict():
             square, factor = judge(
                 *tols, y0, y1_candidate, error, error_order, self.layer
             )
+            if whole:
+                return square <= 1, factor
             # along its step an interpolant leaves the start with the error's square
-            share = 1.0 if reached is t1 else ((reached - t0) / tried) ** 2
+            share = ((reached - t0) / tried) ** 2
             # behind an event the field is another: no reason to grow
             factor = jnp.where(reached < t1, jnp.minimum(factor, 1.0), factor)
             return square * share**2 <= 1, factor
 
         keep, factor = materialise(t0, verdict)
-        # one that was shortened to a stop says little about how long one may be
-        shortened = keep & (tried < 0.9 * allowed)
         h = tried * factor
-        h = jnp.where(shortened, jnp.maximum(allowed, h), h)
+        if not whole:
+            # one that was shortened to a stop says little about how long one may be
+            shortened = keep & (tried < 0.9 * allowed)
+            allowed = h = jnp.where(shortened, jnp.maximum(allowed, h), h)
         t = jnp.where(keep, reached, t0)
         # an accepted step may be as small as the stop it was cut to
         vanished = ~(keep | (h > SMALLEST_STEP * jnp.maximum(jnp.abs(t), 1.0)))
@@ -133,7 +137,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         )
         result = dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
         t_next = towards(stop, t, h)
-        state = ControlState(t, stop, t_next, left, h)
+        state = ControlState(t, stop, t_next, left, allowed)
         return keep, t, t_next, False, state, result
 
 
