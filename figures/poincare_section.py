@@ -45,7 +45,7 @@ def main():
     ):
         axes[1].plot(phi[:, 1], omega[:, 1], ".", ms=2, color=colour, label=f"{kick:g}")
     axes[1].set_title(f"$q = {Q_FREE}$, no friction")
-    axes[0].locator_params(axis="x", nbins=5)
+    axes[0].locator_params(axis="x", nbins=3)
     axes[1].legend(
         title=r"kick $\dot\varphi_2$",
         markerscale=4,
