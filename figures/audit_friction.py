@@ -1,6 +1,6 @@
 """Rows of the audit: the column with friction."""
 
-from audit_rows import OPEN, holds, row
+from audit_rows import OPEN, REFUTED, holds, row
 
 
 @row("Dry friction in the joints can destabilise", "below_critical(2.0)")
@@ -33,14 +33,14 @@ def _(angles):
 
 @row(
     "Friction limits the amplitude of vibrations",
-    "peak(resolved(2.6, 3000))[0], [float(settled(law(r), max_windows=100)"
-    ".amplitude.rod[0]) for r in (0.001, 0.01, 0.1)]",
+    "[(k, float(peak(resolved(2.6, 3000, k))[0]), float(settled(law(0.1), kick=k, "
+    "max_windows=100).amplitude.rod[0])) for k in (0.02, 2, 4)]",
 )
 def _(found):
-    free, rubbed = found
-    text = f"phi1 swings {free:.2f} without friction, "
-    text += ", ".join(f"{x:.2f}" for x in rubbed) + " on pins of 1, 10, 100 mm"
-    return text, holds(max(rubbed) < free)
+    pairs = ", ".join(f"{free:.2f} and {rub:.2f} at {k:g}" for k, free, rub in found)
+    text = f"phi1 swings, without friction and on 100 mm, by kick: {pairs}"
+    raised = any(rub > free for _, free, rub in found)
+    return text, holds(not raised, f"{REFUTED} as a rule: it depends on the kick")
 
 
 @row(
@@ -89,8 +89,8 @@ def _of_reading(rows):
 for _name, _said in (
     ("F", "normal load F, set-valued"),
     ("constant 10 N", "constant normal load, set-valued"),
-    ("F, smoothed", "F, the program's transition at 0.1 rad/s"),
-    ("|R|, smoothed", "the joint's reaction, the program's transition"),
+    ("F, smoothed", "F, smoothed with 0.1 rad/s on every pin"),
+    ("|R|, smoothed", "the joint's reaction, smoothed with 0.1 rad/s on every pin"),
 ):
     row(
         f"Quasi-periodic, dense, chaotic motion at q = 2.6: {_said}",
@@ -145,6 +145,8 @@ def _(sticks):
     "[regimes(r) for r in (0.01, 0.1, 1.0)]",
 )
 def _(shares):
-    text = "share of time of joint 2 in static friction and in passage (to 1.5 v) on "
-    text += "0.01, 0.1, 1 m: " + ", ".join(f"{a:.1%} + {b:.1%}" for a, b in shares)
-    return text, holds(min(a for a, _ in shares) > 0)
+    text = "with 0.1 rad/s on every pin, share of time of joint 2 in static friction "
+    text += "and in passage (to 1.5 v) on 0.01, 0.1, 1 m: " + ", ".join(
+        f"{a:.1%} + {b:.1%}" for a, b in shares
+    )
+    return text, f"{OPEN}: missing transition velocity and pin radius"

@@ -184,6 +184,17 @@ def law(radius, load=None, mu_s=MU_S, mu_k=MU_K):
 
 
 @public
+def flutter_under_gravity(weight=9.81 / 10):
+    """The first q at which the upright column flutters; `weight` is m g l/k."""
+    mass = np.array([[4 / 3, 1 / 2], [1 / 2, 1 / 3]])
+    for q in np.linspace(0, 4, 4001):
+        stiffness = np.array([[2 - q, q - 1], [-1, 1]]) - weight * np.diag([1.5, 0.5])
+        if np.iscomplex(np.linalg.eigvals(np.linalg.solve(mass, stiffness))).any():
+            return q
+    return np.inf
+
+
+@public
 def settled(friction, q=2.6, kick=2.0, **options):
     """What a kick of rod 2 settles to."""
     watch = (zj.StickFraction(), zj.Period())

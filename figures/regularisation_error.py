@@ -47,7 +47,7 @@ def main():
     left.plot(q[i], v[j], "x", color="#D55E00", label="wrong verdict")
     left.set(yscale="log", xlabel="load $q = Fl/k$")
     left.set_ylabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
-    left.legend(loc="lower right")
+    left.legend(loc="lower left", bbox_to_anchor=(0, 1))
     between = np.sqrt(v[1:] * v[:-1])
     low, middle, high = np.nanpercentile(order[q >= 2.0], [25, 50, 75], axis=0)
     right.fill_between(between, low, high, color="#0072B2", alpha=0.3, lw=0)

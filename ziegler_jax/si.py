@@ -40,7 +40,8 @@ class SI(eqx.Module):
     ```python
     units = zj.SI(m=1.0, l=1.0, k=10.0)
     column = units.uniform_rods(F=26.0)  # newtons: q = 2.6
-    motion = zj.trajectory(column, zj.State(omega=(0, 0.2)), ts / units.time)
+    start = zj.State(omega=(0, 2.0 * units.time))  # 2 rad/s
+    motion = zj.trajectory(column, start, ts / units.time)
     motion = units.restore(motion)  # seconds, rad/s
     ```
 
