@@ -40,18 +40,19 @@ def branch(tau, direction):
 def main():
     figure, axes = plt.subplots(1, 3, figsize=(14, 4.6))
     left, middle, right = axes
-    tau = np.geomspace(0.01, 0.1, 12)  # above, another fold comes first from START
+    tau = np.linspace(0.01, 0.1, 10)  # above, another fold comes first from START
     found = folds(jnp.asarray(tau))
     q_fold = np.asarray(found.value)
+    tau, q_fold = tau[np.isfinite(q_fold)], q_fold[np.isfinite(q_fold)]
     q_cr = float(zj.critical_load(zj.uniform_rods()).q)
     left.fill_betweenx(tau, q_fold, 3, color="#FBE6D0", lw=0)
     left.plot(q_fold, tau, color=style.BLUE, lw=2.5)
     left.axvline(q_cr, color=style.ORANGE, lw=2, ls="--")
-    left.text(1.22, 0.09, "not on\nthis branch")
+    left.text(1.02, 0.075, "no cycle\non this\nbranch", fontsize=11)
     left.text(1.95, 0.06, "rest\nand flutter")
     left.text(q_cr + 0.03, 0.008, "$q_{cr}$, no friction", rotation=90, fontsize=12)
     left.text(1.52, 0.035, "fold of cycles", color=style.BLUE, fontsize=12)
-    left.set(xlim=(1.2, 3), ylim=(0, 0.1), ylabel=r"friction torque $\tau$ ($k$)")
+    left.set(xlim=(1.0, 3), ylim=(0, 0.1), ylabel=r"friction torque $\tau$ ($k$)")
     back, on = branch(TAU, -1), branch(TAU, 1)
     for b in (back, on):
         p, stable = b.points, np.asarray(b.points.stable)
