@@ -66,10 +66,9 @@ class Packing:
 
     def pack(self, leaves: Sequence[Any]) -> tuple[jax.Array, ...]:
         """One vector a dtype."""
+        pairs = list(zip(leaves, self.shapes, strict=True))
         return tuple(
-            jnp.concatenate(
-                [jnp.ravel(leaf) for leaf, (_, d) in self._pairs(leaves) if d == dtype]
-            )
+            jnp.concatenate([jnp.ravel(leaf) for leaf, (_, d) in pairs if d == dtype])
             for dtype in self.dtypes
         )
 
@@ -85,9 +84,6 @@ class Packing:
         """Zeros for a batch that has not started."""
         pairs = zip(self.used, self.dtypes, strict=True)
         return tuple(np.zeros((used, lanes), dtype) for used, dtype in pairs)
-
-    def _pairs(self, leaves):
-        return zip(leaves, self.shapes, strict=True)
 
 
 def compiled(
