@@ -103,8 +103,9 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
 
         # each number that a lane carries asks whether its step was accepted
         tols = self.rtol, self.atol
-        whole = signals is None or signals.reached is None  # steps are never cut
-        reached = t1 if whole else signals.reached
+        cut: Any = None if signals is None else signals.reached
+        whole = cut is None  # steps are never cut
+        reached = t1 if whole else cut
         tried, allowed = t1 - t0, controller_state.h
 
         def verdict():
