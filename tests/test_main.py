@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -102,16 +103,20 @@ def test_nonsense_ends_the_process_with_exit_code_2():
     reason="this process ignores Ctrl-C, as under nohup, and so do its children",
 )
 def test_ctrl_c_gets_one_line_and_exit_code_130(tmp_path):
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [*COMMAND, "--out", str(tmp_path)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )
-    assert process.stdout is not None
-    process.stdout.readline()  # it is about to compute
-    process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=60)
+    ) as process:
+        try:
+            assert process.stdout is not None
+            process.stdout.readline()  # it is about to compute
+            time.sleep(0.5)
+            process.send_signal(signal.SIGINT)
+            _, stderr = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert process.returncode == 130
     assert len(stderr.splitlines()) == 1 and "Stopped" in stderr
     assert not list(tmp_path.iterdir())

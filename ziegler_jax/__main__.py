@@ -5,6 +5,9 @@ mu_k) with mu_k <= mu_s and follows it until its motion has settled.
 """
 
 import argparse
+import contextlib
+import os
+import signal
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -34,6 +37,7 @@ Q_RANGE, MU_RANGE, MU_EXACT = (1.0, 4.0), (0.02, 0.4), (0.1, 0.12)
 Q_VALUES, MU_VALUES = 129, 40
 POINTS = Q_VALUES * MU_VALUES * (MU_VALUES + 1) // 2
 FEWEST, MOST = 20, 10_000_000  # four values of mu and two of q; about 2 GB
+STOPPED = "Stopped: nothing more was written."
 SECTIONS = (
     (1.0, r"$\mu_k = \mu_s$"),
     (1.2, r"$\mu_k \approx \mu_s / 1.2$"),
@@ -280,18 +284,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         setting = zj.configure_cpu()
         print(setting, flush=True)
-        ds = compute(options.points)
+        with _ended_by_ctrl_c():
+            ds = compute(options.points)
         print(summary(ds), flush=True)
         ds.to_zarr(options.out / STORE, mode="w", consolidated=False, zarr_format=3)
         draw(ds, options.out / PICTURE)
     except KeyboardInterrupt:
-        print("Stopped: nothing more was written.", file=sys.stderr)
+        print(STOPPED, file=sys.stderr)
         return 130
     except OSError as error:
         print(f"Could not write to {options.out}: {error}", file=sys.stderr)
         return 1
     print(f"written: {options.out / STORE}, {options.out / PICTURE}")
     return 0
+
+
+@contextlib.contextmanager
+def _ended_by_ctrl_c():
+    """Ctrl-C ends the process at once, while nothing is being written.
+
+    There is nothing to tidy, and an exception inside a compiler's callback can be lost.
+    """
+
+    def end(*_):
+        os.write(2, f"{STOPPED}\n".encode())
+        os._exit(130)
+
+    before = signal.getsignal(signal.SIGINT)
+    if before is not signal.default_int_handler:  # who ignores or handles it goes on
+        yield
+        return
+    signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 class _Parser(argparse.ArgumentParser):
