@@ -25,6 +25,7 @@ FLOORS = [
         "_cpu",
         "_cache",
         "_legs",
+        "_packing",
         "_surroundings",
         "_override",
     ]

@@ -18,6 +18,7 @@ from ._choice import lanes_of
 from ._cpu import compiles_whole_loops
 from ._legs import Legs, in_legs
 from ._override import Override, current_override, overriding
+from ._packing import Packing
 from ._surroundings import surroundings
 from ._variables import DIMENSIONS, Variable, named_variables
 from .outcome import SOLVER
@@ -30,6 +31,9 @@ BATCH_WITHOUT = 8192
 # at about a sixth of a lane's steps.
 LEGS_A_LANE = 6
 SHORTEST_LEG, FIRST_LEG, LONGEST_LEG = 64, 128, 1024
+# Where neighbours cost alike, a leg is a lane's whole run: none idles for long, and
+# calls are few. A few stragglers go on beside the next lanes.
+ALIKE, STRAGGLERS, LONGEST_RUN = 0.9, 0.05, 16384
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
 
@@ -38,8 +42,8 @@ class Program(NamedTuple):
     """One batch of a scene, compiled."""
 
     run: Callable[..., Any]
-    results: "Packing"
-    carry: "Packing | None"  # None: the lanes do not run in legs
+    results: Packing
+    carry: Packing | None  # None: the lanes do not run in legs
     variables: dict[str, Variable]  # values are shapes and dtypes
     attributes: dict[str, Any]
     coordinates: dict[str, Any]  # of the dimensions of results
@@ -47,43 +51,6 @@ class Program(NamedTuple):
     wide: bool  # float64
     compile_seconds: float
     override: Override  # that it was traced in
-
-
-class Packing:
-    """Many small arrays a lane as one array a dtype: a call then has few arguments."""
-
-    def __init__(self, shapes: Sequence[Any]):
-        """Lay out leaves of these shapes and dtypes."""
-        self.shapes = [(tuple(s.shape), np.dtype(s.dtype)) for s in shapes]
-        self.dtypes = sorted({dtype for _, dtype in self.shapes}, key=str)
-        self.places = []  # which vector, and where in it
-        used = [0] * len(self.dtypes)
-        for shape, dtype in self.shapes:
-            which = self.dtypes.index(dtype)
-            first, used[which] = used[which], used[which] + int(np.prod(shape))
-            self.places.append((which, slice(first, used[which])))
-        self.used = used
-
-    def pack(self, leaves: Sequence[Any]) -> tuple[jax.Array, ...]:
-        """One vector a dtype."""
-        pairs = list(zip(leaves, self.shapes, strict=True))
-        return tuple(
-            jnp.concatenate([jnp.ravel(leaf) for leaf, (_, d) in pairs if d == dtype])
-            for dtype in self.dtypes
-        )
-
-    def unpack(self, packed: Sequence[Any]) -> list[Any]:
-        """The leaves again; lanes, if any, stand behind, and stay there."""
-        pairs = zip(self.shapes, self.places, strict=True)
-        return [
-            packed[which][place].reshape(shape + packed[which].shape[1:])
-            for (shape, _), (which, place) in pairs
-        ]
-
-    def empty(self, lanes: int) -> tuple[np.ndarray, ...]:
-        """Zeros for a batch that has not started."""
-        pairs = zip(self.used, self.dtypes, strict=True)
-        return tuple(np.zeros((used, lanes), dtype) for used, dtype in pairs)
 
 
 def compiled(
@@ -335,9 +302,6 @@ class _Work:
             self.own_steps += int(steps.sum())
             self.all_steps += ran
 
-    def mean_steps(self) -> float:
-        return self.own_steps / self.finished if self.finished else 0.0
-
     def useful(self) -> float:
         return self.own_steps / self.all_steps if self.all_steps else float("nan")
 
@@ -369,6 +333,7 @@ def _run_in_legs(work: _Work, queue: _Queue) -> None:
     fresh = np.ones(size, bool)
     carried: Any = work.program.carry.empty(size)
     before = np.zeros(size, np.int64)
+    recent = np.zeros(0, np.int64)  # the steps of the last lanes that ended
     quota = FIRST_LEG
     while busy.any():
         packed, carried, running, steps = work.call(
@@ -382,13 +347,28 @@ def _run_in_legs(work: _Work, queue: _Queue) -> None:
         if queue.closed:
             return
         busy &= running
-        new = queue.take(lanes.size)
+        recent = np.concatenate([recent, steps[lanes]])[-size:]
+        typical, slow = _cost(recent)
+        alike = 2 * recent.size >= size and typical > ALIKE * slow
+        if alike and np.count_nonzero(busy) > STRAGGLERS * size:
+            quota = max(SHORTEST_LEG, slow // 16)
+            continue
+        idle = np.flatnonzero(~busy)
+        new = queue.take(idle.size)
         if new.size:
-            place = lanes[: new.size]
+            place = idle[: new.size]
             points[place], busy[place], fresh[place], before[place] = new, True, True, 0
             values = work.values(points)
-            fair = work.mean_steps() / LEGS_A_LANE
-            quota = int(np.clip(fair, SHORTEST_LEG, LONGEST_LEG))
+            fair = np.clip(typical // LEGS_A_LANE, SHORTEST_LEG, LONGEST_LEG)
+            quota = min(slow, LONGEST_RUN) if alike else fair
+
+
+def _cost(steps: np.ndarray) -> tuple[int, int]:
+    """The steps of a usual lane, and of the slowest but for stragglers."""
+    if not steps.size:
+        return 0, 0
+    few = int(STRAGGLERS * steps.size)
+    return int(steps.mean()), int(np.partition(steps, -1 - few)[-1 - few])
 
 
 def all_cores() -> int:

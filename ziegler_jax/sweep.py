@@ -1,5 +1,6 @@
 """A sweep: any function of named numbers, over named axes, as a labelled dataset."""
 
+import functools
 import inspect
 import json
 import os
@@ -362,13 +363,8 @@ def _provenance(
         scene = inspect.getsource(point)
     except (OSError, TypeError):
         scene = repr(point)
-    versions = {
-        f"{package}_version": metadata.version(package)
-        for package in ("ziegler_jax", "jax", "jaxlib", "diffrax", "numpy")
-    }
     return {
-        **versions,
-        "python_version": platform.python_version(),
+        **_versions(),
         "scene": scene,
         "scene_constants": json.dumps(constants(point)),
         **program.attributes,
@@ -378,6 +374,13 @@ def _provenance(
         "points": points,
         "compile_seconds": round(seconds, 3),
     }
+
+
+@functools.cache  # reading them takes 25 ms
+def _versions() -> dict[str, str]:
+    packages = ("ziegler_jax", "jax", "jaxlib", "diffrax", "numpy")
+    versions = {f"{package}_version": metadata.version(package) for package in packages}
+    return {**versions, "python_version": platform.python_version()}
 
 
 def _cost(effort: Effort, points: int) -> dict[str, float]:
