@@ -25,9 +25,11 @@ _Row = tuple[float, ...]
 class Explicit(dfx.AbstractSolver):
     """Any explicit `diffrax.ButcherTableau`, for states that are tuples of scalars.
 
-    **Arguments:** `tableau`: e.g. `diffrax.Tsit5.tableau` (the default) or
-    `diffrax.Dopri8.tableau`; its order is read off its number of stages for these, or
-    given as `order`.
+    **Arguments:**
+
+    - `tableau`: e.g. `diffrax.Tsit5.tableau` (the default) or
+        `diffrax.Dopri8.tableau`; `Explicit(*CALVO7)` of `solvers.tableaus`.
+    - `order`, `name`: known for these, else the order must be given.
 
     **Raises:** `ValueError` if the tableau is implicit, or its order is not known.
     """
@@ -50,11 +52,12 @@ class Explicit(dfx.AbstractSolver):
         self,
         tableau: dfx.ButcherTableau = dfx.Tsit5.tableau,
         order: int | None = None,
+        name: str | None = None,
     ):
         """Turn the tableau into numbers of the program."""
         if tableau.implicit:
             raise ValueError("Argument `tableau` must be explicit, but is implicit.")
-        name, known, bend = _KNOWN.get(id(tableau), ("explicit", None, None))
+        usual, known, bend = _KNOWN.get(id(tableau), ("explicit", None, None))
         order = known if order is None else order
         if order is None:
             raise ValueError(
@@ -68,7 +71,7 @@ class Explicit(dfx.AbstractSolver):
         self.c = tuple(map(float, tableau.c))
         self.last_stage_is_next_first = bool(tableau.fsal and tableau.ssal)
         self.method_order = order
-        self.name = name
+        self.name = usual if name is None else name
 
     def order(self, terms: Any) -> int:
         """The order of convergence."""

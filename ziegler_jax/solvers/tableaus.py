@@ -1,6 +1,6 @@
 """Explicit Runge-Kutta methods that diffrax does not have.
 
-Each is a `diffrax.ButcherTableau` with its order, for `Explicit(*CALVO7)`. They were
+Each is a `diffrax.ButcherTableau` with its order and name, for `Explicit(*CALVO7)`. They were
 kept of a wider choice (Verner's efficient 6(5), 7(6), 8(7) and 9(8), Prince's 7, 8, 9)
 because on motions with smoothed friction no other needs fewer evaluations of the
 right-hand side at their errors: `CALVO7` from 1e-5 to 1e-8, `VERN9` below 1e-11.
@@ -13,20 +13,21 @@ import numpy as np
 
 
 class Method(NamedTuple):
-    """A tableau and its order."""
+    """A tableau, its order and its name."""
 
     tableau: dfx.ButcherTableau
     order: int
+    name: str
 
 
-def _method(order, a, b, b_error, c) -> Method:
+def _method(name, order, a, b, b_error, c) -> Method:
     tableau = dfx.ButcherTableau(
         a_lower=tuple(np.array(row) for row in a),
         b_sol=np.array(b),
         b_error=np.array(b_error),
         c=np.array(c),
     )
-    return Method(tableau, order)
+    return Method(tableau, order, name)
 
 
 # 7(5) in nine stages; of dispersion order 10 and dissipation order 9. M. Calvo,
@@ -43,6 +44,7 @@ _EMBEDDED5 = (
     36241511875000 / 394222326561063, 28487 / 712800,
 )  # fmt: skip
 CALVO7 = _method(
+    "Calvo7",
     7,
     (
         (4 / 63,),
@@ -146,6 +148,7 @@ def _row(length, entries):
 
 _A9 = [_row(i + 1, row) for i, row in enumerate(_ROWS9)]
 VERN9 = _method(
+    "Vern9",
     9,
     _A9,
     _row(16, _B9),
@@ -153,4 +156,4 @@ VERN9 = _method(
     [row.sum() for row in _A9],
 )
 
-ALL = {"Calvo7": CALVO7, "Vern9": VERN9}
+ALL = {method.name: method for method in (CALVO7, VERN9)}
