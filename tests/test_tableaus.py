@@ -50,7 +50,7 @@ def residual(b, a, order):
 
 @pytest.mark.parametrize("name, embedded", [("Calvo7", 5), ("Vern9", 8)])
 def test_all_order_conditions_hold_and_the_next_order_fails(name, embedded):
-    tableau, order = tableaus.ALL[name]
+    tableau, order, _ = tableaus.ALL[name]
     b = np.asarray(tableau.b_sol)
     a = np.zeros((b.size, b.size))
     for i, row in enumerate(tableau.a_lower, 1):

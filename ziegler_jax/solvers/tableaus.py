@@ -1,9 +1,9 @@
 """Explicit Runge-Kutta methods that diffrax does not have.
 
-Each is a `diffrax.ButcherTableau` with its order and name, for `Explicit(*CALVO7)`. They were
-kept of a wider choice (Verner's efficient 6(5), 7(6), 8(7) and 9(8), Prince's 7, 8, 9)
-because on motions with smoothed friction no other needs fewer evaluations of the
-right-hand side at their errors: `CALVO7` from 1e-5 to 1e-8, `VERN9` below 1e-11.
+Each is a `diffrax.ButcherTableau` with its order and name, for `Explicit(*CALVO7)`.
+They were kept of a wider choice (Verner's efficient 6(5), 7(6), 8(7) and 9(8), Prince's
+7, 8, 9) because on motions with smoothed friction no other needs fewer evaluations of
+the right-hand side at their errors: `CALVO7` from 1e-5 to 1e-8, `VERN9` below 1e-11.
 """
 
 from typing import NamedTuple
