@@ -7,103 +7,85 @@ tolerance: the relative drift of the energy at q = 0 (uniform rods, kick 0.3); h
 motion of 100 time units and back ends from its start (q = 1.5); and the mean rate at
 which the numerical flow changes the phase volume along a motion at q = 1.5 and in
 flutter at q = 2.6, from the Jacobians of the solved pieces of one time unit. Writes
-results/honesty.json and results/honesty.png; a few minutes.
+results/c1_honesty.json and results/c1_honesty.png; about two minutes, most of them to
+compile.
 
     python benchmarks/c1_honesty.py
 """
 
 import argparse
 import json
-from pathlib import Path
+import time
 
 import diffrax as dfx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measure import machine, rounded
+from measure import machine, rounded, save
 
 import ziegler_jax as zj
+from ziegler_jax.solvers.tableaus import CALVO7, VERN9
 
-RESULTS = Path(__file__).parent / "results"
 SOLVERS = {
     "Tsit5": zj.Explicit(),
+    "Calvo7": zj.Explicit(*CALVO7),
     "Dopri8": zj.Explicit(dfx.Dopri8.tableau),
+    "Vern9": zj.Explicit(*VERN9),
     "Rodas5P": zj.Rosenbrock(),
 }
+COLOURS = "#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73"
 TOLERANCES = (1e-4, 1e-6, 1e-8)
+LOADS = (1.5, 2.6)  # stable, and in flutter
 START = (0.0, 0.0, 0.0, 0.3)
 SPAN, PIECE, BACK = 1e4, 1.0, 100.0
+PATH = np.arange(0.0, 501.0, 10.0)  # where the pieces begin
 MOST = 50_000_000
 
 
-def state(y):
-    return zj.State(tuple(y[:2]), tuple(y[2:]))
-
-
-def advanced(solver, y, q, span, tol):
-    """The state after `span`."""
+def motion(solver, y, q, ts, tol):
+    """The states at `ts`, (n, 4)."""
     found = zj.trajectory(
-        zj.uniform_rods(q), state(y), jnp.stack([0.0 * span, span]), rtol=tol, atol=tol,
-        solver=solver, max_steps=MOST,
+        zj.uniform_rods(q), zj.State(tuple(y[:2]), tuple(y[2:])), ts, rtol=tol,
+        atol=tol, solver=solver, max_steps=MOST,
     )  # fmt: skip
-    return jnp.concatenate([found.phi[-1], found.omega[-1]])
+    return jnp.concatenate([found.phi, found.omega], -1)
 
 
-def energies(solver):
-    column, ts = zj.uniform_rods(0.0), np.linspace(0.0, SPAN, 11)
-
-    @jax.jit
-    @jax.vmap
-    def run(tol):
-        found = zj.trajectory(
-            column, state(START), ts, rtol=tol, atol=tol, solver=solver, max_steps=MOST
-        )
-        y = (*found.phi.T, *found.omega.T)
-        e = jax.vmap(lambda *y: zj.energy(column, y))(*y)
-        return e / e[0] - 1
-
-    return np.asarray(run(np.array(TOLERANCES)))
+def log_mass(y):
+    return jnp.log(4 / 9 - (jnp.cos(y[0] - y[1]) / 2) ** 2)
 
 
-def returns(solver):
-    """There and back: with the rates turned round the motion retraces itself."""
+def measured(solver, paths):
+    """What one method adds, at each tolerance."""
+    tols = np.array(TOLERANCES)
 
-    @jax.jit
-    @jax.vmap
-    def run(tol):
-        turn = jnp.array([1.0, 1.0, -1.0, -1.0])
-        there = advanced(solver, jnp.array(START), 1.5, jnp.asarray(BACK), tol)
-        back = advanced(solver, turn * there, 1.5, jnp.asarray(BACK), tol)
-        return jnp.abs(turn * back - jnp.array(START)).max()
+    def end(y, q, span, tol):
+        return motion(solver, y, q, jnp.stack([0.0 * span, span]), tol)[-1]
 
-    return np.asarray(run(np.array(TOLERANCES)))
-
-
-def volumes(solver, q):
-    """D log(det M dphi domega) / dt of the numerical flow, at each tolerance."""
-    ts = np.arange(0.0, 501.0, 10 * PIECE)
-    path = zj.trajectory(
-        zj.uniform_rods(q), state(START), ts, rtol=1e-12, atol=1e-12, max_steps=MOST
-    )
-    states = np.concatenate([path.phi, path.omega], -1)
-
-    def log_mass(y):
-        return jnp.log(4 / 9 - (jnp.cos(y[0] - y[1]) / 2) ** 2)
-
-    @jax.jit
-    @jax.vmap
-    def rate(tol):
+    def volume(y, q, tol):
         def piece(y):
-            end = advanced(solver, y, q, jnp.asarray(PIECE), tol)
-            return end, end
+            after = end(y, q, jnp.asarray(PIECE), tol)
+            return after, after
 
-        def of(y):
-            flow, end = jax.jacfwd(piece, has_aux=True)(y)
-            return jnp.linalg.slogdet(flow)[1] + log_mass(end) - log_mass(y)
+        flow, after = jax.jacfwd(piece, has_aux=True)(y)
+        return jnp.linalg.slogdet(flow)[1] + log_mass(after) - log_mass(y)
 
-        return jax.vmap(of)(states).mean() / PIECE
-
-    return np.asarray(rate(np.array(TOLERANCES)))
+    ends = jax.jit(jax.vmap(end, (0, None, None, 0)))
+    turn = np.array([1.0, 1.0, -1.0, -1.0])
+    starts = np.tile(START, (tols.size, 1))
+    free = zj.uniform_rods(0.0)
+    energy = jax.vmap(lambda y: zj.energy(free, tuple(y)))
+    last = ends(starts, 0.0, SPAN, tols)
+    # with the rates turned round the motion retraces itself
+    back = turn * ends(turn * ends(starts, 1.5, BACK, tols), 1.5, BACK, tols)
+    along = jax.vmap(jax.vmap(volume, (0, None, None)), (0, 0, None))
+    by_tolerance = jax.jit(jax.vmap(along, (None, None, 0)))
+    rates = by_tolerance(paths, np.array(LOADS), tols)
+    return (
+        np.asarray(energy(last) / energy(starts) - 1),
+        np.abs(back - starts).max(-1),
+        np.asarray(rates.mean(-1) / PIECE),
+    )
 
 
 def draw(result, path):
@@ -112,22 +94,19 @@ def draw(result, path):
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    colours = dict(zip(SOLVERS, ("#0072B2", "#E69F00", "#009E73"), strict=True))
     with plt.rc_context({"font.size": 10}):
         figure, (left, right) = plt.subplots(
-            1, 2, figsize=(8.3, 3.4), layout="constrained"
+            1, 2, figsize=(8.3, 3.6), layout="constrained"
         )
-        for name, marker in zip(SOLVERS, "osD", strict=True):
+        for name, marker, colour in zip(SOLVERS, "osD^v", COLOURS, strict=True):
+            look = {"marker": marker, "color": colour}
             drift = np.abs(np.array(result["energy_drift"][name]))
-            left.loglog(
-                TOLERANCES, drift, marker=marker, color=colours[name], label=name
-            )
-            for q, style in (("1.5", "-"), ("2.6", "--")):
-                rate = np.abs(np.array(result["volume_rate"][q][name]))
-                right.loglog(
-                    TOLERANCES, rate, style, marker=marker, color=colours[name],
-                    label=f"{name}, $q$ = {q}",
-                )  # fmt: skip
+            left.loglog(TOLERANCES, drift, **look, label=name)
+            for q, style in zip(LOADS, ("-", "--"), strict=True):
+                rate = np.abs(np.array(result["volume_rate"][f"{q:g}"][name]))
+                right.loglog(TOLERANCES, rate, style, **look)
+        for q, style in zip(LOADS, ("-", "--"), strict=True):
+            right.plot([], [], style, color="0.3", label=f"$q$ = {q:g}")
         left.set_ylabel(r"$|E/E_0 - 1|$ after $10^4$ time units (–)")
         left.set_title(r"energy at $q$ = 0", fontsize=10)
         right.set_ylabel(r"$|\mathrm{d} \log V/\mathrm{d} t|$ ($\sqrt{k/(m l^2)}$)")
@@ -143,23 +122,27 @@ def draw(result, path):
 def main():
     argparse.ArgumentParser(description=__doc__.split("\n")[0]).parse_args()
     jax.config.update("jax_enable_x64", True)
+    best = zj.Explicit(dfx.Dopri8.tableau)
+    path = jax.jit(jax.vmap(lambda q: motion(best, START, q, PATH, 1e-12)))
+    paths = np.asarray(path(np.array(LOADS)))
     result = {
         "benchmark": "c1_honesty",
         "tolerances": list(TOLERANCES),
         "energy_drift": {},
         "return_error": {},
-        "volume_rate": {"1.5": {}, "2.6": {}},
+        "volume_rate": {f"{q:g}": {} for q in LOADS},
+        "cpu_seconds": {},
     }
     for name, solver in SOLVERS.items():
-        drift = energies(solver)
-        result["energy_drift"][name] = [float(x) for x in drift[:, -1]]
-        result["return_error"][name] = [float(x) for x in returns(solver)]
-        for q, rates in result["volume_rate"].items():
-            rates[name] = [float(x) for x in volumes(solver, float(q))]
-    RESULTS.mkdir(exist_ok=True)
+        began = time.process_time()
+        drift, back, rates = measured(solver, paths)
+        result["energy_drift"][name] = drift.tolist()
+        result["return_error"][name] = back.tolist()
+        for q, rate in zip(LOADS, rates.T, strict=True):
+            result["volume_rate"][f"{q:g}"][name] = rate.tolist()
+        result["cpu_seconds"][name] = time.process_time() - began
     result = rounded(result | machine())
-    (RESULTS / "honesty.json").write_text(json.dumps(result) + "\n")
-    draw(result, RESULTS / "honesty.png")
+    draw(result, save("c1_honesty", result))
     print(json.dumps(result))
 
 

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
 from ziegler_jax.solvers import rosenbrock
+from ziegler_jax.solvers.control import judge
 
 TERMS = dfx.ODETerm(zj.vector_field)
 STAGES = 8
@@ -246,6 +247,36 @@ def test_stiff_motions_meet_tolerances():
         apart = np.abs(end - truth.y.T).max((1, 2)) / tols
         # measured 39, at v_smooth = 1e-4; with the embedded estimate alone 480
         assert apart.max() < 150, (v_smooth, mu, apart)
+
+
+def test_a_joint_that_breaks_loose_within_a_step_is_seen():
+    """It leaves a layer as narrow as the tolerance, from 3.3 v_smooth.
+
+    The method damps its error estimate by the layer's slope at the start, 500 times too
+    much at the end: only the controller, which looks at the layer, rejects the step.
+    """
+    v, tol, h = 1e-8, 1e-8, 0.013
+    column, u1 = rubbing(v, mu=0.3), 0.11462121
+    start = -0.0628783, -0.16778115, u1, u1 + 3.2539 * v
+
+    @jax.jit
+    def run(n):
+        def body(i, carry):
+            y, _ = carry
+            t = i * h / n
+            return zj.Rosenbrock().advance(TERMS, t, t + h / n, y, column, None)[:2]
+
+        y = tuple(map(jnp.asarray, start))
+        return jax.lax.fori_loop(0, n, body, (y, y))
+
+    y, error = run(1)
+    truth, _ = run(20_000)
+    wrong = max(abs(float(a - b)) for a, b in zip(y, truth, strict=True))
+    assert wrong > 500 * tol  # measured 2310
+    y0 = tuple(map(jnp.asarray, start))
+    for layer, passes in ((None, True), (v, False)):
+        square, _ = judge(tol, tol, y0, y, error, 5, layer)
+        assert (float(square) <= 1) == passes  # measured 0.06 and 22
 
 
 LAYERS = 10.0 ** -np.arange(2, 9)

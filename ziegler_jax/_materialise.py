@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
+from jax.extend.core import jaxpr_as_fun
 
 
 @custom_vmap
@@ -40,15 +41,18 @@ def materialise(at: Any, function: Callable, *args: Any) -> Any:
     """
     if jnp.ndim(at) or jax.default_backend() != "cpu":
         return function(*args)
-    shapes = jax.eval_shape(function, *args)
+    # traced once: what a step holds is most of what a program takes to trace
+    traced, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
+    leaves, tree = jax.tree.flatten(shapes)
+
+    def always():
+        return tuple(jaxpr_as_fun(traced)(*jax.tree.leaves(args)))
 
     def never():
-        zero = [jnp.zeros(leaf.shape, leaf.dtype) for leaf in leaves]
-        return jax.tree.unflatten(tree, zero)
+        return tuple(jnp.zeros(leaf.shape, leaf.dtype) for leaf in leaves)
 
-    leaves, tree = jax.tree.flatten(shapes)
     predicate = _always(lax.stop_gradient(at))
-    return lax.cond(predicate, lambda: function(*args), never)
+    return jax.tree.unflatten(tree, lax.cond(predicate, always, never))
 
 
 @custom_vmap

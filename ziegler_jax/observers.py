@@ -338,14 +338,21 @@ def _peak(x0, x1, v0, v1, a0, a1):
 
     Slopes and second derivatives are per step. Between slopes of unlike sign the cubic
     of the same ends has exactly one extremum, at the root written here so that nothing
-    cancels. It lies within h^3 of the quintic's, whose value there is within h^6.
+    cancels. It lies within h^3 of the quintic's, whose value there is within h^6. Of a
+    step whose rise is rounding, or whose numbers underflow, that root is no place in
+    the step: such a number hardly moves, and its end will do.
     """
     rise = x1 - x0
     c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
-    turns = v0 * v1 < 0
-    root = jnp.sqrt(jnp.where(turns, c2 * c2 - 3 * c3 * v0, 1.0))
+    square = c2 * c2 - 3 * c3 * v0
+    root = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    root = jnp.where(v0 > 0, root, -root)
+    apart = (c2 < 0) == (v0 > 0)
+    top = jnp.where(apart, v0, -(root + c2))
+    bottom = jnp.where(apart, root - c2, 3 * c3)
+    turns = (v0 * v1 < 0) & (square > 0) & (jnp.abs(top) <= jnp.abs(bottom))
     # between 0 and 1 where it turns; elsewhere any harmless number
-    s = v0 / jnp.where(turns, jnp.where(v0 > 0, root, -root) - c2, 1.0)
+    s = top / jnp.where(turns, bottom, 1.0)
     rest = 1 - s
     bend = rest * (a0 / 2 - c2) + s * (a1 / 2 - c2 - 3 * c3)
     inner = x0 + s * (v0 + s * (c2 + s * c3) + s * rest * rest * bend)

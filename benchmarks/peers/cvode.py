@@ -64,7 +64,10 @@ def jacobian(y, dy, matrix, q, tau, v_smooth):
 
 
 def solve(lanes, start, span, tol):
-    """Final states (n, 4) of lanes (q, tau, v_smooth), each (n,)."""
+    """Final states (n, 4) of lanes (q, tau, v_smooth), each (n,); evaluations a lane.
+
+    These are of the field alone, without Jacobians.
+    """
     from sksundae.cvode import CVODE
 
     def rhs(t, y, dy, lane):
@@ -74,9 +77,10 @@ def solve(lanes, start, span, tol):
         jacobian(y, dy, matrix, *lane)
 
     options = {"rtol": tol, "atol": tol, "max_num_steps": 10_000_000}
-    ends = []
+    ends, evaluations = [], []
     for lane in zip(*lanes, strict=True):
         solver = CVODE(rhs, jacfn=jac, userdata=lane, **options)
         solution = solver.solve(np.array([0.0, span]), np.array(start, float))
         ends.append(solution.y[-1] if solution.success else np.full(4, np.nan))
-    return np.array(ends)
+        evaluations.append(solution.nfev)
+    return np.array(ends), float(np.mean(evaluations))
