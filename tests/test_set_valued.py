@@ -230,7 +230,7 @@ def test_modes_agree_with_the_law_whatever_the_forces(rng):
 
 def layered(balance, static, kinetic, x, span=300.0, n=30_000):
     """The layer's passage by many small steps of Euler's method."""
-    a, h, d, r1, r2 = (np.asarray(v, float) for v in balance)
+    a, h, d, r1, r2 = (np.asarray(v, float) for v in balance[:5])
     inverse = 1 / (a * d - h * h)
     x = np.array(x, float)
     for _ in range(n):
@@ -305,7 +305,9 @@ def test_what_breaks_a_rule_is_named(refuses):
 
     refuses(make(0.1, 0.2), "`mu_k`", "at most `mu_s`", "0.2", "0.1")
     refuses(make(-0.1), "`mu_s`", "nonnegative", "-0.1")
-    refuses(make(0.1, load=zj.JointReaction()), "`load`", "JointReaction")
+    refuses(make(0.1, load=9.0), "`load`", "JointReaction", "9.0")
+    layers = make(0.2, 0.1, load=zj.JointReaction(), release="stribeck-limit")
+    refuses(layers, "`release`", "JointReaction", "stick-first")
     refuses(make(0.1, release="slip-first"), "`release`", "stick-first", "slip-first")
     refuses(
         lambda: zj.sticking_set(zj.uniform_rods(1.0)), "`column`", "SetValuedCoulomb"
