@@ -12,9 +12,8 @@ made exactly zero, the friction law chooses new modes for both joints, and the s
 goes on.
 """
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
-import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -35,7 +34,7 @@ from .crossing import (
     weak_point,
 )
 from .explicit import OKAY, Explicit, dense
-from .observed import AbstractFold, Step
+from .observed import AbstractFold, AbstractObserved, Step
 
 EVENT_SHARE = 0.01  # an event's tolerance against that of a step
 FINEST = 64  # and the least, in units of rounding
@@ -56,7 +55,7 @@ class StickSlipState(NamedTuple):
     at_once: Scalar  # how many events have followed each other without time between
 
 
-class StickSlip(dfx.AbstractSolver):
+class StickSlip(AbstractObserved):
     """An explicit solver for set-valued friction, with a fold over accepted steps.
 
     Needs `StepControl`. The column among diffrax's `args` must have been prepared:
@@ -69,21 +68,6 @@ class StickSlip(dfx.AbstractSolver):
     solver: Explicit
     fold: AbstractFold
     tolerance: Scalar
-
-    term_structure: ClassVar = dfx.AbstractTerm
-    interpolation_cls: ClassVar = dfx.ThirdOrderHermitePolynomialInterpolation
-
-    def order(self, terms):
-        """The solver's."""
-        return self.solver.order(terms)
-
-    def error_order(self, terms):
-        """The solver's."""
-        return self.solver.error_order(terms)
-
-    def func(self, terms, t0, y0, args):
-        """The right-hand side."""
-        return self.solver.func(terms, t0, y0, args)
 
     def init(self, terms, t0, t1, y0, args):
         """The modes of the start, and the fold's."""
