@@ -5,23 +5,25 @@ against smoothed ones. Then friction cycles (tau = 0.026, q = 2.4..2.8): the lar
 error of the amplitudes of both rods and joint 2, against the set-valued law at 1e-10,
 and what it costs. The smoothed law's error goes with v_smooth; it is run at tolerances
 that add little to it, by an explicit method and by a stiff one. Moreau's time stepping
-is the tests' second code on every 32nd lane, once a step length, its lanes in one
-batch on one thread: its cost counts as that of half a thread. Prints one JSON line,
+is the tests' second code, on every 32nd lane and once a step length; one thread runs
+it, and its cost is processor time over the number of cores. Prints one JSON line,
 which goes to `results/a3_friction.json` with a picture beside it; about two minutes.
 
-    python benchmarks/a3_friction.py [--repeats 3]
+    python benchmarks/a3_friction.py [--repeats 3] [--lanes 2048]
 """
 
 import argparse
 import json
+import os
 import sys
+import time
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import matplotlib
 import numpy as np
-from measure import clock, interleaved, machine, paired, ready, rounded, save
+from measure import interleaved, machine, paired, ready, rounded, save
 
 import ziegler_jax as zj
 from ziegler_jax.__main__ import KICK, PIN_RADIUS, SETTLE
@@ -33,21 +35,19 @@ matplotlib.use("agg")
 
 TARGET = 1e-4
 TAU, SPEED, TRANSIENT, WINDOW = 0.026, 0.2, 200.0, 40.0
-EXACT = (None, 1e-10, None)
-SMOOTHED = ((1e-2, 1e-6), (1e-3, 1e-6), (3e-4, 1e-8), (1e-4, 1e-8), (3e-5, 1e-8))
-STIFF = ((1e-2, 1e-6), (1e-3, 1e-6), (3e-4, 1e-7), (1e-4, 1e-7), (3e-5, 1e-7))
-# kind: v_smooth (None: set-valued), tolerance, solver
+NO_LAYER = 0.0
+# v_smooth and tolerance of each curve's points
 CURVES = {
-    "set-valued": [(None, tol, None) for tol in (1e-4, 3e-5, 2e-5, 1e-5, 1e-6, 1e-7)],
-    "smoothed": [(v, tol, None) for v, tol in SMOOTHED],
-    "smoothed, stiff": [(v, tol, zj.Rosenbrock()) for v, tol in STIFF],
+    "set-valued": [
+        (NO_LAYER, tol) for tol in (1e-4, 3e-5, 2e-5, 1.5e-5, 1e-5, 1e-6, 1e-7)
+    ],
+    "smoothed": [(1e-2, 1e-6), (1e-3, 1e-6)]
+    + [(v, 1e-8) for v in (3e-4, 1e-4, 6e-5, 3e-5)],
+    "smoothed, stiff": [(1e-2, 1e-6), (1e-3, 1e-6)]
+    + [(v, 1e-7) for v in (3e-4, 1e-4, 6e-5, 3e-5)],
 }
-CONTESTANTS = {
-    (kind, *contestant[:2]): contestant
-    for kind, contestants in CURVES.items()
-    for contestant in contestants
-}
-STEPS_A_UNIT = (25, 100, 400, 1600)  # Moreau's
+CONTESTANTS = [(kind, *point) for kind, points in CURVES.items() for point in points]
+STEPS_A_UNIT = (30, 100, 300, 1000)  # Moreau's
 EVERY = 32
 
 
@@ -66,27 +66,33 @@ def map_point(v_smooth):
     return point
 
 
-def cycle_point(v_smooth, tol, solver=None):
-    def point(q):
-        load = zj.ConstantLoad(1.0)
-        friction = law(TAU, v_smooth, pin_radius=1.0, load=load)
-        column = zj.uniform_rods(q=q, friction=friction)
-        options = {"transient": TRANSIENT, "window": WINDOW, "max_windows": 1}
-        start = zj.State(omega=(0.0, SPEED))
+def cycle_point(kind):
+    """One program a curve: `v_smooth` and the tolerance are axes of it."""
+
+    def point(q, v_smooth, tol):
+        friction = law(
+            TAU,
+            None if kind == "set-valued" else v_smooth,
+            pin_radius=1.0,
+            load=zj.ConstantLoad(1.0),
+        )
         return zj.settle(
-            column,
-            start,
-            solver=solver,
+            zj.uniform_rods(q=q, friction=friction),
+            zj.State(omega=(0.0, SPEED)),
+            transient=TRANSIENT,
+            window=WINDOW,
+            max_windows=1,
+            solver=zj.Rosenbrock() if kind == "smoothed, stiff" else None,
             rtol=tol,
             atol=tol,
             max_steps=10_000_000,
-            **options,
         )
 
     return point
 
 
 def amplitudes(ds):
+    ds = ds.isel(v_smooth=0, tol=0)
     knee = ds.joint_amplitude.sel(joint=[2]).values
     return np.concatenate([ds.rod_amplitude.values, knee], axis=-1)
 
@@ -115,11 +121,11 @@ def moreau_curve(q, truth):
     rows = {}
     with jax.enable_x64(True):
         lanes = jnp.asarray(q[::EVERY])
-        ready(time_stepping(lanes, 1.0))
+        ready(time_stepping(lanes, 1.0))  # compiles
         for steps in STEPS_A_UNIT:
-            start = clock()
+            start = time.process_time()
             found = ready(time_stepping(lanes, float(steps)))
-            seconds = clock() - start
+            seconds = (time.process_time() - start) / (os.cpu_count() or 1)
             error = float(np.abs(np.asarray(found) - truth[::EVERY]).max())
             rows[f"Moreau, h = 1/{steps}"] = {
                 "kind": "Moreau's time stepping",
@@ -168,7 +174,9 @@ def draw(table, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--repeats", type=int, default=3)
-    repeats = parser.parse_args().repeats
+    parser.add_argument("--lanes", type=int, default=2048)
+    options = parser.parse_args()
+    repeats = options.repeats
     zj.configure_cpu()
 
     axes = {"q": np.linspace(1, 4, 97), "mu": np.linspace(0.02, 0.4, 40)}
@@ -180,27 +188,29 @@ def main():
     to_1e2, range_1e2 = paired(seconds[None], seconds[1e-2])
     to_1e3, range_1e3 = paired(seconds[None], seconds[1e-3])
 
-    q = np.linspace(2.4, 2.8, 2048)  # a sweep's own cost is spread over them
+    q = np.linspace(2.4, 2.8, options.lanes)  # a sweep's own cost is spread over them
     found = {}
 
-    def runner(name, contestant):
-        point = cycle_point(*contestant)
+    cycles = {kind: cycle_point(kind) for kind in CURVES}
+
+    def runner(kind, v_smooth, tol):
+        axes = {"q": q, "v_smooth": [v_smooth], "tol": [tol]}
 
         def run():
-            found[name] = zj.sweep(point, q=q, progress=False)
+            found[kind, v_smooth, tol] = zj.sweep(cycles[kind], progress=False, **axes)
 
         return run
 
-    runner("exact", EXACT)()
-    truth = amplitudes(found["exact"])
-    cost = interleaved({n: runner(n, c) for n, c in CONTESTANTS.items()}, repeats)
+    exact = "set-valued", NO_LAYER, 1e-10
+    runner(*exact)()
+    truth = amplitudes(found[exact])
+    cost = interleaved({name: runner(*name) for name in CONTESTANTS}, repeats)
     table = {}
     for name in CONTESTANTS:
         kind, v_smooth, tol = name
-        label = f"{kind}, {tol:g}" if v_smooth is None else f"{kind} {v_smooth:g}"
-        table[label] = {
+        layer = "" if kind == "set-valued" else f" {v_smooth:g}"
+        table[f"{kind}{layer}, {tol:g}"] = {
             "kind": kind,
-            "tolerance": tol,
             "error": float(np.abs(amplitudes(found[name]) - truth).max()),
             "microseconds_a_lane": float(np.median(cost[name])) / q.size * 1e6,
         }
