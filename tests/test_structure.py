@@ -30,8 +30,8 @@ FLOORS = [
         "_override",
     ]
     + ["_materialise", "_sincos", "_exponential"],
-    ["friction", "set_valued", "_layer", "damping"],
-    ["column", "_reactions", "_characteristic"],
+    ["friction", "set_valued", "_modes", "_layer", "_reactions", "damping"],
+    ["column", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters", "_choice"],
     ["critical", "_scene", "_events"],
     ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"],
@@ -51,10 +51,12 @@ FLOORS = [
 SAME_FLOOR = {
     ("_variables", "outcome"),
     ("_sincos", "_materialise"),
-    ("column", "_reactions"),
     ("observers", "solvers"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
+    ("set_valued", "_modes"),
+    ("set_valued", "_reactions"),
+    ("_modes", "_reactions"),
     ("plot", "plot_precision"),
 }
 # Inside the solvers' room.

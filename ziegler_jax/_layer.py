@@ -39,7 +39,7 @@ def layer_limit(balance: Any, static: Pair, kinetic: Pair, start: Pair, ask: Any
 
     **Returns:** two modes, -1., 0. or 1., and whether the passage came to its end.
     """
-    a, h, d, r1, r2 = balance
+    a, h, d, r1, r2 = balance[:5]
     inverse = 1 / (a * d - h * h)
     # u' = s - W T
     s1 = (d * r1 - h * r2) * inverse

@@ -158,9 +158,9 @@ def _through_event(column: Any, vectors: Vectors, step: Step) -> Vectors:
     column_after = eqx.tree_at(lambda c: c.friction, column, law_after)
 
     def guards(y):
-        torques, rates = law.torques(joint_balance(column, y)), joint_rates(y)
-        each = zip(law.modes, torques, rates, strict=True)
-        guard1, guard2 = (jnp.where(m == 0, t, u) for m, t, u in each)
+        spare, rates = law.spare(joint_balance(column, y)), joint_rates(y)
+        each = zip(law.modes, spare, rates, strict=True)
+        guard1, guard2 = (jnp.where(m == 0, left, u) for m, left, u in each)
         # both at once is not generic: then one is as good as the other
         return jnp.where(joint == 2, guard2, guard1)
 

@@ -332,11 +332,10 @@ def _stopped(column: Any, y: Vector4, dw1: Any, dw2: Any) -> tuple[Any, Any]:
 def _guards(column: Any, y: Vector4) -> tuple[Any, Any]:
     """What is positive as long as each joint's mode holds; see `solvers.stickslip`."""
     law = column.friction
-    torques = law.torques(joint_balance(column, y))
-    rates = y[2], y[3] - y[2]
+    spare, rates = law.spare(joint_balance(column, y)), (y[2], y[3] - y[2])
     return tuple(
-        jnp.where(m == 0, s * s - t * t, m * u)
-        for m, s, t, u in zip(law.modes, law.static, torques, rates, strict=True)
+        jnp.where(m == 0, left, m * u)
+        for m, left, u in zip(law.modes, spare, rates, strict=True)
     )  # type: ignore[return-value]
 
 

@@ -281,9 +281,8 @@ def reactions(column: Column, y: Vector4) -> jax.Array:
     """
     _needs_masses(column, "`reactions`")
     _, _, a1, a2 = vector_field(0.0, y, column)
-    (along1, across1), (along2, across2) = joint_reactions(
-        column, _Forces(column, y), a1, a2
-    )
+    forces = joint_reactions(column, _Forces(column, y))
+    (along1, across1), (along2, across2) = forces.at(a1, a2)
     s, c = sincos(y[1])  # from rod 2's frame to the fixed one
     return jnp.stack(
         [
@@ -324,8 +323,11 @@ class _Forces:
 
     def balance(self) -> Balance:
         """What set-valued friction needs to hold a joint."""
-        column = self.column
-        return Balance(column.a, column.b * self.cos_d, column.d, self.r1, self.r2)
+        column, law = self.column, self.column.friction
+        h, reactions = column.b * self.cos_d, None
+        if law is not None and isinstance(law.load_law(), JointReaction):
+            reactions = joint_reactions(column, self)
+        return Balance(column.a, h, column.d, self.r1, self.r2, reactions)
 
     def solve(self, r1: Scalar, r2: Scalar) -> Pair:
         """Divide by the mass matrix."""

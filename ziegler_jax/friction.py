@@ -90,6 +90,17 @@ class JointReaction(AbstractLoad):
         raise ValueError("The load `JointReaction()` is not given by `q` alone.")
 
 
+def normal_load(load: Any) -> AbstractLoad:
+    """The load of a friction law; None is `FollowerLoad()`."""
+    load = FollowerLoad() if load is None else load
+    if not isinstance(load, AbstractLoad):
+        raise ValueError(
+            "Argument `load` must be `FollowerLoad()`, `ConstantLoad(n)` or "
+            f"`JointReaction()`, but is {load!r}."
+        )
+    return load
+
+
 class AbstractFriction(eqx.Module):
     """A joint friction law."""
 
@@ -189,12 +200,7 @@ class SmoothCoulomb(AbstractFriction):
         self.v_stribeck = (
             None if v_stribeck is None else number("v_stribeck", v_stribeck, "positive")
         )
-        self.load = FollowerLoad() if load is None else load
-        if not isinstance(self.load, AbstractLoad):
-            raise ValueError(
-                "Argument `load` must be `FollowerLoad()`, `ConstantLoad(n)` or "
-                f"`JointReaction()`, but is {load!r}."
-            )
+        self.load = normal_load(load)
         kinetic_at_most_static(self.mu_s, self.mu_k)
 
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:

@@ -14,46 +14,28 @@ where the other joint slips, and $\lambda_1 = r_1 + r_2$, $\lambda_2 = r_2$ wher
 stick. A joint can stick as long as $|\lambda_i| \le \tau_{s,i}$.
 """
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from ._layer import layer_limit
+from ._modes import Balance, Held, choose_modes, stick_first
+from ._reactions import solve_loads
 from ._types import Pair, Scalar, both, number_or_pair
 from .friction import (
     AbstractFriction,
     AbstractLoad,
-    FollowerLoad,
     JointReaction,
     kinetic_at_most_static,
+    normal_load,
 )
 
 Release = Literal["stick-first", "stribeck-limit"]
 RELEASES = ("stick-first", "stribeck-limit")
-
-
-class Balance(NamedTuple):
-    """The mass matrix [[a, h], [h, d]] and the forces r1, r2 without friction."""
-
-    a: Scalar
-    h: Scalar
-    d: Scalar
-    r1: Scalar
-    r2: Scalar
-
-    def held1(self, t2: Scalar) -> Scalar:
-        """The torque that holds joint 1 while joint 2 slips under t2."""
-        return self.r1 + t2 - self.h * (self.r2 - t2) / self.d
-
-    def held2(self, t1: Scalar) -> Scalar:
-        """The torque that holds joint 2 while joint 1 slips under t1."""
-        whole = self.a + 2 * self.h + self.d
-        return self.r2 - (self.h + self.d) * (self.r1 + self.r2 - t1) / whole
-
-    def held(self) -> Pair:
-        """The torques that hold both joints."""
-        return self.r1 + self.r2, self.r2
+# both rest; one rests beside the other that slips forwards, backwards
+BESIDE = ((0.0, 0.0, 1.0, 0.0, -1.0), (0.0, 1.0, 0.0, -1.0, 0.0))
 
 
 class SetValuedCoulomb(AbstractFriction):
@@ -86,14 +68,23 @@ class SetValuedCoulomb(AbstractFriction):
     - `mu_s`, `mu_k`: static and kinetic coefficient, one number or one a joint,
         $\mu_s \ge \mu_k \ge 0$; `mu_k` left out is `mu_s`.
     - `pin_radius`: $\rho = R_{pin}/l$, one number or one a joint.
-    - `load`: the normal load, `FollowerLoad()` or `ConstantLoad(n)`. Not
-        `JointReaction()`: its normal loads depend on the friction torques, so that
-        each pair of modes has loads and thresholds of its own; to choose among them is
-        not solved here.
-    - `release`: the rule above.
+    - `load`: the normal load, `FollowerLoad()`, `ConstantLoad(n)`, `JointReaction()`.
+    - `release`: the rule above; `"stick-first"` alone with `JointReaction()`, as a
+        passage through the layer would change the loads all along it.
 
-    **Raises:** `ValueError` for concrete numbers that break a rule, and for
-    `JointReaction()`. Traced numbers give the outcome `invalid`.
+    **With `JointReaction()`** each pair of modes has loads, torques and thresholds of
+    its own. In given modes the accelerations, and so the reactions, are affine in
+    the loads of the joints that slip, $N_i = |R_i^0 + P_{i1} N_1 + P_{i2} N_2|$,
+    solved by Newton's method as in `JointReaction`, which says what is left; while
+    both joints stick nothing is to be solved. New modes are chosen by the same rule,
+    a joint's torque against the threshold of the modes in which that torque holds it.
+    The loads have one solution where the right-hand side is a contraction, that is
+    where the matrix of the lengths $|P_{ij}|$ has its eigenvalues below 1. Where it is
+    none (Painleve's paradox of rigid bodies with friction) the accelerations are NaN
+    and the lane ends as `not_finite` or `step_vanished`.
+
+    **Raises:** `ValueError` for concrete numbers that break a rule. Traced numbers
+    give the outcome `invalid`.
     """
 
     mu_s: Any
@@ -117,17 +108,16 @@ class SetValuedCoulomb(AbstractFriction):
             None if mu_k is None else number_or_pair("mu_k", mu_k, "nonnegative")
         )
         self.pin_radius = number_or_pair("pin_radius", pin_radius, "nonnegative")
-        self.load = FollowerLoad() if load is None else load
-        if not isinstance(self.load, AbstractLoad) or isinstance(load, JointReaction):
-            raise ValueError(
-                "Argument `load` must be `FollowerLoad()` or `ConstantLoad(n)` with "
-                f"set-valued friction, but is {load!r}; a load that the reactions "
-                "decide leaves the modes open."
-            )
+        self.load = normal_load(load)
         if release not in RELEASES:
             raise ValueError(
                 f"Argument `release` must be one of {', '.join(RELEASES)}, but is "
                 f"{release!r}."
+            )
+        if isinstance(self.load, JointReaction) and release != "stick-first":
+            raise ValueError(
+                'Argument `release` must be "stick-first" with the load '
+                f"`JointReaction()`, but is {release!r}."
             )
         self.release = release
         kinetic_at_most_static(self.mu_s, self.mu_k)
@@ -138,19 +128,20 @@ class SetValuedCoulomb(AbstractFriction):
 
     def prepared(self, q: Scalar) -> "Torques":
         """The same law as torques."""
-        lever = [
-            n * r
-            for n, r in zip(self.load.given(q), both(self.pin_radius), strict=True)
-        ]
-        static = tuple(x * mu for x, mu in zip(lever, both(self.mu_s), strict=True))
-        if self.mu_k is None:
-            return Torques(static, static, self.release, None)
-        kinetic = tuple(x * mu for x, mu in zip(lever, both(self.mu_k), strict=True))
-        return Torques(static, kinetic, self.release, None)
+        load = self.load if isinstance(self.load, JointReaction) else None
+        normal = self.load.given(q) if load is None else (1.0, 1.0)
+        lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
+        kinetic = static = tuple(
+            x * mu for x, mu in zip(lever, both(self.mu_s), strict=True)
+        )
+        if self.mu_k is not None:
+            pairs = zip(lever, both(self.mu_k), strict=True)
+            kinetic = tuple(x * mu for x, mu in pairs)
+        return Torques(static, kinetic, self.release, None, load)
 
     def valid(self) -> Any:
         """0 <= mu_k <= mu_s, pin_radius >= 0."""
-        good: Any = True
+        good: Any = self.load.valid()
         for mu_s, rho in zip(both(self.mu_s), both(self.pin_radius), strict=True):
             good &= (jnp.asarray(mu_s) >= 0) & (jnp.asarray(rho) >= 0)
         if self.mu_k is not None:
@@ -171,13 +162,15 @@ class Torques(AbstractFriction):
     r"""Set-valued friction as torques, in given modes or those of the state itself.
 
     **Arguments:** `static`, `kinetic`: $\tau_{s,i}$, $\tau_{k,i}$; `release`: the rule;
-    `modes`: -1., 0. or 1. for each joint, or None.
+    `modes`: -1., 0. or 1. for each joint, or None; `load`: the joints' reactions, then
+    the torques are per unit of them; None: there is none left.
     """
 
     static: Pair
     kinetic: Pair
     release: Release = eqx.field(static=True)
     modes: Pair | None
+    load: JointReaction | None = None
 
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
         """Refuse: the torque at rest is not a function of the rates."""
@@ -185,7 +178,7 @@ class Torques(AbstractFriction):
 
     def in_modes(self, modes: Pair) -> "Torques":
         """The same law with the modes frozen."""
-        return Torques(self.static, self.kinetic, self.release, modes)
+        return Torques(self.static, self.kinetic, self.release, modes, self.load)
 
     def held_at(self, balance: Balance, u: Pair) -> "Torques":
         """The law in frozen modes: its own, or those that begin at these rates."""
@@ -193,10 +186,47 @@ class Torques(AbstractFriction):
             return self
         return self.in_modes(self.begin(balance, u, (u[0] == 0, u[1] == 0)))
 
+    def loaded(self, balance: Balance) -> "Torques":
+        """The law in its modes under the loads of this state."""
+        if self.load is None:
+            return self
+        assert self.modes is not None and balance.reactions is not None
+        zero = 0.0 * balance.r1
+        t1, t2 = (m * k for m, k in zip(self.modes, self.kinetic, strict=True))
+        rubbed = balance._replace(r1=zero, r2=zero)
+        free = self._moved(balance, zero, zero)
+        by1, by2 = self._moved(rubbed, t1, zero), self._moved(rubbed, zero, t2)
+        at, slope = balance.reactions.at, balance.reactions.slope
+        loads = solve_loads(
+            at(*free), slope(*by1), slope(*by2), self.load.newton_steps, unique=True
+        )
+        static, kinetic = (
+            tuple(x * n for x, n in zip(pair, loads, strict=True))
+            for pair in (self.static, self.kinetic)
+        )
+        return Torques(static, kinetic, self.release, self.modes)
+
     def torques(self, balance: Balance) -> Pair:
         """T1, T2 in the frozen modes: what the accelerations leave of the forces."""
+        return self.loaded(balance)._torques(balance)
+
+    def spare(self, balance: Balance) -> Pair:
+        r"""How far the torques are below the most: $(\tau_s^2 - T^2) / 2\tau_s$."""
+        law = self.loaded(balance)
+        most = tuple(jnp.maximum(s, 1e-30) for s in law.static)
+        pairs = zip(most, law._torques(balance), strict=True)
+        return tuple((m * m - t * t) / (2 * m) for m, t in pairs)
+
+    def accelerations(self, balance: Balance) -> Pair:
+        """The rods' accelerations in the frozen modes."""
         assert self.modes is not None
-        a, h, d, r1, r2 = balance
+        kinetic = self.loaded(balance).kinetic
+        m1, m2 = self.modes
+        return self._moved(balance, m1 * kinetic[0], m2 * kinetic[1])
+
+    def _torques(self, balance: Balance) -> Pair:
+        assert self.modes is not None
+        a, h, d, r1, r2 = balance[:5]
         a1, a2 = self.accelerations(balance)
         left2 = r2 - h * a1 - d * a2
         left1 = r1 - a * a1 - h * a2 + left2
@@ -206,12 +236,11 @@ class Torques(AbstractFriction):
             jnp.where(m2 == 0, left2, m2 * k2),
         )
 
-    def accelerations(self, balance: Balance) -> Pair:
-        """The rods' accelerations in the frozen modes, with one division."""
+    def _moved(self, balance: Balance, t1: Scalar, t2: Scalar) -> Pair:
+        """The accelerations under these torques of what slips, with one division."""
         assert self.modes is not None
-        a, h, d, r1, r2 = balance
+        a, h, d, r1, r2 = balance[:5]
         m1, m2 = self.modes
-        t1, t2 = m1 * self.kinetic[0], m2 * self.kinetic[1]
         stuck1, stuck2 = m1 == 0, m2 == 0
         one, two, whole = r1 - t1 + t2, r2 - t2, r1 + r2 - t1
         inertia = jnp.where(stuck1, d, a * d - h * h)
@@ -262,6 +291,8 @@ class Torques(AbstractFriction):
         - `layer`: where each joint stands in its layer, $u_i / v$.
         - `needed`: whether the answer is used, so that no layer is passed in vain.
         """
+        if self.load is not None:
+            return choose_modes(self._holding(balance, slack), given, rest, jnp.nan)
         thresholds = tuple(s - x for s, x in zip(self.static, slack, strict=True))
         modes = stick_first(balance, self.kinetic, thresholds, given, rest)
         if self.release == "stick-first" or self.static is self.kinetic:
@@ -276,64 +307,34 @@ class Torques(AbstractFriction):
         ask &= found
         return jnp.where(ask, first, modes[0]), jnp.where(ask, second, modes[1])
 
+    def _holding(self, balance: Balance, slack: Pair) -> tuple[Held, Held, Held]:
+        """What holds a joint beside one that rests, slips forwards and backwards.
+
+        Each has loads of its own.
+        """
+        pairs = jnp.asarray(BESIDE, jnp.result_type(balance.r1))
+
+        @jax.vmap  # written once into the program
+        def beside(m1, m2):
+            law = self.in_modes((m1, m2)).loaded(balance)
+            return law._torques(balance), law.static, law.kinetic
+
+        torque, static, kinetic = beside(*pairs)
+        static = tuple(s - x for s, x in zip(static, slack, strict=True))
+        still, up, down = (
+            Held(*((x[0][one], x[1][two]) for x in (torque, static, kinetic)))
+            for one, two in ((0, 0), (1, 2), (3, 4))
+        )
+        return still, up, down
+
     def valid(self) -> Any:
         """What it was made from has been checked."""
         return True
 
-    def load_law(self) -> None:
-        """The load is in the torques."""
-        return None
+    def load_law(self) -> AbstractLoad | None:
+        """None: the load is in the torques; or the joints' reactions."""
+        return self.load
 
     def rate_cut(self) -> Scalar | None:
         """None: a joint sticks or it does not."""
         return None
-
-
-def stick_first(
-    f: Balance, kinetic: Pair, thresholds: Pair, given: Pair, rest: Pair
-) -> Pair:
-    r"""Modes in which every joint at rest sticks exactly if its torque fits.
-
-    A joint at rest slips in the direction of its constraint torque, taken for the
-    other joint's final mode, if that passes the threshold. Where no pair of modes does
-    so (possible only with $\mu_s > \mu_k$), one is taken in which what slips is
-    accelerated in its direction: one torque above $\tau_k$ is enough. There always is
-    one, as for any positive definite inertia.
-    """
-    (k1, k2), (most1, most2) = kinetic, thresholds
-    hold1, hold2 = f.held()
-    # the torque that holds one joint, for each direction of the other
-    up1, down1 = f.held1(k2), f.held1(-k2)
-    up2, down2 = f.held2(k1), f.held2(-k1)
-
-    def alone(torque, most):
-        return jnp.where(jnp.abs(torque) <= most, 0.0, jnp.sign(torque))
-
-    alone1 = alone(jnp.where(given[1] > 0, up1, down1), most1)
-    alone2 = alone(jnp.where(given[0] > 0, up2, down2), most2)
-
-    first, second = jnp.sign(hold1), jnp.sign(hold2)
-    one = jnp.ones_like(first)
-    zero = 0.0 * one
-    fits1 = jnp.abs(jnp.where(second > 0, up1, down1)) <= most1
-    fits2 = jnp.abs(jnp.where(first > 0, up2, down2)) <= most2
-    # where either joint could be the one that gives way, the more loaded one does
-    over = jnp.abs(hold1) - most1 >= jnp.abs(hold2) - most2
-    choices = [((jnp.abs(hold1) <= most1) & (jnp.abs(hold2) <= most2), zero, zero)]
-    for least1, least2 in ((most1, most2), (k1, k2)):
-        slips1 = (jnp.abs(hold1) > least1) & fits2
-        slips2 = (jnp.abs(hold2) > least2) & fits1
-        choices += [
-            (slips1 & (over | ~slips2), first, zero),
-            (slips2, zero, second),
-            ((up1 > least1) & (up2 > least2), one, one),
-            ((down1 > least1) & (-up2 > least2), one, -one),
-            ((-up1 > least1) & (down2 > least2), -one, one),
-            ((-down1 > least1) & (-down2 > least2), -one, -one),
-        ]
-    m1, m2 = zero, zero
-    for agrees, one1, one2 in reversed(choices):
-        m1, m2 = jnp.where(agrees, one1, m1), jnp.where(agrees, one2, m2)
-    m1 = jnp.where(rest[0], jnp.where(rest[1], m1, alone1), given[0])
-    m2 = jnp.where(rest[1], jnp.where(rest[0], m2, alone2), given[1])
-    return m1, m2

@@ -31,7 +31,12 @@ class StickingSet(eqx.Module):
     def static(self) -> Pair:
         """The static torques of both joints."""
         friction: Any = self.column.friction
-        return friction.prepared(self.column.q).static
+        law = friction.prepared(self.column.q)
+        if law.load is None:
+            return law.static
+        # at rest the joints' reactions balance the load alone, whatever the angles
+        one, two = (s * jnp.abs(self.column.q) for s in law.static)
+        return one, two
 
     def torques(self, phi1: Any, phi2: Any) -> Pair:
         """The torques that hold both joints at these angles."""

@@ -59,7 +59,28 @@ class ObservedState(NamedTuple):
     folded: Any
 
 
-class Observed(dfx.AbstractSolver):
+class AbstractObserved(dfx.AbstractSolver):
+    """What a solver with a fold leaves to the method that it runs."""
+
+    solver: eqx.AbstractVar[Any]
+
+    term_structure: ClassVar = dfx.AbstractTerm
+    interpolation_cls: ClassVar = dfx.ThirdOrderHermitePolynomialInterpolation
+
+    def order(self, terms):
+        """The method's."""
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        """The method's."""
+        return self.solver.error_order(terms)
+
+    def func(self, terms, t0, y0, args):
+        """The right-hand side."""
+        return self.solver.func(terms, t0, y0, args)
+
+
+class Observed(AbstractObserved):
     """A one-step method with a fold over its accepted steps.
 
     Read its `ObservedState` back with `SaveAt(solver_state=True)`. That holds y too:
@@ -69,21 +90,6 @@ class Observed(dfx.AbstractSolver):
 
     solver: Explicit | Rosenbrock
     fold: AbstractFold
-
-    term_structure: ClassVar = dfx.AbstractTerm
-    interpolation_cls: ClassVar = dfx.ThirdOrderHermitePolynomialInterpolation
-
-    def order(self, terms):
-        """The solver's."""
-        return self.solver.order(terms)
-
-    def error_order(self, terms):
-        """The solver's."""
-        return self.solver.error_order(terms)
-
-    def func(self, terms, t0, y0, args):
-        """The right-hand side."""
-        return self.solver.func(terms, t0, y0, args)
 
     def init(self, terms, t0, t1, y0, args):
         """The solver's first stage and the fold's start."""

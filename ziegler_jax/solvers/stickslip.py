@@ -12,9 +12,8 @@ made exactly zero, the friction law chooses new modes for both joints, and the s
 goes on.
 """
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
-import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -35,7 +34,7 @@ from .crossing import (
     weak_point,
 )
 from .explicit import OKAY, Explicit, dense
-from .observed import AbstractFold, Step
+from .observed import AbstractFold, AbstractObserved, Step
 
 EVENT_SHARE = 0.01  # an event's tolerance against that of a step
 FINEST = 64  # and the least, in units of rounding
@@ -56,7 +55,7 @@ class StickSlipState(NamedTuple):
     at_once: Scalar  # how many events have followed each other without time between
 
 
-class StickSlip(dfx.AbstractSolver):
+class StickSlip(AbstractObserved):
     """An explicit solver for set-valued friction, with a fold over accepted steps.
 
     Needs `StepControl`. The column among diffrax's `args` must have been prepared:
@@ -69,21 +68,6 @@ class StickSlip(dfx.AbstractSolver):
     solver: Explicit
     fold: AbstractFold
     tolerance: Scalar
-
-    term_structure: ClassVar = dfx.AbstractTerm
-    interpolation_cls: ClassVar = dfx.ThirdOrderHermitePolynomialInterpolation
-
-    def order(self, terms):
-        """The solver's."""
-        return self.solver.order(terms)
-
-    def error_order(self, terms):
-        """The solver's."""
-        return self.solver.error_order(terms)
-
-    def func(self, terms, t0, y0, args):
-        """The right-hand side."""
-        return self.solver.func(terms, t0, y0, args)
 
     def init(self, terms, t0, t1, y0, args):
         """The modes of the start, and the fold's."""
@@ -120,7 +104,7 @@ class StickSlip(dfx.AbstractSolver):
         bends = materialise(t0, self.solver.bends, h, stages.slopes)
         motion = _courses(y0, y1, h, f0, f1, bends)
         tol = self._tolerances(t1, modes, f1, easing)
-        guards = spare, easing, materialise(t0, _torques, column, y1)
+        guards = spare, easing, materialise(t0, _spare, column, y1)
         x, forced, passed = self._first_event(column, motion, t0, h, guards, tol)
         cut = x < 1
 
@@ -133,10 +117,9 @@ class StickSlip(dfx.AbstractSolver):
 
         def release():
             balance = joint_balance(column, y)
-            torque = law.torques(balance)
-            return balance, torque, *_released(law, torque, passed, tol)
+            return balance, *_released(law, balance, passed, tol)
 
-        balance, torque, freed, held = materialise(t0, release)
+        balance, freed, held = materialise(t0, release)
         landed = tuple(a | b for a, b in zip(landed, freed, strict=True))
         event = landed[0] | landed[1]
         met = (met & held) | forced
@@ -144,7 +127,7 @@ class StickSlip(dfx.AbstractSolver):
         error = tuple(jnp.where(met, e, 1.0) for e in error)
 
         def change(modes):
-            new = _chosen(law, balance, torque, rest, landed, tol)
+            new = _chosen(law, balance, rest, landed, tol)
             return tuple(
                 jnp.where(event, a, b) for a, b in zip(new, modes, strict=True)
             )
@@ -213,7 +196,7 @@ class StickSlip(dfx.AbstractSolver):
 
         def look():
             """A place within the step, for the torques that hold."""
-            rows = zip(spare, easing, _spare(law, spare1), strict=True)
+            rows = zip(spare, easing, spare1, strict=True)
             (x1, low1), (x2, low2) = [weak_point(g, h * v, g1) for g, v, g1 in rows]
             low1 = jnp.where(stuck[0], low1, jnp.inf)
             low2 = jnp.where(stuck[1], low2, jnp.inf)
@@ -224,13 +207,12 @@ class StickSlip(dfx.AbstractSolver):
 
         def within():
             p1, p2, w1, w2 = (course(inner) for course in motion)
-            return _torques(column, (p1, p2, *law.hold(w1, w2)))
+            return _spare(column, (p1, p2, *law.hold(w1, w2)))
 
         inside = materialise(t0, within)
 
         def guard_courses():
-            ends = _spare(law, inside), _spare(law, spare1)
-            rows = zip(spare, easing, *ends, strict=True)
+            rows = zip(spare, easing, inside, spare1, strict=True)
             holding = [through(g, h * v, inner, gx, g1) for g, v, gx, g1 in rows]
             return [
                 jax.tree.map(lambda a, b, s=s: jnp.where(s, a, b), one, other)
@@ -316,24 +298,14 @@ def _sliding(modes: Pair, motion: list) -> list[Course]:
     return [jax.tree.map(lambda x, m=m: m * x, u) for m, u in pairs]
 
 
-def _torques(column: Any, y: Vector4) -> Pair:
-    """The friction torques in the column's modes."""
-    return column.friction.torques(joint_balance(column, y))
-
-
-def _spare(law: Any, torque: Pair) -> Pair:
-    """The guards of joints that stick: how far their torques are below the most."""
-    most = tuple(jnp.maximum(s, 1e-30) for s in law.static)
-    return tuple((m * m - t * t) / (2 * m) for m, t in zip(most, torque, strict=True))
+def _spare(column: Any, y: Vector4) -> Pair:
+    """The guards of joints that stick, in the column's modes."""
+    return column.friction.spare(joint_balance(column, y))
 
 
 def _holding(column: Any, y: Vector4, slope: Vector4) -> tuple[Pair, Pair]:
     """The guards of joints that stick, and their slopes in time."""
-
-    def guards(y):
-        return _spare(column.friction, _torques(column, y))
-
-    return jax.jvp(guards, (y,), (slope,))
+    return jax.jvp(lambda y: _spare(column, y), (y,), (slope,))
 
 
 def _arrival(law: Any, y: Vector4, passed: Any, cut: Any, tol: Pair) -> Any:
@@ -353,10 +325,10 @@ def _arrival(law: Any, y: Vector4, passed: Any, cut: Any, tol: Pair) -> Any:
     return _at_rest((y[0], y[1], w1, w2), tuple(rest)), tuple(rest), tuple(landed), met
 
 
-def _released(law: Any, torque: Pair, passed: Any, tol: Pair) -> Any:
+def _released(law: Any, balance: Any, passed: Any, tol: Pair) -> Any:
     """Which sticking joints reach their most, and whether as close as asked."""
     freed, met = [], True
-    rows = zip(law.modes, _spare(law, torque), passed, tol, strict=True)
+    rows = zip(law.modes, law.spare(balance), passed, tol, strict=True)
     for m, guard, (mine, falls), e in rows:
         sticks = m == 0
         freed.append(sticks & (mine | ((guard <= e) & falls)))
@@ -364,13 +336,15 @@ def _released(law: Any, torque: Pair, passed: Any, tol: Pair) -> Any:
     return tuple(freed), met
 
 
-def _chosen(law, balance, torque, rest, landed, tol) -> Pair:
+def _chosen(law, balance, rest, landed, tol) -> Pair:
     """The modes after an event."""
+    here = law.loaded(balance)
+    torque = here.torques(balance)
     slack, layer = [], []
     for i, m in enumerate(law.modes):
         sticks = m == 0
         slack.append(jnp.where(sticks & landed[i], 2 * tol[i], 0.0))
-        inside = jnp.clip(torque[i] / jnp.maximum(law.static[i], 1e-30), -1.0, 1.0)
+        inside = jnp.clip(torque[i] / jnp.maximum(here.static[i], 1e-30), -1.0, 1.0)
         # one that breaks loose is just beyond its peak
         inside = jnp.where(landed[i], 1.001 * jnp.sign(torque[i]), inside)
         layer.append(jnp.where(sticks, inside, FAR * m))
