@@ -16,9 +16,6 @@ from .._materialise import materialise
 from .._types import Scalar
 
 SAFETY = 0.9
-# Of steps that events cut: at 0.9 one in seven is rejected on a friction cycle, and the
-# steps of a lane are 2 to 8 % more at an equal tolerance and a larger error.
-CUT_SAFETY = 0.8
 SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 10.0
 NO_LIMIT = 2**31 - 1
 LAYER_SHARE = 0.02  # of a joint's rate in the layer: what a step may err by
@@ -113,13 +110,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
 
         def verdict():
             square, factor = judge(
-                *tols,
-                y0,
-                y1_candidate,
-                error,
-                error_order,
-                self.layer,
-                SAFETY if whole else CUT_SAFETY,
+                *tols, y0, y1_candidate, error, error_order, self.layer
             )
             if whole:
                 return square <= 1, factor
@@ -183,7 +174,6 @@ def judge(
     error: Any,
     error_order: Any,
     layer: Scalar | None = None,
-    safety: float = SAFETY,
 ) -> tuple[Any, Any]:
     """The error's square, within tolerance up to 1, and the next step over this one."""
     square = jnp.zeros_like(y0[0])
@@ -198,7 +188,7 @@ def judge(
     square = square / len(error)
     # seven digits are plenty for a factor, and XLA vectorises float32's log
     clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
-    factor = safety * jnp.exp(-0.5 / error_order * jnp.log(clipped))
+    factor = SAFETY * jnp.exp(-0.5 / error_order * jnp.log(clipped))
     factor = jnp.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR)
     # a NaN error is no measure of the step
     factor = jnp.where(jnp.isnan(square), SMALLEST_FACTOR, factor)
