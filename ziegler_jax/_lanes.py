@@ -1,6 +1,5 @@
 """How many points run: compiled batches on threads, lanes refilled as they end."""
 
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ from jax import lax
 
 from ._choice import lanes_of
 from ._cpu import compiles_whole_loops
+from ._interrupt import held_interrupts
 from ._legs import Legs, in_legs
 from ._override import Override, current_override, overriding
 from ._surroundings import surroundings
@@ -86,6 +86,7 @@ class Packing:
         return tuple(np.zeros((used, lanes), dtype) for used, dtype in pairs)
 
 
+@held_interrupts()
 def compiled(
     point: Callable,
     names: tuple[str, ...],
@@ -389,11 +390,3 @@ def _run_in_legs(work: _Work, queue: _Queue) -> None:
             values = work.values(points)
             fair = work.mean_steps() / LEGS_A_LANE
             quota = int(np.clip(fair, SHORTEST_LEG, LONGEST_LEG))
-
-
-def all_cores() -> int:
-    """The cores that this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1
