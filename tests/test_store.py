@@ -24,7 +24,13 @@ def test_a_stored_sweep_is_the_one_in_memory(path):
         assert set(plain.data_vars) == set(found.data_vars)
 
 
-def test_lanes_in_legs_and_their_outcomes_are_stored(path, tmp_path):
+@pytest.fixture
+def one_program(monkeypatch):
+    """In memory and with a store the same: else each would compile its own."""
+    monkeypatch.setitem(zj.sweep.__globals__, "_digest", lambda *_: "")
+
+
+def test_lanes_in_legs_and_their_outcomes_are_stored(path, tmp_path, one_program):
     run = functools.partial(
         zj.sweep, settled, q=Q, mu=MU, where=lambda q, mu: q * mu < 0.5, batch_size=8,
         progress=False,
@@ -86,7 +92,7 @@ def test_a_reader_sees_what_is_finished(path):
     assert counts == [ds.attrs["points_done"] for ds in seen] == [10, 20, 30, 40]
 
 
-def test_codes_are_written_last(path):
+def test_codes_are_written_last(path, one_program):
     run = functools.partial(zj.sweep, settled, q=Q[:2], mu=MU, batch_size=8)
     run(store=path, progress=False)
     names = list(_store.Store(path).arrays)

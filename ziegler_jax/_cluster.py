@@ -15,6 +15,11 @@ What 10^9 points ask for, at r points a second and core (the main job's kind: ab
   in all. To the store go 85 GB, 1.4 MB a block: 22 MB/s from 256 cores, in half a
   million files of 16 to 260 kB. Gathered instead, they would go through one process
   and its memory; with `store` less than a kilobyte a task comes back.
+
+Beside the lanes, a worker's event loop takes some 3 % of a core, half of which is
+`distributed.worker.profile.enabled` (false in Dask's configuration turns it off), and
+the scheduler with a client some 4 % of one. A sweep lowers its scene before the first
+task, twice with a store: a quarter of a second each.
 """
 
 import threading
