@@ -34,6 +34,8 @@ SWEEP = """
 import sys
 import numpy as np
 import ziegler_jax as zj
+from ziegler_jax import _blocks
+_blocks.POINTS_A_BLOCK = 2000  # so that many are committed between two kills
 zj.configure_cpu()
 zj.configure_cache(sys.argv[3])
 
@@ -98,7 +100,7 @@ def kills(folder, points):
     while died < KILLS:
         process = begin("killed")
         try:
-            process.wait(before_lanes + rng.uniform(0.0, seconds / 7))
+            process.wait(before_lanes + rng.uniform(0.0, seconds / 12))
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGKILL)
         died += process.wait() == -signal.SIGKILL

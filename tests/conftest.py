@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
+from ziegler_jax import _blocks
+
 jax.config.update("jax_enable_x64", True)
 # no silent change of dtype or rank anywhere in the package
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -52,3 +54,15 @@ def refuses():
             assert part in sentence, f"{part!r} is not in: {sentence}"
 
     return check
+
+
+@pytest.fixture
+def small_blocks(monkeypatch):
+    """Sweeps of a few points then have several blocks."""
+    monkeypatch.setattr(_blocks, "POINTS_A_BLOCK", 10)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Where a sweep is stored."""
+    return tmp_path / "map.zarr"

@@ -24,6 +24,7 @@ FLOORS = [
         "outcome",
         "_cpu",
         "_cache",
+        "_interrupt",
         "_legs",
         "_packing",
         "_surroundings",

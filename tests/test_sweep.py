@@ -1,10 +1,6 @@
 """Sweeps: labels, refusals, and lanes that depend on nothing but their own numbers."""
 
 import functools
-import os
-import signal
-import subprocess
-import sys
 import threading
 
 import jax
@@ -201,7 +197,7 @@ def test_the_length_of_legs_changes_no_bit(whole, monkeypatch, legs):
 
 def test_lanes_run_in_legs_at_all(whole):
     """Else the tests above would say nothing of legs."""
-    program = _lanes.compile_point(point, ("q", "mu"), 8, True)
+    program = _lanes.compiled(point, ("q", "mu"), 8, True)
     assert program.carry is not None
     assert whole.steps.max() > 2 * _lanes.FIRST_LEG
 
@@ -266,7 +262,7 @@ def with_jvp(q):
 def test_scenes_that_cannot_run_in_legs_agree_with_direct_calls(scene):
     q = np.linspace(1.0, 3.0, 5)
     found = zj.sweep(scene, q=q, batch_size=4, progress=False)
-    assert _lanes.compile_point(scene, ("q",), 4, True).carry is None
+    assert _lanes.compiled(scene, ("q",), 4, True).carry is None
     expected = direct(scene, q=q)
     if not isinstance(expected, dict):
         expected = {"value": expected}
@@ -288,21 +284,6 @@ def test_what_a_point_raises_comes_through_and_the_next_sweep_runs(whole):
     assert same(sweep(q=Q[:1], mu=MU), whole.isel(q=[0]))
 
 
-def test_a_values_rule_breaks_inside_a_scene_as_outside(refuses):
-    def scene(q):
-        friction = zj.SmoothCoulomb(
-            0.1, 0.2, pin_radius=0.1, v_stribeck=0.1, v_smooth=0.01
-        )
-        return zj.settle(zj.uniform_rods(q, friction=friction), zj.State(), **SHORT)
-
-    refuses(lambda: zj.sweep(scene, q=Q), "`mu_k`", "0.2", "at most `mu_s`")
-
-    def coarse(q):
-        return zj.settle(zj.uniform_rods(q), zj.State(), **SHORT | {"rtol": 0.0})
-
-    refuses(lambda: zj.sweep(coarse, q=Q), "`rtol`", "0", "positive")
-
-
 def test_an_interruption_leaves_no_thread_behind(whole, monkeypatch):
     class Bar(_progress.tqdm):
         def update(self, done=1):
@@ -315,123 +296,6 @@ def test_an_interruption_leaves_no_thread_behind(whole, monkeypatch):
             sweep(q=np.linspace(1.5, 3.5, 400), mu=MU, threads=2)
     assert threading.active_count() == threads
     assert same(sweep(q=Q, mu=MU), whole)
-
-
-PROGRAM = """
-import sys
-import numpy as np
-import ziegler_jax as zj
-
-def point(q):
-    column = zj.uniform_rods(q, damping=zj.Viscous(0.0, 0.01))
-    start = zj.State(omega=(0.0, 0.3))
-    return zj.settle(column, start, transient=1e5, max_steps=100_000_000)
-
-print("ready", flush=True)
-try:
-    zj.sweep(point, q=np.linspace(1, 2, 4096), batch_size=8, progress=False)
-except KeyboardInterrupt:
-    print("interrupted", flush=True)
-    sys.exit(3)
-"""
-
-
-@pytest.mark.slow
-def test_ctrl_c_ends_a_sweep_soon():
-    process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, text=True,
-        env=dict(os.environ),
-    )  # fmt: skip
-    try:
-        assert process.stdout.readline() == "ready\n"
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(12)
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=20)
-    finally:
-        process.kill()
-    assert out == "interrupted\n"
-    assert process.returncode == 3
-
-
-# What is refused ----------------------------------------------------------------------
-
-
-def square(x):
-    return x * x
-
-
-def pair_of(x):
-    return jnp.stack([x, x])
-
-
-quiet = functools.partial(zj.sweep, square, progress=False)
-
-
-@pytest.mark.parametrize(
-    "call, parts",
-    [
-        (lambda: quiet(x=[0.0, np.nan]), ("`x`", "nan", "finite", "index 1")),
-        (lambda: quiet(x=[np.inf]), ("`x`", "inf", "finite", "index 0")),
-        (lambda: quiet(x=[]), ("`x`", "empty")),
-        (lambda: quiet(x=np.ones((2, 2))), ("`x`", "(2, 2)", "one dimension")),
-        (lambda: quiet(x=1.0), ("`x`", "()", "one dimension")),
-        (lambda: quiet(x=["a"]), ("`x`", "'a'", "numbers")),
-        (lambda: quiet(), ("at least one axis",)),
-        (lambda: quiet(y=[1.0]), ("`y`", "`point`", "takes x")),
-        (lambda: quiet(x=[1.0], y=[1.0]), ("`y`", "`point`", "takes x")),
-        (lambda: quiet(x=[1.0], axes={"x": [1.0]}), ("`x`", "twice")),
-        (lambda: zj.sweep(point, q=[1.0]), ("`mu`", "`point`", "axes are q")),
-        (lambda: zj.sweep(3.0, x=[1.0]), ("`point`", "3.0", "function")),
-        (lambda: zj.sweep(pair_of, x=[1.0]), ("`point`", "`value`", "(2,)")),
-        (
-            lambda: zj.sweep(lambda x: {"a": x, "b": pair_of(x)}, x=[1.0]),
-            ("`point`", "`b`", "(2,)", "dimensions"),
-        ),
-        (lambda: zj.sweep(lambda x: "no", x=[1.0]), ("`point`", "`value`", "str")),
-        (lambda: zj.sweep(lambda x: None, x=[1.0]), ("`point`", "`value`", "None")),
-        (lambda: zj.sweep(lambda x: (x, x), x=[1.0]), ("`point`", "`value`", "tuple")),
-        (
-            lambda: zj.sweep(lambda value: value, value=[1.0]),
-            ("`value`", "unlike a result"),
-        ),
-        (lambda: quiet(x=np.array([1 + 1j])), ("`x`", "real numbers")),
-        (lambda: quiet(x=["1.5"]), ("`x`", "real numbers")),
-        (
-            lambda: quiet(x=np.ma.array([1.0, 2.0], mask=[0, 1])),
-            ("`x`", "real numbers"),
-        ),
-        (lambda: zj.sweep(third, axes=3), ("`axes`", "map names", "3")),
-        (
-            lambda: zj.sweep(lambda **n: 1.0, axes={1: [1.0]}),
-            ("`axes`", "strings", "1"),
-        ),
-        (lambda: zj.sweep(lambda x: {}, x=[1.0]), ("`point`", "empty")),
-        (
-            lambda: quiet(x=[1.0], where=lambda x: 1 / 0),
-            ("`where`", "ZeroDivisionError"),
-        ),
-        (lambda: zj.sweep(lambda value: value, value=[1.0]), ("`value`", "unlike")),
-        (lambda: quiet(x=[1.0], threads=0), ("`threads`", "0", "at least 1")),
-        (lambda: quiet(x=[1.0], threads=1.5), ("`threads`", "1.5", "whole")),
-        (lambda: quiet(x=[1.0], batch_size=0), ("`batch_size`", "0", "at least 1")),
-        (lambda: quiet(x=[1.0], precision="float16"), ("`precision`", "float16")),
-        (lambda: quiet(x=[1.0], where=3), ("`where`", "3", "function")),
-        (lambda: quiet(x=[1.0], where=lambda y: y > 0), ("`x`", "`where`", "takes y")),
-        (lambda: quiet(x=[1.0], where=lambda x: x), ("`where`", "float64", "booleans")),
-        (lambda: quiet(x=[1.0], where=lambda x: x > 2), ("`where`", "leaves none")),
-        (
-            lambda: quiet(x=[1.0, 2.0], where=lambda x: 0 < x < 3),
-            ("`where`", "broadcast", "ambiguous"),
-        ),
-        (
-            lambda: quiet(x=[1.0, 2.0], where=lambda x: np.ones(3, bool)),
-            ("`where`", "broadcast"),
-        ),
-    ],
-)
-def test_a_wrong_argument_is_refused_by_name_value_and_rule(refuses, call, parts):
-    refuses(call, *parts)
 
 
 def test_left_out_points_are_nan_for_whole_and_complex_numbers():

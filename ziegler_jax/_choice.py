@@ -27,6 +27,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.extend.core import get_opaque_trace_state
 
+from ._interrupt import held_interrupts
 from ._types import Vector4
 from .column import Column, vector_field
 from .outcome import SOLVER
@@ -98,6 +99,7 @@ def kind_of(column: Column, rtol: Any) -> SOLVER:
         return SOLVER.stiff if bool(is_stiff(column, rtol)) else SOLVER.explicit
 
 
+@held_interrupts()
 def stiff_points(
     point: Callable, grid: dict[str, np.ndarray], valid: np.ndarray, wide: bool
 ) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The one XLA setting that must be chosen before JAX's backend starts."""
+"""Cores, and the one XLA setting that must be chosen before JAX's backend starts."""
 
 import os
 import re
@@ -44,6 +44,14 @@ def configure_cpu() -> str:
 def compiles_whole_loops() -> bool:
     """Whether XLA makes one kernel of a loop, by itself or because it was told to."""
     return not _gains() or _OPTION in os.environ.get("XLA_FLAGS", "")
+
+
+def all_cores() -> int:
+    """The cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
 
 
 def _gains() -> bool:

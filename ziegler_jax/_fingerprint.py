@@ -17,6 +17,7 @@ import numpy as np
 
 from ._blocks import Blocks
 from ._cpu import compiles_whole_loops
+from ._interrupt import held_interrupts
 from ._scene import budgets_apart
 from ._variables import named_variables
 
@@ -24,6 +25,7 @@ BUDGETS = ("max_windows", "max_steps")
 _PACKAGES = ("ziegler_jax", "jax", "jaxlib")
 
 
+@held_interrupts()
 def scene_hash(
     point: Callable[..., Any],
     names: tuple[str, ...],

@@ -1,6 +1,5 @@
 """How many points run: compiled batches on threads, lanes refilled as they end."""
 
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ from jax import lax
 
 from ._choice import lanes_of
 from ._cpu import compiles_whole_loops
+from ._interrupt import held_interrupts
 from ._legs import Legs, in_legs
 from ._override import Override, current_override, overriding
 from ._packing import Packing
@@ -53,6 +53,7 @@ class Program(NamedTuple):
     override: Override  # that it was traced in
 
 
+@held_interrupts()
 def compiled(
     point: Callable,
     names: tuple[str, ...],
@@ -369,11 +370,3 @@ def _cost(steps: np.ndarray) -> tuple[int, int]:
         return 0, 0
     few = int(STRAGGLERS * steps.size)
     return int(steps.mean()), int(np.partition(steps, -1 - few)[-1 - few])
-
-
-def all_cores() -> int:
-    """The cores that this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1

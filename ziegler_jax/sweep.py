@@ -16,8 +16,9 @@ from ._audit import audit_attributes, checked_share, drawn
 from ._blocks import Block, Blocks, Desk, Tally, asked
 from ._choice import Undecided, stiff_points
 from ._cluster import Recipe, run_blocks
+from ._cpu import all_cores
 from ._fingerprint import fingerprint, scene_hash
-from ._lanes import Effort, Program, all_cores, compiled, run_lanes, together
+from ._lanes import Effort, Program, compiled, run_lanes, together
 from ._override import Override, overriding
 from ._progress import Progress
 from ._store import Memory, Resume, prepared
@@ -68,7 +69,8 @@ def sweep(
         else 128, or 512 where `configure_cpu()` was needed and not called. A lane's
         result does not depend on its batch mates; another batch size is another
         program, equal to rounding. With `solver="auto"` lanes of a kind share programs
-        and batches.
+        and batches; with `store` or `client` the solver must be named, unless the
+        numbers that "auto" asks for are constants of the scene.
     - `threads`: None uses every core that the process may use.
     - `progress`: a bar with points per second; None shows it on a terminal only.
     - `precision`: of the computation, whatever JAX's own setting.
@@ -78,7 +80,7 @@ def sweep(
         `audit_differences`, the `audit_quantiles` of the differences of its values;
         the dataset's hold `audit_points` and `audit_changed_outcomes`, the share of
         these whose outcome changed. It tells the error of the steps, not that of
-        `rtol_settle`.
+        `rtol_settle`. Not with `store` or `client`.
     - `store`: a folder, e.g. `"map.zarr"`, into which every block of about 16 000
         points goes as soon as it is finished; in memory are the blocks that are not.
         The same sweep with the same store computes only what is missing, also after it
@@ -105,7 +107,8 @@ def sweep(
 
     **Raises:** `ValueError` that names the argument, its value and the rule; what
     `point` raises while it runs, with a note of the batch's values; `OSError` where
-    the store cannot be written. What was finished before stays in the store.
+    the store cannot be written; `KeyboardInterrupt` after Ctrl-C, as soon as JAX has
+    compiled (after a second one at once). What was finished before stays in the store.
     """
     if axes is not None and not isinstance(axes, Mapping):
         raise ValueError(f"Argument `axes` must map names to values, but is {axes!r}.")
@@ -146,7 +149,7 @@ def sweep(
         if audit is not None:
             raise ValueError(
                 "Argument `audit` must be left out with `store` or `client`, but is "
-                f"{audit!r}: audit a smaller sweep of the same scene."
+                f"{audit!r}: audit a smaller sweep of the same scene in memory."
             )
         digest = _digest(point, names, wide)
         groups = [(compiled(*scene, digest=digest), blocks)]
@@ -241,7 +244,8 @@ def _digest(point: Callable, names: tuple[str, ...], wide: bool) -> str:
     except Undecided:
         raise ValueError(
             "Argument `solver` must be named in a sweep with `store` or `client`, but "
-            "is 'auto': a block of the store is of one kind."
+            "is 'auto', and its points may be of both kinds: a block is computed by "
+            "one program. Give `Explicit()` or `Rosenbrock()`."
         ) from None
 
 

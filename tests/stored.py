@@ -1,0 +1,59 @@
+"""Scenes of several small blocks, for the tests of sweeps that are stored."""
+
+import functools
+import json
+
+import jax.numpy as jnp
+import numpy as np
+
+import ziegler_jax as zj
+
+# A cheap scene of four blocks, and a small one with lanes in legs.
+
+FACTOR, TABLE = 3.0, np.linspace(0.0, 1.0, 5)
+
+
+def helper(x):
+    return x + 1.0
+
+
+def point(x, y):
+    bent = jnp.interp(x, jnp.asarray([0.0, 1.0, 2.0, 3.0, 4.0]), jnp.asarray(TABLE))
+    return {"sum": FACTOR * x + helper(y), "bent": bent, "flag": x > y}
+
+
+X, Y = np.linspace(0.0, 4.0, 8), np.linspace(0.0, 1.0, 5)
+sweep = functools.partial(zj.sweep, point, x=X, y=Y, batch_size=4, progress=False)
+
+
+def settled(q, mu, **budgets):
+    friction = zj.SmoothCoulomb(mu, pin_radius=0.05, v_smooth=0.05)
+    return zj.settle(
+        zj.uniform_rods(q, friction=friction), zj.State(omega=(0.0, 0.3)),
+        transient=20.0, window=10.0, rtol=1e-4, atol=1e-4,
+        **{"max_windows": 4, "max_steps": 2000, **budgets},
+    )  # fmt: skip
+
+
+Q, MU = np.linspace(1.5, 3.5, 9), np.array([0.05, 0.1, 0.2])
+
+
+def same(one, other):
+    """To the last bit, NaN like NaN, with the same labels."""
+    timing = {"run_seconds", "points_per_second", "useful_step_fraction"}
+    timing |= {"compile_seconds", "threads", "points", "points_done"}
+    timing |= {"blocks", "blocks_done", "max_windows", "max_steps"}
+    attrs = [
+        {k: v for k, v in d.attrs.items() if k not in timing} for d in (one, other)
+    ]
+    assert attrs[0] == attrs[1]
+    assert list(one.data_vars) == list(other.data_vars)
+    for name in one.variables:
+        assert one[name].attrs == other[name].attrs, name
+        assert one[name].dtype == other[name].dtype, name
+        assert one[name].values.tobytes() == other[name].values.tobytes(), name
+    return True
+
+
+def lines(log):
+    return [json.loads(line) for line in log.read_text().splitlines()]

@@ -1,0 +1,97 @@
+"""Ctrl-C ends a sweep, whenever it comes."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import ziegler_jax as zj
+from ziegler_jax._interrupt import held_interrupts
+
+PROGRAM = """
+import sys
+import numpy as np
+import ziegler_jax as zj
+
+def point(q):
+    column = zj.uniform_rods(q, damping=zj.Viscous(0.0, 0.01))
+    start = zj.State(omega=(0.0, 0.3))
+    return zj.settle(column, start, transient=1e5, max_steps=100_000_000)
+
+print("ready", flush=True)
+try:
+    zj.sweep(point, q=np.linspace(1, 2, 4096), batch_size=8, progress=False)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+    sys.exit(3)
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_sweep_soon():
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, text=True,
+        env=dict(os.environ),
+    )  # fmt: skip
+    try:
+        assert process.stdout.readline() == "ready\n"
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(12)
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert out == "interrupted\n"
+    assert process.returncode == 3
+
+
+@pytest.fixture
+def pythons_own_handler():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+class Finalised:
+    """Ctrl-C, once, where Python drops an exception with a warning."""
+
+    pressed = False
+
+    def __del__(self):
+        if not Finalised.pressed:
+            Finalised.pressed = True
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_ctrl_c_in_a_finaliser_while_a_scene_is_traced_is_not_lost(pythons_own_handler):
+    def scene(x):
+        Finalised()
+        return x
+
+    with pytest.raises(KeyboardInterrupt):
+        zj.sweep(scene, x=[1.0], progress=False)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert zj.sweep(lambda x: x, x=[1.0], progress=False).value == 1.0
+
+
+def test_a_second_ctrl_c_ends_tracing_at_once(pythons_own_handler):
+    reached = []
+    with pytest.raises(KeyboardInterrupt), held_interrupts():
+        signal.raise_signal(signal.SIGINT)
+        reached.append("after the first")
+        signal.raise_signal(signal.SIGINT)
+        reached.append("after the second")
+    assert reached == ["after the first"]
+
+
+def test_a_handler_of_the_users_own_is_left_alone():
+    seen = []
+    before = signal.signal(signal.SIGINT, lambda *_: seen.append("mine"))
+    try:
+        with held_interrupts():
+            signal.raise_signal(signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert seen == ["mine"]

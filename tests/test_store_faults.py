@@ -1,0 +1,175 @@
+"""Killed, full or broken: nothing committed is lost, nothing half-written is taken."""
+
+import errno
+import functools
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import jax
+import numpy as np
+import pytest
+import zarr
+from stored import X, Y, lines, same, sweep
+
+import ziegler_jax as zj
+from ziegler_jax import _store
+
+pytestmark = pytest.mark.usefixtures("small_blocks")
+
+
+@pytest.mark.parametrize("written", ["sum", "marker"])
+def test_a_full_disk_loses_nothing_and_names_the_block(path, monkeypatch, written):
+    put, write = zarr.Array.__setitem__, _store._write
+    full = {"now": False}
+
+    def no_space(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def fill(array, region, values):
+        full["now"] |= array.name == "/sum" and region[0].start == 4
+        (no_space if full["now"] and written == "sum" else put)(array, region, values)
+
+    def mark(at, content):
+        (no_space if full["now"] and at.parent.name == "blocks" else write)(at, content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(zarr.Array, "__setitem__", fill)
+        patch.setattr(_store, "_write", mark)
+        with pytest.raises(OSError, match="No space left") as caught:
+            sweep(store=path, threads=1)
+    note = " ".join(caught.value.__notes__)
+    assert "block 2" in note and "<= x <=" in note and str(path) in note
+    assert zj.open_sweep(path).attrs["blocks_done"] == 2
+    assert same(sweep(store=path), sweep())
+
+
+def test_a_small_disk_that_is_full(tmp_path):
+    """The same with a real one, where this process may make it."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=512k", "tmpfs", str(disk)]
+    try:
+        made = subprocess.run(mount, capture_output=True).returncode == 0
+    except FileNotFoundError:
+        made = False
+    if not made:
+        pytest.skip("needs the right to mount a tmpfs")
+    try:
+        with (disk / "filler").open("wb") as filler:
+            filler.write(bytes(300 * 1024))
+        with pytest.raises(OSError, match="No space left"):
+            sweep(store=disk / "map.zarr", x=np.linspace(0, 4, 800))
+        (disk / "filler").unlink()
+        before = zj.open_sweep(disk / "map.zarr").attrs["blocks_done"]
+        remount = ["mount", "-o", "remount,size=64m", str(disk)]
+        subprocess.run(remount, check=True)
+        found = sweep(store=disk / "map.zarr", x=np.linspace(0, 4, 800))
+        assert 0 < before < found.attrs["blocks_done"]
+        assert same(found.load(), sweep(x=np.linspace(0, 4, 800)))
+        subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+        again = sweep(store=disk / "map.zarr", x=np.linspace(0, 4, 800))
+        assert same(again.load(), found)
+        with pytest.raises(OSError, match="Read-only"):
+            sweep(store=disk / "other.zarr")
+        with pytest.raises(OSError, match="Read-only"):
+            sweep(store=disk / "map.zarr", resume="overwrite")
+        assert same(zj.open_sweep(disk / "map.zarr"), found)
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_point_that_raises_for_one_batch_names_its_values(path, tmp_path):
+    broken = {"at": 3.0}
+
+    def check(x):
+        if (np.asarray(x) > broken["at"]).any():
+            raise RuntimeError("my own mistake")
+        return np.asarray(x)
+
+    def scene(x, y):
+        like = jax.ShapeDtypeStruct((), x.dtype)
+        checked = jax.pure_callback(check, like, x, vmap_method="expand_dims")
+        return {"sum": checked + y}
+
+    run = functools.partial(
+        zj.sweep, scene, x=X, y=Y, batch_size=5, threads=1, progress=False
+    )
+    with pytest.raises(Exception, match="my own mistake") as caught:
+        run(store=path)
+    (note,) = caught.value.__notes__
+    assert "3.42857142857142" in note and "<= x <=" in note and "<= y <=" in note
+    assert zj.open_sweep(path).attrs["blocks_done"] == 3
+    broken["at"] = 5.0  # a host callback is not seen: it is still the same sweep
+    found = run(store=path, log=tmp_path / "log")
+    assert [line["block"] for line in lines(tmp_path / "log")] == [3]
+    assert (found["sum"].values == X[:, None] + Y).all()
+
+
+KILLED = """
+import sys
+import numpy as np
+import ziegler_jax as zj
+from ziegler_jax import _blocks
+
+_blocks.POINTS_A_BLOCK = 40
+
+def point(x, y):
+    return {"sum": x + y, "product": x * y, "half": x / 2}
+
+print("ready", flush=True)
+zj.sweep(point, x=np.linspace(0, 1, 300), y=np.linspace(1, 2, 20), batch_size=8,
+         store=sys.argv[1], log=sys.argv[2], progress=False)
+"""
+
+
+def committed(path):
+    try:
+        return {n: m["seconds"] for n, m in _store.Store(path).marks().items()}
+    except ValueError:
+        return {}
+
+
+def killed(arguments, seconds, path, least):
+    """Start the sweep and kill it some time after it has finished `least` blocks."""
+    process = subprocess.Popen(
+        [sys.executable, *arguments], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout.readline() == "ready\n"
+        while process.poll() is None and len(committed(path)) < least:
+            time.sleep(0.001)
+        try:
+            process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGKILL)
+        return process.wait()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_killed_at_any_moment_it_goes_on_where_it_was(tmp_path, path):
+    """Twice in the middle of 150 blocks; `benchmarks/s0_store.py` has twenty."""
+    rng = random.Random(3)
+    arguments = ["-c", KILLED, str(path), str(tmp_path / "log")]
+    kills, before = 0, {}
+    for least in (1, 40):
+        kills += killed(arguments, rng.uniform(0, 0.03), path, least) != 0
+        after = committed(path)
+        assert before.items() <= after.items()  # none was written twice
+        before = after
+    assert kills and 0 < len(before) < 150
+    assert killed(arguments, 200.0, path, 0) == 0
+    assert before.items() <= committed(path).items()
+    blocks = [line["block"] for line in lines(tmp_path / "log")]
+    assert len(set(blocks)) == len(blocks) >= 150 - kills
+    found = zj.open_sweep(path)
+    x, y = found.x.values[:, None], found.y.values
+    assert found.attrs["blocks_done"] == 150
+    assert (found["sum"].values == x + y).all()
+    assert (found["product"].values == x * y).all()
+    assert not list(path.rglob("*.partial"))
