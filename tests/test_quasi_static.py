@@ -55,7 +55,7 @@ def test_bad_arguments_are_named(refuses):
         return zj.sweep_up_down(make, values, kick=kick, **options)
 
     refuses(lambda: up_down(make=dry(1.0, 0.1)), "`make_column`", "function")
-    refuses(lambda: up_down(make=lambda q: q), "`column`", "`Column`")
+    refuses(lambda: up_down(make=lambda q: q), "`make_column`", "`Column`")
     refuses(lambda: up_down(values=(2.0, 1.0)), "`values`", "increase")
     refuses(lambda: up_down(values=[1.0]), "`values`", "at least two")
     refuses(lambda: up_down(kick=0.1), "`kick`", "`State`")
