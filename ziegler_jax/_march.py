@@ -87,6 +87,7 @@ class Road:
                 f"Argument `direction` must be 1 or -1, but is {direction!r}."
             )
         dtype = jnp.result_type(float)
+        loops = whole_number("loops", loops)
         check_maker(make_column)
         start = number("start", start)
         _check_bounds(bounds, start)
@@ -100,7 +101,6 @@ class Road:
         # what the function closes over, without its derivatives
         self.make = fixed(eqx.filter_closure_convert(make_column, at))
         still, y0 = self.make(at), fixed(float_state(guess))
-        loops = whole_number("loops", loops)
         z, self.section, self.returned = approximation(
             still, y0, period, section, loops, patience, self.method
         )
@@ -130,7 +130,7 @@ class Road:
         tangent = solve(whole, jnp.eye(5, dtype=x0.dtype)[4])
         tangent = tangent / jnp.sqrt(tangent @ tangent)
         moved = shot.flow.moved[:, :4]
-        tests = jnp.stack([tangent[4], *test_functions(moved)])
+        tests = jnp.stack([tangent[4], *products(moved)])
         point = Kept(found.z, tangent, shot.flow.extent, moved, matrix, tests)
         good = (found.size <= TOLERANCE) & jnp.all(jnp.isfinite(tangent))
         return point, good, found.count
@@ -302,7 +302,7 @@ def _cubic(moved: Any) -> tuple[Any, Any, Any]:
     return b2, b1, b1 - e3
 
 
-def test_functions(moved: Any) -> tuple[Any, Any, Any]:
+def products(moved: Any) -> tuple[Any, Any, Any]:
     """The products over the multipliers: torus, flip, pitchfork."""
     b2, b1, b0 = _cubic(moved)
     return b0 * b0 - b2 * b0 + b1 - 1, 1 - b2 + b1 - b0, 1 + b2 + b1 + b0
