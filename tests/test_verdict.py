@@ -27,7 +27,7 @@ def of_smooth(n):
     load = zj.ConstantLoad(1.0)
     friction = zj.SmoothCoulomb(n[1], pin_radius=1.0, v_smooth=n[2], load=load)
     column = zj.uniform_rods(n[0], friction=friction, damping=zj.Viscous(n[3], n[4]))
-    return zj.verdict(column, zj.State(omega=(0.0, n[5])))
+    return zj.verdict(column, zj.State(omega=(0.0, n[5])), blocks=10)
 
 
 @pytest.fixture(scope="module")

@@ -196,17 +196,22 @@ class Road:
             new_high = jnp.stack([s, f])
             exact = (jnp.abs(s - sb) < EXACT) | (f == 0)
             refined = refining & good & (exact | (now.tries >= REFINEMENTS))
+            # where branches cross Newton's method is singular: the chord will do
+            crossing = refining & ~good & (now.seeks == SPECIAL.pitchfork)
+            chord = _chord(base, now.beyond)
+            found = jax.tree.map(lambda a, b: jnp.where(crossing, b, a), point, chord)
+            lost = refining & ~good
+            refined |= crossing
             which = jnp.maximum(kind - 1, 0)
             begins = kind > 0
             ends = jnp.stack([jnp.stack([zero, base.tests[which]]),
                               jnp.stack([s, point.tests[which]])])  # fmt: skip
             lower = jnp.where(begins, ends[0], new_low)
             upper = jnp.where(begins, ends[1], new_high)
-            real = (now.seeks != SPECIAL.torus) | circles(point.moved)
+            real = (now.seeks != SPECIAL.torus) | _circles(found.moved)
             place = jnp.where(refined & real, now.specials, specials)
-            special = _put(now.special, place, point)
+            special = _put(now.special, place, found)
             kinds_ = now.kind.at[place].set(now.seeks, mode="drop")
-            lost = refining & ~good
 
             # where to go on from, and whether
             def choose(new, beyond, old):
@@ -308,10 +313,18 @@ def products(moved: Any) -> tuple[Any, Any, Any]:
     return b0 * b0 - b2 * b0 + b1 - 1, 1 - b2 + b1 - b0, 1 + b2 + b1 + b0
 
 
-def circles(moved: Any) -> Any:
+def _circles(moved: Any) -> Any:
     """Whether two multipliers whose product is 1 are a complex pair."""
     b2, _, b0 = _cubic(moved)
     return jnp.abs(b0 - b2) < 2
+
+
+def _chord(low: Kept, high: Kept) -> Kept:
+    """Between two points, where the pitchfork's test would vanish if it were linear."""
+    at = SPECIAL.pitchfork - 1
+    rise = high.tests[at] - low.tests[at]
+    share = -low.tests[at] / jnp.where(rise == 0, 1.0, rise)
+    return jax.tree.map(lambda a, b: a + share * (b - a), low, high)
 
 
 def _real_changes(changed: Any, before: Any, after: Any) -> Any:
@@ -321,5 +334,7 @@ def _real_changes(changed: Any, before: Any, after: Any) -> Any:
     the pitchfork at a fold.
     """
     torus, pitchfork = SPECIAL.torus - 1, SPECIAL.pitchfork - 1
-    changed = changed.at[torus].set(changed[torus] & (circles(before) | circles(after)))
+    changed = changed.at[torus].set(
+        changed[torus] & (_circles(before) | _circles(after))
+    )
     return changed.at[pitchfork].set(changed[pitchfork] & ~changed[0])
