@@ -103,10 +103,9 @@ def _where(flag: Any, new: Any, old: Any) -> Any:
 
 
 class Place(NamedTuple):
-    """A threshold, in the numbers of its scene: the start's four and the column's n."""
+    """A threshold."""
 
-    numbers: Any  # (k,)
-    line: Any  # (k,) how they change along the line that was searched
+    line: Any  # (k,) how the scene's numbers change along the line that was searched
     width: Any  # of the interval that holds the threshold
     known: Any  # whether there is one
     window: Any
@@ -150,16 +149,16 @@ def carried(
 
     @zero.defjvp
     def rule(primals, tangents):
-        row = _slope(make, primals[1], method)
-        return zero(*primals), first_order(row) @ tangents[0]
+        numbers, place = primals
+        row = _slope(make, first_order(numbers), place, method)
+        return zero(numbers, place), row @ tangents[0]
 
     at, line = jax.jvp(numbers, (x,), (jnp.ones_like(x),))
-    return zero(at, fixed(Place(at, line, width, known, window, patience)))
+    return zero(at, fixed(Place(line, width, known, window, patience)))
 
 
-def _slope(make: Callable, place: Place, method: Method) -> Any:
-    """The threshold's derivatives, (k,)."""
-    numbers = place.numbers
+def _slope(make: Callable, numbers: Any, place: Place, method: Method) -> Any:
+    """The threshold's derivatives in the start's four numbers and the column's."""
     args, inner, method = varied(make, numbers[4:], method)
     fold = Parting(inner, place.line, place.width, place.window)
     y0: Any = tuple(numbers[i] for i in range(4))
