@@ -15,7 +15,7 @@ SMOOTH = {
     "cycle, viscous": (2.3, 0, 0.01, 0.2, 0.2, 0.3),
     "conservative": (2.0, 0, 0.01, 0, 0, 0.2),
     "conservative, chaotic": (4.0, 0, 0.01, 0, 0, 0.3),
-    "undecided": (1.0, 0, 0.01, 0.001, 0.001, 0.2),  # it still decays
+    "undecided": (1.0, 0, 0.01, 0.003, 0.003, 0.2),  # it still decays
     "failed": (2.0, 0, 0.01, -1, 0, 0.2),
     "escaped": (2.0, 0, 0.01, 0, 0, 40.0),
 }
