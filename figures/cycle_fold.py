@@ -22,8 +22,8 @@ def folds(tau):
 
 @jax.jit
 def branch(tau):
-    bounds = (1.0, 2.75)
-    return zj.continue_cycle(*scene(tau, 2.7), direction=-1, points=80, bounds=bounds)
+    way = {"direction": -1, "points": 150, "step": 0.05, "bounds": (1.0, 2.75)}
+    return zj.continue_cycle(*scene(tau, 2.7), **way)
 
 
 def main():
@@ -33,11 +33,14 @@ def main():
     tau, fold = tau[np.isfinite(fold)], fold[np.isfinite(fold)]
     q_cr = float(zj.critical_load(zj.uniform_rods()).q)
     left.fill_betweenx(tau, fold, 3, color="#FBE6D0", lw=0)
-    left.plot(fold, tau, color=style.BLUE, lw=2.5, label="fold of cycles")
+    left.plot(fold, tau, "o-", color=style.BLUE, lw=2.5, label="fold of cycles")
+    left.plot(
+        14 / 11, 0, "o", color="w", mec=style.BLUE, label="its limit, $q = 14/11$"
+    )
     left.axvline(q_cr, color=style.ORANGE, ls="--", label="$q_{cr}$, no friction")
-    left.text(1.04, 0.06, "no cycle on\nthis branch", fontsize=11)
+    left.text(0.84, 0.045, "no cycle on\nthis branch", fontsize=11)
     left.text(1.75, 0.05, "rest and flutter")
-    left.set(xlim=(1.0, 3), ylim=(0, 0.13), ylabel=r"friction torque $\tau$ ($k$)")
+    left.set(xlim=(0.8, 3), ylim=(0, 0.13), ylabel=r"friction torque $\tau$ ($k$)")
     left.set_title("set-valued friction, $\\mu_s = \\mu_k$", loc="left")
     points = branch(0.1).points
     q, stable = np.asarray(points.parameter), np.asarray(points.stable)
@@ -58,8 +61,8 @@ def main():
     for ax in (left, middle, right):
         ax.set_xlabel("load $q = Fl/k$")
         ax.spines[["top", "right"]].set_visible(False)
-    for ax in (left, right):
-        ax.legend(loc="upper right", fontsize=11)
+    left.legend(loc="upper left", fontsize=11)
+    right.legend(loc="upper right", fontsize=11)
     figure.tight_layout()
     style.save(figure, __file__)
 

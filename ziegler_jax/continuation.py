@@ -11,8 +11,10 @@ functions of the three multipliers $\mu_i$ other than 1 change sign:
 $$t_\lambda \text{ (fold)}, \qquad \prod_{i<j} (\mu_i \mu_j - 1) \text{ (torus)}, \qquad
 \prod_i (1 + \mu_i) \text{ (flip)}, \qquad \prod_i (1 - \mu_i) \text{ (pitchfork)}$$
 
-and the zero is found along the arc. Lengths on the arc: rad for the state, the first
-cycle's period for T, the first value for $\lambda$.
+and the zero is found along the arc; a pitchfork's, where another branch crosses and
+Newton's method is singular, may be that of the step's chord. Lengths on
+the arc: rad for the state, the first cycle's period for T, the first value for
+$\lambda$.
 
 Source: H. B. Keller (1977); Y. A. Kuznetsov, Elements of Applied Bifurcation Theory
 (2004), chapter 10.
