@@ -295,7 +295,8 @@ def test_amplitude_and_period_move_as_their_derivatives_say(kind):
     assert (orbit.outcome[:9] == zj.ORBIT.found).all()
     value = np.asarray(value)
     difference = (value[1:5] - value[5:9]).T / (2 * step * at)
-    np.testing.assert_allclose(slope[0], difference, rtol=1e-4, atol=1e-4)
+    # measured 2.7e-5 (smoothed) and 1.8e-6 (set-valued)
+    np.testing.assert_allclose(slope[0], difference, rtol=1e-4, atol=1e-6)
     # at rest nothing comes back; in chaos there is no orbit here, or one that repels
     assert orbit.outcome[10] == zj.ORBIT.no_return
     found = np.asarray(orbit.outcome) == zj.ORBIT.found
