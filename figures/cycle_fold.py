@@ -38,9 +38,9 @@ def main():
         14 / 11, 0, "o", color="w", mec=style.BLUE, label="its limit, $q = 14/11$"
     )
     left.axvline(q_cr, color=style.ORANGE, ls="--", label="$q_{cr}$, no friction")
-    left.text(0.84, 0.045, "no cycle on\nthis branch", fontsize=11)
-    left.text(1.75, 0.05, "rest and flutter")
-    left.set(xlim=(0.8, 3), ylim=(0, 0.13), ylabel=r"friction torque $\tau$ ($k$)")
+    left.text(0.84, 0.07, "no cycle on\nthis branch", fontsize=11)
+    left.text(1.62, 0.05, "rest and flutter")
+    left.set(xlim=(0.8, 3), ylim=(0, 0.14), ylabel=r"friction torque $\tau$ ($k$)")
     left.set_title("set-valued friction, $\\mu_s = \\mu_k$", loc="left")
     points = branch(0.1).points
     q, stable = np.asarray(points.parameter), np.asarray(points.stable)
