@@ -1,6 +1,7 @@
 """Cycles: multipliers, the birth at q_cr, folds of dry friction, derivatives."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from moreau import motion
@@ -171,27 +172,32 @@ def law(tau, tau_k=None):
 
 
 # Three to the third digit of an earlier search by windows; that search had 1.280 for
-# 0.01, where slow decay passes for a cycle: `test_time_stepping_...` brackets it.
+# 0.01, where motions pass the ghost of the two cycles so slowly that they seem to be
+# one: from near it they come to rest after 3800 time units at 1.280, 6000 at 1.284,
+# 10 700 at 1.2865. Between 0.0025 (1.2756) and 0.04 (1.3496) the fold rises smoothly.
 FOLDS = {0.01: 1.288, 0.03: 1.328, 0.1: 1.571, 0.26: 1.861}
 STEP = 1e-4
 
 
 @pytest.fixture(scope="module")
 def folds():
-    """The four folds, and neighbours of the third for differences."""
+    """The four folds, neighbours of the third for differences, two of less friction."""
 
-    def fold(tau):
+    def fold(tau, start, kick):
         def column(q):
             return zj.uniform_rods(q, friction=law(tau))
 
-        kicked = zj.settle(column(1.95), zj.State(omega=(0.0, 3.0)))
-        found = zj.cycle_fold(column, jax.lax.stop_gradient(kicked.final), 1.95)
+        kicked = zj.settle(column(start), zj.State(omega=(0.0, kick)))
+        guess = jax.lax.stop_gradient(kicked.final)
+        found = zj.cycle_fold(column, guess, start, step=0.05)
         return found.value, found
 
-    tau = np.array([*FOLDS, 0.1 + STEP, 0.1 - STEP])
-    (value, found), slope = jax.jit(jax.vmap(jax.value_and_grad(fold, has_aux=True)))(
-        tau
-    )
+    # with less friction the cycle of 1.95 has lost its symmetry
+    tau = np.array([*FOLDS, 0.1 + STEP, 0.1 - STEP, 0.005, 0.0025])
+    start = np.where(tau < 0.01, 1.42, 1.95)
+    kick = np.where(tau < 0.01, 2.0, 3.0)
+    slopes = jax.jit(jax.vmap(jax.value_and_grad(fold, has_aux=True)))
+    (value, found), slope = slopes(tau, start, kick)
     return np.asarray(value), found, np.asarray(slope)
 
 
@@ -203,12 +209,25 @@ def test_dry_friction_folds_the_cycle_where_it_is_known_to(folds):
 
 
 @pytest.mark.slow
+def test_as_friction_vanishes_the_fold_tends_to_14_elevenths(folds):
+    """There equal torques neither feed nor brake the slow mode of the free column.
+
+    To first order a mode v grows by -(w_1 s_1 + (w_2 - w_1) s_2) / (w M v), with w of
+    the adjoint and s the signs of the joints' rates, which agree: it is 0 where w_2 = 0
+    in K^T w = omega^2 M w, so that (2 - q) / a = (q - 1) / b.
+    """
+    q1, q2, q3 = folds[0][[7, 6, 0]]  # tau doubles
+    limit = q1 - (q2 - q1) ** 2 / (q3 - 2 * q2 + q1)
+    assert abs(limit - 14 / 11) < 1e-3  # measured 4.6e-4
+
+
+@pytest.mark.slow
 def test_two_multipliers_are_1_at_a_fold_and_sticking_makes_one_zero(folds):
     _, found, _ = folds
     mu = np.asarray(found.cycle.multipliers)[:, 0]
     assert np.abs(mu[:, :2] - 1).max() < 1e-3  # a double root: the root of the error
     assert np.abs(mu[:, 3]).max() < 1e-12
-    assert (np.abs(mu[:, 2]) < 0.5).all()
+    assert (np.abs(mu[:, 2]) < 0.9).all()  # 0.77 with the least friction
 
 
 @pytest.mark.slow
@@ -233,3 +252,53 @@ def test_time_stepping_decays_below_the_fold_of_weak_friction_and_grows_above():
             state = motion(q, tau, state[:2], state[2:], 11 * period, 70_000)
         # measured over seven periods: -0.5 to -0.7 % below, 0.2 to 0.5 % above
         assert (np.diff(sizes) > 0).all() if grows else (np.diff(sizes) < 0).all()
+
+
+# Derivatives of the cycle -------------------------------------------------------------
+
+CHAOS = (3.9, 0.226, 0.0565, 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["smoothed", "set-valued"])
+def test_amplitude_and_period_move_as_their_derivatives_say(kind):
+    """In q, mu_s, mu_k and pin radius; refused where a guess in chaos leads nowhere."""
+
+    def column(p):
+        load = zj.ConstantLoad(1.0)
+        if kind == "set-valued":
+            law = zj.SetValuedCoulomb(p[1], p[2], pin_radius=p[3], load=load)
+        else:
+            law = zj.SmoothCoulomb(
+                p[1], p[2], pin_radius=p[3], v_smooth=0.1, v_stribeck=0.5, load=load
+            )
+        return zj.uniform_rods(p[0], friction=law)
+
+    def numbers(p, y):
+        guess = zj.State((y[0], y[1]), (y[2], y[3]))
+        orbit = zj.periodic_orbit(column(p), guess)
+        size = jnp.concatenate([orbit.amplitude.rod, orbit.amplitude.joint])
+        return jnp.append(size, orbit.period), orbit
+
+    at, step = np.array([2.6, 0.03, 0.026, 1.0]), 1e-5
+    around = at * (1 + step * np.concatenate([np.eye(4), -np.eye(4)]))
+    settled = jax.jit(lambda p: zj.settle(column(p), zj.State(omega=(0.0, 0.3))))(at)
+    y = np.hstack([settled.final.phi, settled.final.omega])
+
+    def both(p, y):
+        slope, orbit = jax.jacfwd(numbers, has_aux=True)(p, y)
+        return slope, numbers(p, y)[0], orbit
+
+    lanes = np.vstack([at, around, CHAOS, at])
+    guesses = np.vstack([np.tile(y, (9, 1)), [0.3, -0.2, 1.0, 0.5], np.zeros(4)])
+    slope, value, orbit = jax.jit(jax.vmap(both))(lanes, guesses)
+    assert (orbit.outcome[:9] == zj.ORBIT.found).all()
+    value = np.asarray(value)
+    difference = (value[1:5] - value[5:9]).T / (2 * step * at)
+    # measured 2.7e-5 (smoothed) and 1.8e-6 (set-valued)
+    np.testing.assert_allclose(slope[0], difference, rtol=1e-4, atol=1e-6)
+    # at rest nothing comes back; in chaos there is no orbit here, or one that repels
+    assert orbit.outcome[10] == zj.ORBIT.no_return
+    found = np.asarray(orbit.outcome) == zj.ORBIT.found
+    assert np.isnan(slope[~found]).all() and np.isfinite(slope[found]).all()
+    assert not found[9] or not orbit.stable[9]

@@ -36,8 +36,8 @@ def test_the_way_down_leaves_the_cycle_at_the_fold_and_the_way_up_far_above():
     # 0.07 is below the critical kick up to q = 1.7 (0.085) and above it at 2.5 (0.047)
     assert (up.outcome[:4] == zj.OUTCOME.stuck).all()
     assert up.outcome[-1] == zj.OUTCOME.cycle
-    # the cycle folds at 1.280, mu_s = mu_k
-    cycles = down.q > 1.280
+    # the cycle folds at 1.288, mu_s = mu_k
+    cycles = down.q > 1.288
     assert (down.outcome.where(~cycles, zj.OUTCOME.stuck) == zj.OUTCOME.stuck).all()
     assert (down.outcome.where(cycles, zj.OUTCOME.cycle) == zj.OUTCOME.cycle).all()
     assert (down.joint_amplitude.sel(joint=2)[2:] > 0.15).all()
@@ -55,7 +55,7 @@ def test_bad_arguments_are_named(refuses):
         return zj.sweep_up_down(make, values, kick=kick, **options)
 
     refuses(lambda: up_down(make=dry(1.0, 0.1)), "`make_column`", "function")
-    refuses(lambda: up_down(make=lambda q: q), "`column`", "`Column`")
+    refuses(lambda: up_down(make=lambda q: q), "`make_column`", "`Column`")
     refuses(lambda: up_down(values=(2.0, 1.0)), "`values`", "increase")
     refuses(lambda: up_down(values=[1.0]), "`values`", "at least two")
     refuses(lambda: up_down(kick=0.1), "`kick`", "`State`")

@@ -37,7 +37,8 @@ FLOORS = [
     ["critical", "_scene", "_events"],
     ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"],
     ["_settling", "_shooting"],
-    ["_lanes", "_sequence", "simulate", "lyapunov", "poincare", "cycle"],
+    ["_lanes", "_sequence", "simulate", "lyapunov", "poincare", "cycle"]
+    + ["_threshold"],
     ["onset", "quasi_static", "verdict", "si", "_audit", "_march"],
     ["continuation"],
     ["_blocks"],

@@ -8,9 +8,16 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ._scene import check_scene, float_state, valid_scene, whole_number
+from ._scene import (
+    check_maker,
+    check_scene,
+    float_state,
+    made,
+    valid_scene,
+    whole_number,
+)
 from ._shooting import TOLERANCE, Shot, blank_shot, fixed, newton, shoot, solve
-from ._types import number
+from ._types import is_concrete, number
 from .column import State
 from .cycle import approximation, method_for
 from .outcome import ORBIT, SPECIAL
@@ -21,6 +28,7 @@ STRAIGHT = 0.9  # the cosine of the largest turn between two points
 NEWTON_STEPS = 10  # more say that the step was too long
 REFINEMENTS = 30  # of a special point, by the Illinois method; some eight are needed
 EXACT = 1e-10  # on the arc, of a special point
+CROWDED = 1e-4  # a step in which two things happen is not shortened below it
 
 
 class Kept(NamedTuple):
@@ -79,17 +87,20 @@ class Road:
                 f"Argument `direction` must be 1 or -1, but is {direction!r}."
             )
         dtype = jnp.result_type(float)
-        at = fixed(jnp.asarray(number("start", start), dtype))
+        loops = whole_number("loops", loops)
+        check_maker(make_column)
+        start = number("start", start)
+        _check_bounds(bounds, start)
+        at = fixed(jnp.asarray(start, dtype))
         self.step = fixed(jnp.asarray(number("step", step, "positive"), dtype))
         self.bounds = bounds
         self.direction = direction
-        column = make_column(at)
-        check_scene(column, guess)
+        column = made(make_column, at)
+        check_scene(column, guess, "guess")
         self.method = method_for(column, solver, rtol, atol, max_steps)
         # what the function closes over, without its derivatives
         self.make = fixed(eqx.filter_closure_convert(make_column, at))
         still, y0 = self.make(at), fixed(float_state(guess))
-        loops = whole_number("loops", loops)
         z, self.section, self.returned = approximation(
             still, y0, period, section, loops, patience, self.method
         )
@@ -119,7 +130,7 @@ class Road:
         tangent = solve(whole, jnp.eye(5, dtype=x0.dtype)[4])
         tangent = tangent / jnp.sqrt(tangent @ tangent)
         moved = shot.flow.moved[:, :4]
-        tests = jnp.stack([tangent[4], *_tests(moved)])
+        tests = jnp.stack([tangent[4], *products(moved)])
         point = Kept(found.z, tangent, shot.flow.extent, moved, matrix, tests)
         good = (found.size <= TOLERANCE) & jnp.all(jnp.isfinite(tangent))
         return point, good, found.count
@@ -165,7 +176,10 @@ class Road:
 
             # walk
             changed = (point.tests * base.tests < 0) & wanted & ~starting
-            changed = changed.at[3].set(changed[3] & ~changed[0])
+            changed = _real_changes(changed, base.moved, point.moved)
+            # one at a time: of two within a step the second would go unnoticed
+            crowded = ~refining & (jnp.sum(changed) > 1) & (s > CROWDED)
+            good &= ~crowded
             kind = jnp.where(jnp.any(changed), 1 + jnp.argmax(changed), 0)
             kind = jnp.where(good & ~refining & (now.specials < specials), kind, 0)
             kind = kind.astype(jnp.int32)
@@ -182,17 +196,22 @@ class Road:
             new_high = jnp.stack([s, f])
             exact = (jnp.abs(s - sb) < EXACT) | (f == 0)
             refined = refining & good & (exact | (now.tries >= REFINEMENTS))
+            # where branches cross Newton's method is singular: the chord will do
+            crossing = refining & ~good & (now.seeks == SPECIAL.pitchfork)
+            chord = _chord(base, now.beyond)
+            found = jax.tree.map(lambda a, b: jnp.where(crossing, b, a), point, chord)
+            lost = refining & ~good
+            refined |= crossing
             which = jnp.maximum(kind - 1, 0)
             begins = kind > 0
             ends = jnp.stack([jnp.stack([zero, base.tests[which]]),
                               jnp.stack([s, point.tests[which]])])  # fmt: skip
             lower = jnp.where(begins, ends[0], new_low)
             upper = jnp.where(begins, ends[1], new_high)
-            real = (now.seeks != SPECIAL.torus) | _circles(point.moved)
+            real = (now.seeks != SPECIAL.torus) | _circles(found.moved)
             place = jnp.where(refined & real, now.specials, specials)
-            special = _put(now.special, place, point)
+            special = _put(now.special, place, found)
             kinds_ = now.kind.at[place].set(now.seeks, mode="drop")
-            lost = refining & ~good
 
             # where to go on from, and whether
             def choose(new, beyond, old):
@@ -241,6 +260,22 @@ class Road:
 _SHAPES = ((5,), (5,), (3,), (4, 4), (4, 5), (4,))
 
 
+def _check_bounds(bounds: Any, start: Any) -> None:
+    """Two numbers, maybe infinite, that increase and hold the start between them."""
+    try:
+        low, high = bounds
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"Argument `bounds` must be two numbers, but is {bounds!r}."
+        ) from None
+    known = [float(x) for x in (low, start, high) if is_concrete(x)]
+    if not (known == sorted(known) and (len(known) < 2 or known[0] < known[-1])):
+        raise ValueError(
+            "Argument `bounds` must increase and hold `start`, but is "
+            f"{bounds!r} with `start` = {start}."
+        )
+
+
 def _straight(new: Any, old: Any) -> Any:
     """Whether a branch turns little between two points: in phi2, T, the parameter.
 
@@ -272,7 +307,7 @@ def _cubic(moved: Any) -> tuple[Any, Any, Any]:
     return b2, b1, b1 - e3
 
 
-def _tests(moved: Any) -> tuple[Any, Any, Any]:
+def products(moved: Any) -> tuple[Any, Any, Any]:
     """The products over the multipliers: torus, flip, pitchfork."""
     b2, b1, b0 = _cubic(moved)
     return b0 * b0 - b2 * b0 + b1 - 1, 1 - b2 + b1 - b0, 1 + b2 + b1 + b0
@@ -282,3 +317,24 @@ def _circles(moved: Any) -> Any:
     """Whether two multipliers whose product is 1 are a complex pair."""
     b2, _, b0 = _cubic(moved)
     return jnp.abs(b0 - b2) < 2
+
+
+def _chord(low: Kept, high: Kept) -> Kept:
+    """Between two points, where the pitchfork's test would vanish if it were linear."""
+    at = SPECIAL.pitchfork - 1
+    rise = high.tests[at] - low.tests[at]
+    share = -low.tests[at] / jnp.where(rise == 0, 1.0, rise)
+    return jax.tree.map(lambda a, b: a + share * (b - a), low, high)
+
+
+def _real_changes(changed: Any, before: Any, after: Any) -> Any:
+    """Changes of the tests' signs without those that mean nothing.
+
+    The torus' test vanishes, too, where two real multipliers are reciprocal; that of
+    the pitchfork at a fold.
+    """
+    torus, pitchfork = SPECIAL.torus - 1, SPECIAL.pitchfork - 1
+    changed = changed.at[torus].set(
+        changed[torus] & (_circles(before) | _circles(after))
+    )
+    return changed.at[pitchfork].set(changed[pitchfork] & ~changed[0])

@@ -1,6 +1,6 @@
 """What `settle` and `trajectory` ask of a scene, and what they make of it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
@@ -108,11 +108,28 @@ def float_state(start: State) -> Vector4:
     return tuple(jnp.asarray(x, dtype) for x in start.y)  # type: ignore[return-value]
 
 
-def check_scene(column: Any, start: Any) -> None:
+def check_scene(column: Any, start: Any, name: str = "start") -> None:
     if not isinstance(column, Column):
         raise ValueError(f"Argument `column` must be a `Column`, but is {column!r}.")
     if not isinstance(start, State):
-        raise ValueError(f"Argument `start` must be a `State`, but is {start!r}.")
+        raise ValueError(f"Argument `{name}` must be a `State`, but is {start!r}.")
+
+
+def check_maker(make_column: Any) -> None:
+    if not callable(make_column):
+        raise ValueError(
+            "Argument `make_column` must be a function of one number, but is "
+            f"{make_column!r}."
+        )
+
+
+def made(make_column: Callable[[Any], Column], x: Any) -> Column:
+    column = make_column(x)
+    if not isinstance(column, Column):
+        raise ValueError(
+            f"Argument `make_column` must return a `Column`, but returns {column!r}."
+        )
+    return column
 
 
 def tolerances(rtol: Any, atol: Any) -> tuple[Scalar, Scalar]:

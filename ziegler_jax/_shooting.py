@@ -213,7 +213,7 @@ def first_order(x: Any) -> Any:
 @first_order.defjvp
 def _refuse_second(primals, tangents):
     raise ValueError(
-        "Periodic orbits, their folds and amplitudes have first derivatives only: "
+        "Periodic orbits, their folds and thresholds have first derivatives only: "
         "the second ones would need second variations. Take differences of the first."
     )
 

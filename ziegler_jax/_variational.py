@@ -108,14 +108,9 @@ def flow(
 
     **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them.
     """
-    args, which, moves = prepared(make(parameters)), (), ()
-    if vary:
-        which, moves = _moving(make, parameters)
+    args, fold, method = varied(make, parameters, method, vary)
     start: Any = tuple(y0[i] for i in range(4))
-    linearised = Linearised(method.solver, which, moves)
-    if not _jumps(args):  # else a step may be cut: its Jacobian is the fold's to find
-        method = method._replace(solver=linearised)
-    folded, y, slope, t, steps = method.run(args, Variational(linearised), start, span)
+    folded, y, slope, t, steps = method.run(args, fold, start, span)
     y, slope = jnp.stack(y), jnp.stack(slope)
     arrived = (t >= span) & jnp.all(jnp.isfinite(y)) & jnp.all(jnp.isfinite(slope))
     return Flow(
@@ -127,6 +122,19 @@ def flow(
         arrived,
         steps.astype(jnp.int32),
     )
+
+
+def varied(
+    make: Callable[[Any], Column], parameters: Any, method: Method, vary: bool = True
+) -> tuple[Column, "Variational", Method]:
+    """The prepared column, the fold that varies its motion, and the method for it."""
+    args, which, moves = prepared(make(parameters)), (), ()
+    if vary:
+        which, moves = _moving(make, parameters)
+    linearised = Linearised(method.solver, which, moves)
+    if not _jumps(args):  # else a step may be cut: its Jacobian is the fold's to find
+        method = method._replace(solver=linearised)
+    return args, Variational(linearised), method
 
 
 def _moving(make: Callable, parameters: Any) -> tuple[tuple, tuple]:

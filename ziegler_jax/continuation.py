@@ -11,8 +11,10 @@ functions of the three multipliers $\mu_i$ other than 1 change sign:
 $$t_\lambda \text{ (fold)}, \qquad \prod_{i<j} (\mu_i \mu_j - 1) \text{ (torus)}, \qquad
 \prod_i (1 + \mu_i) \text{ (flip)}, \qquad \prod_i (1 - \mu_i) \text{ (pitchfork)}$$
 
-and the zero is found along the arc. Lengths on the arc: rad for the state, the first
-cycle's period for T, the first value for $\lambda$.
+and the zero is found along the arc; a pitchfork's, where another branch crosses and
+Newton's method is singular, may be that of the step's chord. Lengths on
+the arc: rad for the state, the first cycle's period for T, the first value for
+$\lambda$.
 
 Source: H. B. Keller (1977); Y. A. Kuznetsov, Elements of Applied Bifurcation Theory
 (2004), chapter 10.
@@ -117,7 +119,7 @@ def continue_cycle(
     - `direction`: 1 or -1, in which the parameter moves at first.
     - `points`: how many there is room for; `specials`: how many special points.
     - `step`: the longest step on the arc.
-    - `bounds`: the branch ends where the parameter leaves them.
+    - `bounds`: around `start`; the branch ends where the parameter leaves them.
     - `options`: `period`, `section`, `loops`, `patience`, `rtol`, `atol`, `solver`,
         `max_steps` of `periodic_orbit`.
 
@@ -125,11 +127,9 @@ def continue_cycle(
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
+    points = whole_number("points", points)
+    specials = whole_number("specials", specials)
     road = Road(make_column, guess, start, direction, step, bounds, **options)
-    points, specials = (
-        whole_number("points", points),
-        whole_number("specials", specials),
-    )
     end = fixed(road.follow(points, specials, (True,) * 4, False))
     return Branch(
         _points(road, end.kept),
@@ -163,8 +163,8 @@ def cycle_fold(
     `make_column` was made from: at the fold a row w annuls the Jacobian in z, so that
     $d\lambda = -w \cdot R_p\,dp / (w \cdot R_\lambda)$.
     """
-    road = Road(make_column, guess, start, direction, step, bounds, **options)
     most = whole_number("max_points", max_points)
+    road = Road(make_column, guess, start, direction, step, bounds, **options)
     end = fixed(road.follow(1, 1, (True, False, False, False), True, most))
     z, matrix = end.special.x[0] * road.scale, end.special.matrix[0]
     found = end.kind[0] == SPECIAL.fold

@@ -134,7 +134,7 @@ def periodic_orbit(
     Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), section
     10.2; R. Leine, H. Nijmeijer (2004), chapter 8.
     """
-    check_scene(column, guess)
+    check_scene(column, guess, "guess")
     method = method_for(column, solver, rtol, atol, max_steps)
     loops = whole_number("loops", loops)
     still = fixed(column)

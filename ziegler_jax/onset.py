@@ -23,16 +23,18 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ._motion import Run
-from ._scene import recorded, whole_number
+from ._scene import check_maker, made, recorded, whole_number
 from ._sequence import in_turn
 from ._settling import Settling
+from ._shooting import fixed
+from ._threshold import carried
 from ._types import is_concrete, pair
 from ._variables import Variable
+from ._variational import Method
 from .column import Column, State
 from .outcome import ONSET, OUTCOME
 from .solvers import Explicit
@@ -97,9 +99,9 @@ def critical_kick(
     - `bracket`: the least and the largest multiple.
     - `options`: of the search, as `flutter_onset` has them.
 
-    **Returns:** `Onset`.
+    **Returns:** `Onset`; its `value` has derivatives, see `flutter_onset`.
 
-    **Raises:** `ValueError` for arguments that break a rule. A derivative is refused.
+    **Raises:** `ValueError` for arguments that break a rule.
     """
     if not isinstance(direction, State):
         raise ValueError(
@@ -138,22 +140,21 @@ def flutter_onset(
     verdict inside the halved interval ends the search there, as `undecided`: its
     width is then what is known.
 
-    **Raises:** `ValueError` for arguments that break a rule. A derivative is refused.
+    **Derivatives:** of `value`, forward and reverse, first order, in every number of
+    the column and the start (or direction); not in the bracket and the options, on
+    which a threshold does not depend. They come from the tangents of the motion on the
+    threshold (see `_threshold`) and are as good as that is near: relative to the value,
+    about its `width`, or the steps' error if that is larger. They are NaN unless the
+    outcome is `found`: where the verdict changes more than once (`repeated`), as along
+    a fractal boundary, or gives out (`undecided`), as in chaos, choose a narrower
+    bracket. They are NaN, too, where the tangents disagree by more than a twentieth.
+
+    **Raises:** `ValueError` for arguments that break a rule.
     """
-    if not callable(make_column):
-        raise ValueError(
-            "Argument `make_column` must be a function of one number, but is "
-            f"{make_column!r}."
-        )
+    check_maker(make_column)
 
     def scene(x: Any) -> tuple[Column, State]:
-        column = make_column(x)
-        if not isinstance(column, Column):
-            raise ValueError(
-                "Argument `make_column` must return a `Column`, but returns "
-                f"{column!r}."
-            )
-        return column, start
+        return made(make_column, x), start
 
     meaning = "onset: the parameter at which the verdict first changes"
     return _search(scene, bracket, "flutter_onset", meaning, **options)
@@ -193,17 +194,19 @@ def _search(
     rate_cut: Any = None,
     max_steps: int = 1_000_000,
 ) -> Onset:
-    least, largest = _without_derivative(pair("bracket", bracket), name)
+    least, largest = fixed(pair("bracket", bracket))
     if is_concrete(least) and is_concrete(largest) and not least < largest:
         raise ValueError(
             f"Argument `bracket` must increase, but is ({least:g}, {largest:g})."
         )
     scan, halvings = whole_number("scan", scan), whole_number("halvings", halvings)
+    window, rtol_settle, escape = fixed((window, rtol_settle, escape))
+    rtol, atol, rate_cut = fixed((rtol, atol, rate_cut))
     dtype = jnp.result_type(float)
     least, largest = jnp.asarray(least, dtype), jnp.asarray(largest, dtype)
 
     def motion(search: _Search) -> Settling:
-        column, start = _without_derivative(scene(search.x), name)
+        column, start = fixed(scene(search.x))
         return Settling(
             column,
             start,
@@ -243,18 +246,30 @@ def _search(
     search, steps = in_turn(motion, heard, lambda search: ~search.over, first)
     found = search.changes > 0
     value = jnp.where(found, (search.low + search.high) / 2, jnp.nan)
+    width = jnp.where(found, search.high - search.low, jnp.nan)
+    outcome = _outcome(search, scan, halvings)
+    last = motion(first)
+    change = carried(
+        scene,
+        jnp.where(found, value, least),
+        width,
+        search.over & (outcome == ONSET.found),
+        last.watch.window,
+        last.end,
+        Method(last.method, last.rtol, last.atol, max_steps),
+    )
     return Onset(
-        value=value,
-        width=jnp.where(found, search.high - search.low, jnp.nan),
+        value=value + change,
+        width=width,
         rises=jnp.where(found, -search.below, jnp.nan),
         changes=search.changes,
         undecided=search.undecided,
         obstacle=search.obstacle.astype(jnp.int8),
         steps=steps,
-        outcome=_outcome(search, scan, halvings),
+        outcome=outcome,
         name=name,
         long_name=long_name,
-        settings=recorded(**motion(first).settings(), scan=scan, halvings=halvings),
+        settings=recorded(**last.settings(), scan=scan, halvings=halvings),
     )
 
 
@@ -309,24 +324,3 @@ def _outcome(search: _Search, scan: int, halvings: int) -> Any:
     outcome = jnp.where(search.changes == 0, rests, outcome)
     invalid = (search.tried == 0) | (search.obstacle == OUTCOME.invalid)
     return jnp.where(invalid, ONSET.invalid, outcome).astype(jnp.int8)
-
-
-def _without_derivative(tree: Any, name: str) -> Any:
-    """The same numbers, from which no derivative may be taken.
-
-    Those of a search would be zero: its value depends on verdicts alone.
-    """
-
-    @jax.custom_jvp
-    def same(x):
-        return x
-
-    @same.defjvp
-    def refuse(primals, tangents):
-        raise ValueError(
-            f"`{name}` must not be differentiated: a search by halves has no "
-            "derivative. Use differences that are larger than `width`."
-        )
-
-    # what is known now stays so: terms are left out by it
-    return jax.tree.map(lambda x: same(x) if isinstance(x, jax.Array) else x, tree)

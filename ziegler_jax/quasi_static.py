@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._motion import Run
-from ._scene import check_scene, float_state, recorded
+from ._scene import check_maker, check_scene, float_state, made, recorded
 from ._sequence import in_turn
 from ._settling import Settling
 from ._types import is_concrete
@@ -121,14 +121,10 @@ def sweep_up_down(
     """
     values = _increasing(values)
     start = State() if start is None else start
-    if not callable(make_column):
-        raise ValueError(
-            "Argument `make_column` must be a function of one number, but is "
-            f"{make_column!r}."
-        )
+    check_maker(make_column)
     if not isinstance(kick, State):
         raise ValueError(f"Argument `kick` must be a `State`, but is {kick!r}.")
-    check_scene(make_column(values[0]), start)
+    check_scene(made(make_column, values[0]), start)
     y0, shove = float_state(start), float_state(kick)
     n, dtype = values.size, jnp.result_type(float)
     way = np.stack([np.arange(n), 2 * n - 1 - np.arange(n)]).astype(np.int32)
