@@ -301,4 +301,4 @@ def _labelled(result: Any) -> xr.Dataset:
             attrs |= flag_attributes(variable.codes)
         data[name] = (*lanes, *variable.dims), value, attrs
         coords |= {dim: list({**DIMENSIONS, **own}[dim]) for dim in variable.dims}
-    return xr.Dataset(data, coords, result.attributes())
+    return xr.Dataset(data, coords, getattr(result, "attributes", dict)())
