@@ -135,14 +135,14 @@ class SmoothCoulomb(AbstractFriction):
     **A multibody program's joint friction** (coefficients, pin radius R in m,
     transition velocity v of the pin's surface in m/s) is this law with $\rho = R/l$,
 
-    $$v_{stribeck} = \frac{1.25}{\sqrt{\ln 2}}\,\frac{v}{R}\sqrt{\frac{m l^2}{k}}, \qquad
-    \frac{1.25}{\sqrt{\ln 2}} \approx 1.50,$$
+    $$v_{stribeck} = \frac{1.25}{\sqrt{\ln 2}}\,\frac{v}{R}\sqrt{\frac{m l^2}{k}},
+    \qquad \frac{1.25}{\sqrt{\ln 2}} \approx 1.50,$$
 
     so that both have done half of their fall at the rate 1.25 v / R (rad/s), the middle
-    of the program's passage from v to 1.5 v; and `JointReaction()`, whose N is
-    the pin's force in k/l. $v_{smooth}$ has no counterpart there. `SI.joint_friction`
-    translates, and `SI.transition_rate` gives the rate
-    by which to tell the regimes that a run enters.
+    of the program's passage from v to 1.5 v; and `JointReaction()`, whose N is the
+    pin's force in k/l. $v_{smooth}$ has no counterpart there. `SI.joint_friction`
+    translates, and `SI.transition_rate` gives the rate by which to tell the regimes
+    that a run enters.
 
     **Arguments:**
 
@@ -151,7 +151,8 @@ class SmoothCoulomb(AbstractFriction):
     - `pin_radius`: $\rho = R_{pin}/l$, one number or one a joint.
     - `v_stribeck`, `v_smooth`: angular rates in $\sqrt{k/(m l^2)}$, positive;
         `v_stribeck` one number or one a joint.
-    - `load`: the normal load in k/l: `FollowerLoad()`, `ConstantLoad(n)`, `JointReaction()`.
+    - `load`: the normal load, in k/l: `FollowerLoad()`, `ConstantLoad(n)`,
+        `JointReaction()`.
 
     **Raises:** `ValueError` for concrete numbers that break a rule. Traced ones give
     the outcome `invalid`.
@@ -224,7 +225,11 @@ class SmoothCoulomb(AbstractFriction):
         if self.mu_k is not None:
             pairs = zip(lever, both(self.mu_s), both(self.mu_k), strict=True)
             drop = tuple(x * (s - k) for x, s, k in pairs)
-            per_stribeck = tuple(1.0 / v for v in both(self.v_stribeck))
+            per_stribeck = (
+                tuple(1.0 / v for v in self.v_stribeck)
+                if isinstance(self.v_stribeck, tuple)
+                else 1.0 / self.v_stribeck
+            )
         return _Ready(
             kinetic, drop, per_stribeck, 1.0 / self.v_smooth, self.v_smooth, load
         )
@@ -256,7 +261,7 @@ class _Ready(AbstractFriction):
 
     kinetic: Pair
     drop: Pair | None  # from static to kinetic
-    per_stribeck: Pair | None
+    per_stribeck: Any  # one number, or one a joint
     per_smooth: Any
     v_smooth: Any
     load: AbstractLoad | None
@@ -266,8 +271,8 @@ class _Ready(AbstractFriction):
 
         def lever(u, i):
             peak = self.kinetic[i]
-            if self.drop is not None and self.per_stribeck is not None:
-                bell = exp(-((u * self.per_stribeck[i]) ** 2))
+            if self.drop is not None:
+                bell = exp(-((u * both(self.per_stribeck)[i]) ** 2))
                 peak = peak + self.drop[i] * bell
             return peak * tanh(u * self.per_smooth)
 

@@ -191,7 +191,9 @@ class SI(eqx.Module):
         **Returns:** a number, or a pair where an argument is one.
         """
         radius = number_or_pair("pin_radius", pin_radius, "positive")
-        velocity = number_or_pair("transition_velocity", transition_velocity, "positive")
+        velocity = number_or_pair(
+            "transition_velocity", transition_velocity, "positive"
+        )
         return _each(lambda v, r: v / r * self.time, velocity, radius)
 
     def restore(self, result: Any) -> Any:
