@@ -196,10 +196,10 @@ def flutter_under_gravity(weight=9.81 / 10):
 
 @public
 def swing(q, kick, span=500.0):
-    """The largest angle of rod 2 without friction up to a time."""
-    whole = {"transient": 0.0, "window": span, "max_windows": 1}
-    start = zj.State(omega=(0.0, kick))
-    return float(zj.settle(zj.uniform_rods(q=q), start, **whole).amplitude.rod[1])
+    """The largest angle of a rod without friction up to a time."""
+    whole = {"transient": 0.0, "window": span, "max_windows": 1, "escape": 1e3}
+    column, start = zj.uniform_rods(q=q), zj.State(omega=(0.0, kick))
+    return float(zj.settle(column, start, rtol=1e-8, **whole).amplitude.rod.max())
 
 
 @public
