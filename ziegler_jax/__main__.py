@@ -212,7 +212,7 @@ def _draw_onset(ax: Any, planes: list[xr.Dataset]) -> None:
     _mark_critical(ax, "black")
     ax.set_xlim(Q_RANGE[0], 3.5)
     ax.set_title(r"flutter onset $q_{on}$: from last stuck to first cycle")
-    between = Patch(facecolor="0.75", label="between: unsettled")
+    between = Patch(facecolor="0.75", label="unsettled")
     handles, _ = ax.get_legend_handles_labels()
     ax.legend(
         handles=[*handles, between], loc="center right", frameon=False, handlelength=1
