@@ -1,8 +1,7 @@
 """Rows of the audit: the column with friction."""
 
+import numpy as np
 from audit_rows import CONFIRMED, OPEN, REFUTED, TEXT, holds, row
-
-MOVES = ("cycle", "slow cycle", "undecided", "chaotic")
 
 
 @row("Dry friction in the joints can destabilise", "below_critical(2.0)")
@@ -110,9 +109,10 @@ def _counted(kinds):
 def _of_reading(rows):
     if rows is None:
         return "not computed: the package refuses this law", f"{OPEN}: not computed"
-    text = "second exponent of the hardest kick's run (its cycle's by Floquet), on "
+    text = "second exponent after the hardest kick (its cycle's by Floquet), on "
     text += ", ".join(
-        f"{r['radius']:g} m: {r['across']:.4f} +- {r['error']:.4f} ({r['floquet']:.4f})"
+        f"{r['radius']:g} m: {r['across']:.4f} +- {r['error']:.4f} "
+        + (f"({r['floquet']:.4f})" if r["floquet"] < np.inf else "(none found)")
         for r in rows
     )
     text += "; 18 runs: " + _counted([r["kinds"] for r in rows])
