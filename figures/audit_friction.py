@@ -112,7 +112,7 @@ def _of_reading(rows):
     text = "second exponent after the hardest kick (its cycle's by Floquet), on "
     text += ", ".join(
         f"{r['radius']:g} m: {r['across']:.4f} +- {r['error']:.4f} "
-        + (f"({r['floquet']:.4f})" if r["floquet"] < np.inf else "(none found)")
+        + (f"({r['floquet']:.4f})" if r["floquet"] < np.inf else "(-)")
         for r in rows
     )
     text += "; 18 runs: " + _counted([r["kinds"] for r in rows])

@@ -61,7 +61,10 @@ def runs(friction, constant):
             rtol=1e-7,
             atol=1e-7,
         )
-        orbit = zj.periodic_orbit(column, late.final, rtol=1e-9, atol=1e-9)
+        floquet = jnp.nan * late.time
+        if friction is law:  # of a smoothed law it would cost more than all the rest
+            orbit = zj.periodic_orbit(column, late.final, rtol=1e-9, atol=1e-9)
+            floquet = jnp.log(jnp.abs(orbit.multipliers[1])) / orbit.period
         w1, w2 = late.final.omega
         return {
             "first": late.exponents[0],
@@ -69,7 +72,7 @@ def runs(friction, constant):
             "error": jnp.max(late.errors),
             "span": share * BLOCK * BLOCKS,
             "rate": jnp.maximum(jnp.abs(w1), jnp.abs(w2 - w1)),
-            "floquet": jnp.log(jnp.abs(orbit.multipliers[1])) / orbit.period,
+            "floquet": floquet,
         }
 
     normal = sorted({n for f, n in READINGS.values() if f is friction and n})
@@ -101,7 +104,8 @@ def reading(name):
     """One reading: for every pin what each kick leads to, and the exponents across.
 
     None where the package refuses the law. `across` is the second Lyapunov exponent of
-    the hardest kick, `error` its standard error, `floquet` the exponent of the cycle.
+    the hardest kick, `error` its standard error, `floquet` the exponent of the cycle
+    (set-valued friction only; NaN where none was found).
     """
     friction, normal = READINGS[name]
     ds = runs(friction, normal is not None)
