@@ -9,19 +9,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import seed_style as style
+from audit_readings import MU_K, RADII, TRANSITION, UNITS, joint, law
+from audit_readings import reading as reading  # for the table's lines
 from scipy.integrate import solve_ivp
-from seed_fig3 import as_printed, printed
+from seed_fig3 import KICK, as_printed, printed
 from seed_fig3 import resolved as run_resolved
-from seed_fig3 import stiff as run_stiff
 
 import ziegler_jax as zj
 
 zj.configure_cpu()
-resolved, stiff = functools.cache(run_resolved), functools.cache(run_stiff)
-UNITS, MU_S, MU_K = style.UNITS, style.MU_S, style.MU_K
-TRANSITION = 0.1  # rad/s: the usual default, 0.1 units a second at a pin of one unit
-RADII = (0.001, 0.01, 0.03, 0.1, 0.3, 1.0)  # m
-__all__ = ["np", "jnp", "zj", "printed", "resolved", "stiff", "MU_K"]
+resolved = functools.cache(run_resolved)
+__all__ = ["np", "jnp", "zj", "printed", "resolved", "stiff"]
+__all__ += ["MU_K", "RADII", "UNITS", "joint", "law", "reading"]
 
 
 def public(function):
@@ -34,6 +33,12 @@ def mean_rate(ts, size):
     """The slope of log(size), by the envelope's maxima."""
     top = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
     return np.polyfit(ts[top], np.log(size[top]), 1)[0]
+
+
+@functools.cache
+def stiff(q, span, kick=KICK):
+    """The same by scipy's BDF at error 1e-5."""
+    return style.stiff(q, span, kick)
 
 
 @public
@@ -60,6 +65,7 @@ def peak(motion, begin=0.0, end=np.inf):
     return np.abs(here.phi).max(axis=0)
 
 
+@public
 def crossings(motion):
     """The states (phi1, phi2, omega1) where rod 2 turns back."""
     y = np.concatenate([motion.phi, motion.omega], axis=1)
@@ -178,12 +184,6 @@ def linear_with_friction(q=2.6, tau=0.026, kick=3.0, spans=(20.0, 40.0, 60.0)):
 
 
 @public
-def law(radius, load=None, mu_s=MU_S, mu_k=MU_K):
-    """Set-valued friction on a pin of this radius in m; the load F if none is named."""
-    return zj.SetValuedCoulomb(mu_s, mu_k, pin_radius=radius / UNITS.l, load=load)
-
-
-@public
 def flutter_under_gravity(weight=9.81 / 10):
     """The first q at which the upright column flutters; `weight` is m g l/k."""
     mass = np.array([[4 / 3, 1 / 2], [1 / 2, 1 / 3]])
@@ -192,6 +192,30 @@ def flutter_under_gravity(weight=9.81 / 10):
         if np.iscomplex(np.linalg.eigvals(np.linalg.solve(mass, stiffness))).any():
             return q
     return np.inf
+
+
+@public
+def swing(q, kick, span=500.0):
+    """The largest angle of a rod without friction up to a time."""
+    whole = {"transient": 0.0, "window": span, "max_windows": 1, "escape": 1e3}
+    column, start = zj.uniform_rods(q=q), zj.State(omega=(0.0, kick))
+    return float(zj.settle(column, start, rtol=1e-8, **whole).amplitude.rod.max())
+
+
+@public
+def beats(motion, begin=1500.0, window=200):
+    """Rod 2's largest angle in windows of 10: the largest over the smallest of them."""
+    phi = np.abs(np.asarray(style.part(motion, begin, np.inf).phi[:, 1]))
+    tops = phi[: phi.size // window * window].reshape(-1, window).max(axis=1)
+    return tops.max() / tops.min()
+
+
+@public
+def force_of_load(q=2.6, phi=(0.3, -0.2)):
+    """The follower load's generalised forces by virtual work at the tip."""
+    tip = jax.jacfwd(lambda p: jnp.array([jnp.sin(p).sum(), jnp.cos(p).sum()]))
+    along = -q * jnp.array([jnp.sin(phi[1]), jnp.cos(phi[1])])
+    return np.asarray(along @ tip(jnp.array(phi))), q * np.sin(phi[0] - phi[1])
 
 
 @public
@@ -230,120 +254,45 @@ def softer(friction, factor):
 
 
 @public
-def losses(radius, q=2.6):
-    """The spread of friction's loss over ten cycles of the settled motion, relative."""
-    friction = law(radius)
-    end = settled(friction, q, rtol_settle=1e-6, max_windows=200, rtol=1e-9, atol=1e-9)
-    column = zj.uniform_rods(q=q, friction=friction)
-    period = float(end.period)
-    motion = zj.trajectory(column, end.final, np.linspace(0, 10 * period, 20001))
-    y = (*motion.phi.T, *motion.omega.T)
-    # over a cycle the energy comes back: the loss is the load's work
-    power = np.asarray(zj.power(zj.uniform_rods(q=q), y).follower)
-    ts = np.asarray(motion.ts)
-    loss = [np.trapezoid(power[i : i + 2001], ts[i : i + 2001])
-            for i in range(0, 20000, 2000)]  # fmt: skip
-    return np.ptp(loss) / np.mean(loss)
-
-
-@public
-def regimes(radius, q=2.6):
-    """Joint 2's share of time in static friction, and between v and 1.5 v."""
-    cut = UNITS.transition_rate(radius, TRANSITION * radius)
-    shares = [
-        float(
-            settled(
-                joint(radius, zj.FollowerLoad()), q, observers=(zj.StickFraction(x),)
-            ).stick_fraction[1]
-        )
-        for x in (cut, 1.5 * cut)
-    ]
-    return shares[0], shares[1] - shares[0]
-
-
-def joint(radius, load):
-    """The law of a multibody program: half the fall at 1.25 times 0.1 rad/s."""
-    return UNITS.joint_friction(
-        MU_S,
-        MU_K,
-        pin_radius=radius,
-        transition_velocity=TRANSITION * radius,
-        load=load,
-    )
-
-
-READINGS = {
-    "F": lambda radius: law(radius),
-    "constant 10 N": lambda radius: law(radius, zj.ConstantLoad(10.0 / UNITS.force)),
-    "F, smoothed": lambda radius: joint(radius, zj.FollowerLoad()),
-    "|R|, smoothed": lambda radius: joint(radius, zj.JointReaction()),
-}
-__all__.append("READINGS")
-
-
-def transverse_exponent(column, y):
-    """The largest Lyapunov exponent across the flow, by two neighbours (Benettin).
-
-    Negative: a stable cycle; zero: quasi-periodic; positive: chaos. The separation is
-    brought back to its size after each span, without its part along the flow. Over so
-    short a time it is wrong by up to 2e-3, more than it is on a pin of 1 mm (-0.001
-    over 1500): there the closed section decides.
-    """
-    spans, span, size = 60, 10.0, 1e-6
-
-    def advance(y):
-        start = zj.State(y[:2], y[2:])
-        tight = {"rtol": 1e-9, "atol": 1e-11, "solver": zj.Explicit()}
-        m = zj.trajectory(column, start, (0.0, span), **tight)
-        return jnp.concatenate([m.phi[-1], m.omega[-1]])
-
-    def body(carry, _):
-        y, d = carry
-        y, z = jax.vmap(advance)(jnp.stack([y, y + d]))
-        flow = jnp.stack(zj.vector_field(0.0, tuple(y), column))
-        d = z - y
-        d = d - jnp.dot(d, flow) / jnp.dot(flow, flow) * flow
-        length = jnp.linalg.norm(d)
-        return (y, d * size / length), jnp.log(length / size)
-
-    d = size * jnp.array([0.5, -0.5, 0.5, 0.5])
-    _, logs = jax.lax.scan(body, (y, d), None, length=spans)
-    return jnp.mean(logs[12:]) / span
-
-
-def long_run(name, kick, ts, radius):
-    """The settled motion on one pin, its exponent and its turning points."""
-    friction = READINGS[name](radius)
-    long = {"max_windows": 400, "rtol_settle": 1e-5, "rtol": 1e-8, "atol": 1e-8}
-    end = settled(friction, kick=kick, **long)
-    column = zj.uniform_rods(q=2.6, friction=friction)
-    late = zj.trajectory(column, end.final, ts)
-    return end, transverse_exponent(column, jnp.stack(end.final.y)), late
+@functools.cache
+def sticks():
+    """Stick fractions of both joints on every pin, load F, after a hard kick."""
+    return [np.asarray(settled(law(r)).stick_fraction) for r in RADII]
 
 
 @public
 @functools.cache
-def reading(name, kick=2.0):
-    """One reading of the missing data: what the kick leads to on every pin.
+def late(radius, q=2.6):
+    """Ten periods of what a kick settles to, from the friction `law(radius)`."""
+    tight = {"rtol_settle": 1e-6, "max_windows": 200, "rtol": 1e-9, "atol": 1e-9}
+    end = settled(law(radius), q, **tight)
+    column = zj.uniform_rods(q=q, friction=law(radius))
+    return zj.trajectory(
+        column, end.final, np.linspace(0, 10 * float(end.period), 6001)
+    )
 
-    One dict a radius: the outcome's name, the exponent across the flow, how many
-    turning points differ of how many in 120 time units, stick fractions, amplitudes.
-    """
-    run = jax.jit(jax.vmap(functools.partial(long_run, name, kick), (None, 0)))
-    ends, exponents, motions = run(np.linspace(0, 120, 6001), np.array(RADII))
-    rows = []
-    for i, radius in enumerate(RADII):
-        end, motion = jax.tree.map(lambda x, i=i: np.asarray(x)[i], (ends, motions))
-        outcome = zj.OUTCOME(int(end.outcome))
-        moves = outcome in (zj.OUTCOME.cycle, zj.OUTCOME.unsettled)
-        rows.append(
-            {
-                "radius": radius,
-                "outcome": outcome.name,
-                "exponent": float(exponents[i]) if moves else np.nan,
-                "turns": section(motion) if moves else (0, 0),
-                "sticks": end.stick_fraction,
-                "amplitude": end.amplitude.joint,
-            }
-        )
-    return rows
+
+@public
+def losses(radius, q=2.6):
+    """The spread of friction's loss over ten cycles of the settled motion, relative."""
+    motion = late(radius, q)
+    # over a cycle the energy comes back: the loss is the load's work
+    y = (*motion.phi.T, *motion.omega.T)
+    power = np.asarray(zj.power(zj.uniform_rods(q=q), y).follower)
+    ts = np.asarray(motion.ts)
+    loss = [
+        np.trapezoid(power[i : i + 601], ts[i : i + 601]) for i in range(0, 6000, 600)
+    ]
+    return np.ptp(loss) / np.mean(loss)
+
+
+@public
+def regimes(radius, rate=TRANSITION, q=2.6):
+    """Joint 2's shares of time in static friction, in passage, in dynamic friction."""
+    friction = joint(radius, zj.FollowerLoad(), rate)
+    cut = UNITS.transition_rate(radius, rate * radius)
+    below, passed = (
+        float(settled(friction, q, observers=(zj.StickFraction(x),)).stick_fraction[1])
+        for x in (cut, 1.5 * cut)
+    )
+    return below, passed - below, 1 - passed

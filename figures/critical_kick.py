@@ -9,6 +9,8 @@ import onset_style as style
 
 import ziegler_jax as zj
 
+RATE = r"$\sqrt{k/(ml^2)}$"
+
 
 def point(q, tau):
     kick = zj.State(omega=(0.0, 1.0))
@@ -29,7 +31,7 @@ def main():
     left.plot(qs[slow], ts[slow], "k.", ms=2, label="undecided")
     left.set_yscale("log")
     left.legend(loc="lower right", frameon=True, markerscale=4)
-    figure.colorbar(mesh, ax=left, label=r"critical kick $\dot\varphi_2(0)$")
+    figure.colorbar(mesh, ax=left, label=rf"critical kick $\dot\varphi_2(0)$ ({RATE})")
     left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ (k)")
     left.set_title("Beyond the colour it flutters", loc="left")
@@ -40,7 +42,9 @@ def main():
     right.set_xlabel("load $q = Fl/k$")
     right.set_yticks([4, 6, 10, 20, 40], ["4", "6", "10", "20", "40"], minor=False)
     right.minorticks_off()
-    right.set_ylabel(r"critical kick over torque, $\dot\varphi_2(0) / \tau$")
+    right.set_ylabel(
+        rf"critical kick over torque $\dot\varphi_2(0) / \tau$ ({RATE}$/k$)"
+    )
     right.set_title("One curve where motions stay small", loc="left")
     right.legend(title=r"torque $\tau$ (k)")
     right.spines[["top", "right"]].set_visible(False)

@@ -7,57 +7,36 @@ import onset_style as style
 import ziegler_jax as zj
 
 LOADS = np.linspace(1.2, 2.6, 43)
-KICK = zj.State(omega=(0.0, 0.2))
+SCENES = ((0.02, 0.02), (0.04, 0.04), (0.06, 0.03))  # tau_s, tau_k
+WAYS = (("down", "v", style.BLUE), ("up", "^", style.ORANGE))
 
 
-def point(mu_s, mu_k):
+def point(mu_s, ratio):
     return zj.sweep_up_down(
-        lambda q: style.dry(q, mu_s, mu_k),
+        lambda q: style.dry(q, mu_s, ratio * mu_s),
         LOADS,
-        kick=KICK,
+        kick=zj.State(omega=(0.0, 0.2)),
         rtol_settle=1e-3,
         observers=(zj.StickFraction(),),
     )
 
 
 def main():
-    scenes = ((0.02, 0.02), (0.04, 0.04), (0.06, 0.03))
-    mu = [0.02, 0.03, 0.04, 0.06]
     ds = zj.sweep(
         point,
-        mu_s=mu,
-        mu_k=mu,
-        where=lambda mu_s, mu_k: sum(
-            (mu_s == s) & (mu_k == k) for s, k in scenes
-        ).astype(bool),
+        where=lambda mu_s, ratio: (mu_s > 0.05) == (ratio < 1),
+        mu_s=[0.02, 0.04, 0.06],
+        ratio=[0.5, 1.0],
     )
-    print(ds.attrs["run_seconds"])
     figure, axes = plt.subplots(2, 3, figsize=(11, 5.6), sharex=True, sharey="row")
-    for (upper, lower), (s, k) in zip(axes.T, scenes, strict=True):
-        one = ds.sel(mu_s=s, mu_k=k)
-        for branch, mark, colour in (
-            ("down", "v", style.BLUE),
-            ("up", "^", style.ORANGE),
-        ):
+    for (upper, lower), (s, k) in zip(axes.T, SCENES, strict=True):
+        one = ds.sel(mu_s=s, ratio=k / s, joint=2)
+        for branch, mark, colour in WAYS:
             way = one.sel(branch=branch)
-            upper.plot(
-                way.q,
-                way.joint_amplitude.sel(joint=2),
-                mark,
-                ms=4,
-                mfc="none",
-                color=colour,
-                label=branch,
-            )
-            lower.plot(
-                way.q,
-                way.stick_fraction.sel(joint=2),
-                mark,
-                ms=4,
-                mfc="none",
-                color=colour,
-            )
-        upper.set_title(rf"$\tau_s$ = {s:g}, $\tau_k$ = {k:g}", loc="left")
+            look = {"color": colour, "mfc": "none", "ms": 4, "label": branch}
+            upper.plot(way.q, way.joint_amplitude, mark, **look)
+            lower.plot(way.q, way.stick_fraction, mark, **look)
+        upper.set_title(rf"$\tau_s = {s:g}\,k$, $\tau_k = {k:g}\,k$", loc="left")
         lower.set_xlabel("load $q = Fl/k$")
     axes[0, 0].set_ylabel(r"largest $|\varphi_2 - \varphi_1|$ (rad)")
     axes[1, 0].set_ylabel("stick fraction, joint 2")

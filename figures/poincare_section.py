@@ -45,9 +45,9 @@ def main():
     ):
         axes[1].plot(phi[:, 1], omega[:, 1], ".", ms=2, color=colour, label=f"{kick:g}")
     axes[1].set_title(f"$q = {Q_FREE}$, no friction")
-    axes[0].locator_params(axis="x", nbins=3)
+    axes[0].set_xticks([-0.110, -0.105, -0.100])
     axes[1].legend(
-        title=r"kick $\dot\varphi_2$",
+        title="kick $\\dot\\varphi_2$\n($\\sqrt{k/(m l^2)}$)",
         markerscale=4,
         loc="center left",
         bbox_to_anchor=(1, 0.5),

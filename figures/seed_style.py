@@ -10,6 +10,7 @@ import jax
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
 
@@ -37,6 +38,26 @@ def rows(count):
 def motion_of(ts, y):
     """A `Trajectory` from another integrator's times and states (4, n)."""
     return zj.Trajectory(ts, y[:2].T, y[2:].T, None, zj.OUTCOME.complete)
+
+
+def stiff(q, span, kick, error=1e-5):
+    """The column without friction by scipy's BDF, in place of the seed's HASTIFF."""
+    column = zj.uniform_rods(q=q)
+    a, b, d = float(column.a), float(column.b), float(column.d)
+
+    def field(t, y):  # NumPy's: JAX would cost more than the method
+        phi1, phi2, w1, w2 = y
+        s, c = np.sin(phi1 - phi2), np.cos(phi1 - phi2)
+        r1, r2 = q * s - 2 * phi1 + phi2 - b * s * w2**2, phi1 - phi2 + b * s * w1**2
+        h = b * c
+        det = a * d - h * h
+        return [w1, w2, (d * r1 - h * r2) / det, (a * r2 - h * r1) / det]
+
+    ts = np.linspace(0, span, round(20 * span) + 1)
+    found = solve_ivp(
+        field, (0, span), (0, 0, 0, kick), "BDF", ts, rtol=error, atol=error
+    )
+    return motion_of(ts, found.y)
 
 
 def part(motion, begin, end):

@@ -1,9 +1,15 @@
 """Loads that rise and fall: hysteresis, and agreement with motions on their own."""
 
+import json
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax._variables import Variable
 
 LOADS = np.array([1.1, 1.2, 1.4, 1.7, 2.1, 2.5])
 
@@ -46,6 +52,29 @@ def test_the_way_down_leaves_the_cycle_at_the_fold_and_the_way_up_far_above():
     np.testing.assert_allclose(
         up.joint_amplitude[-1], down.joint_amplitude[-1], rtol=5e-3
     )
+
+
+class Pairs(eqx.Module):
+    """A result with an outcome a joint: as one with branches, but cheap."""
+
+    codes: Any
+
+    def variables(self):
+        named = Variable(self.codes, "how it ended", dims=("joint",), codes=zj.OUTCOME)
+        return {"outcome": named}
+
+
+def test_a_sweep_keeps_several_outcomes_of_a_point(tmp_path):
+    def pairs(x):
+        ended = jnp.array([zj.OUTCOME.stuck, zj.OUTCOME.cycle], jnp.int8)
+        return Pairs(jnp.where(x > 2, ended, ended[::-1]))
+
+    log = tmp_path / "log"
+    ds = zj.sweep(pairs, x=np.arange(5.0), progress=False, log=log)
+    first = ds.outcome.sel(joint=1)
+    assert (first == np.where(ds.x > 2, zj.OUTCOME.stuck, zj.OUTCOME.cycle)).all()
+    told = json.loads(log.read_text().splitlines()[-1])["outcomes"]
+    assert told == {"stuck": 5, "cycle": 5}
 
 
 def test_bad_arguments_are_named(refuses):

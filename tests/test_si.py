@@ -1,5 +1,6 @@
 """SI units: the same physics, in seconds and newton metres."""
 
+import jax
 import matplotlib
 import numpy as np
 import pytest
@@ -80,6 +81,57 @@ def test_a_restored_dataset_names_and_scales_its_units():
     assert float(si.period.sel(tau=0.2)[0]) > 0  # by its own new coordinate
 
 
+def test_a_settled_motion_comes_back_in_seconds():
+    column, watch = UNITS.uniform_rods(6.0), (zj.Period(), zj.EnergyBalance())
+    short = {"transient": 5, "window": 10, "max_windows": 1, "observers": watch}
+    end = zj.settle(column, KICK, **short)
+    si = UNITS.restore(end)
+    assert si.period.attrs["units"] == "s"
+    assert float(si.period) == pytest.approx(float(end.period) * UNITS.time, rel=1e-14)
+    assert si.rod_amplitude.sel(rod=2) == end.amplitude.rod[1]
+    assert si.follower_power.attrs["units"] == "W"
+    assert int(si.outcome) == zj.OUTCOME.unsettled
+    assert "unsettled" in si.outcome.attrs["flag_meanings"]
+
+
+def test_lanes_of_a_result_are_dimensions_after_restoring():
+    load = jax.vmap(lambda l2: zj.critical_load(zj.uniform_rods(l2=l2)))
+    found = load(np.array([0.5, 1.0]))
+    si = UNITS.restore(found)
+    assert si.q_cr.dims == ("lane_1",)
+    np.testing.assert_array_equal(si.q_cr, found.q)
+
+
+def test_masses_are_in_kilograms_and_lengths_in_metres():
+    column = UNITS.point_masses(12.0, m1=0.9, m2=0.6, l2=1.4)
+    direct = zj.point_masses(3, 2, q=2.1, l2=2.0)  # by hand: 0.9/0.3, 12 * 0.7/4
+    assert_same(column, direct)
+    assert_same(UNITS.point_masses(0.0), zj.point_masses(2, 1))
+    rods = UNITS.uniform_rods(12.0, m1=0.9, m2=0.6, l2=1.4)
+    assert_same(rods, zj.uniform_rods(2.1, m1=3, m2=2, l2=2.0))
+
+
+def assert_same(column, other):
+    for x, y in zip(jax.tree.leaves(column), jax.tree.leaves(other), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-15)
+
+
+def test_each_joint_has_its_own_pin_and_its_own_transition():
+    radii, v = (0.02, 0.1), 0.004
+    law = UNITS.joint_friction(0.12, 0.10, pin_radius=radii, transition_velocity=v)
+    rates = UNITS.transition_rate(radii, v)
+    assert rates == pytest.approx((0.2 * UNITS.time, 0.04 * UNITS.time), rel=1e-14)
+    halves = law.levers(1.25 * rates[0], 1.25 * rates[1])
+    # 0.11 R/l each: the middle of its own fall, less the tanh's 1.3e-8 (joint 1)
+    expected = [0.11 * radius / 0.7 for radius in radii]
+    np.testing.assert_allclose(halves, expected, rtol=1e-6)
+    column, short = UNITS.uniform_rods(12.0, friction=law), {"max_windows": 1}
+    both = zj.settle(column, KICK, observers=(zj.StickFraction(rates),), **short)
+    for joint, rate in enumerate(rates):
+        one = zj.settle(column, KICK, observers=(zj.StickFraction(rate),), **short)
+        assert both.stick_fraction[joint] == one.stick_fraction[joint] > 0
+
+
 def test_a_joint_of_a_multibody_program_falls_between_its_transition_velocities():
     radius, v = 0.02, 0.004
     law = UNITS.joint_friction(0.12, 0.10, pin_radius=radius, transition_velocity=v)
@@ -117,6 +169,11 @@ def test_time_histories_have_seconds_on_their_axes():
     assert "s$^{-1}$" in phase.get_ylabel()
 
 
+def joint(**changes):
+    options = {"pin_radius": 0.1, "transition_velocity": 0.1} | changes
+    return UNITS.joint_friction(0.2, 0.1, **options)
+
+
 @pytest.mark.parametrize(
     "misuse, sentence",
     [
@@ -130,6 +187,14 @@ def test_time_histories_have_seconds_on_their_axes():
             lambda: UNITS.transition_rate(0.0, 0.1),
             "`pin_radius` must be finite and positive, but is 0",
         ),
+        (lambda: UNITS.uniform_rods("26 N"), "`F` must be a number, but is '26 N'"),
+        (lambda: UNITS.point_masses(1.0, m2="1 kg"), "`m2` must be a number"),
+        (lambda: UNITS.uniform_rods(1.0, l2=-1), "`l2` must be finite and positive"),
+        (lambda: UNITS.transition_rate("a", 0.1), "`pin_radius` must be a number"),
+        (lambda: joint(pin_radius=None), "`pin_radius` must be a number, but is None"),
+        (lambda: joint(pin_radius=(1, 2, 3)), "`pin_radius` must be two numbers"),
+        (lambda: joint(pin_radius=(0.1, 0)), r"`pin_radius\[1\]` must be .* positive"),
+        (lambda: joint(transition_velocity=[]), "`transition_velocity` must be two"),
     ],
 )
 def test_misuse_is_named(misuse, sentence):

@@ -187,6 +187,8 @@ def _draw_maps(figure: Any, axes: Any, planes: list[xr.Dataset]) -> None:
 
 
 def _draw_onset(ax: Any, planes: list[xr.Dataset]) -> None:
+    from matplotlib.patches import Patch
+
     plot = zj.plot
     colours = (plot.BLUE, plot.VERMILLION, plot.GREEN)
     for plane, (_, title), colour in zip(planes, SECTIONS, colours, strict=True):
@@ -207,11 +209,14 @@ def _draw_onset(ax: Any, planes: list[xr.Dataset]) -> None:
         )
         ax.vlines(low, lw=1, **rows)
         ax.vlines(high, lw=2.5, label=title, **rows)
-    ax.text(1.5, 0.045, "unsettled", ha="center", color="#555555")
     _mark_critical(ax, "black")
     ax.set_xlim(Q_RANGE[0], 3.5)
     ax.set_title(r"flutter onset $q_{on}$: from last stuck to first cycle")
-    ax.legend(loc="center right", frameon=False, handlelength=1)
+    between = Patch(facecolor="0.75", label="unsettled")
+    handles, _ = ax.get_legend_handles_labels()
+    ax.legend(
+        handles=[*handles, between], loc="center right", frameon=False, handlelength=1
+    )
 
 
 def _mark_critical(ax: Any, colour: str) -> None:

@@ -254,7 +254,8 @@ class _Open:
         outcomes: dict[str, int] = {}
         for variable, values in zip(variables.values(), self.flat, strict=True):
             if variable.codes is OUTCOME:
-                codes = np.bincount(values[self.points], minlength=len(OUTCOME))
+                here = values[..., self.points].ravel()  # several of a point: branches
+                codes = np.bincount(here, minlength=len(OUTCOME))
                 outcomes = {c.name: int(codes[c]) for c in OUTCOME if codes[c]}
         seconds = time.perf_counter() - self.began
         return Tally(self.points.size, seconds, self.steps, outcomes)

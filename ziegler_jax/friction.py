@@ -143,19 +143,27 @@ class SmoothCoulomb(AbstractFriction):
     Without a static part (`mu_k` left out, or `v_stribeck` left out and
     `mu_k` equal to `mu_s`) the exponential is not in the program.
 
-    **A multibody program's joint friction** (coefficients, pin radius R, transition
-    velocity v of the pin's surface, all in the program's units) is this law with
-    $\rho = R/l$, $v_{stribeck} = 1.5\,(v/R)\sqrt{m l^2/k}$ and `JointReaction()`;
-    $v_{smooth}$ has no counterpart there. `SI.joint_friction` translates, and
-    `SI.transition_rate` gives the rate by which to tell the regimes that a run enters.
+    **A multibody program's joint friction** (coefficients, pin radius R in m,
+    transition velocity v of the pin's surface in m/s) is this law with $\rho = R/l$,
+
+    $$v_{stribeck} = \frac{1.25}{\sqrt{\ln 2}}\,\frac{v}{R}\sqrt{\frac{m l^2}{k}},
+    \qquad \frac{1.25}{\sqrt{\ln 2}} \approx 1.50,$$
+
+    so that both have done half of their fall at the rate 1.25 v / R (rad/s), the middle
+    of the program's passage from v to 1.5 v; and `JointReaction()`, whose N is the
+    pin's force in k/l. $v_{smooth}$ has no counterpart there. `SI.joint_friction`
+    translates, and `SI.transition_rate` gives the rate by which to tell the regimes
+    that a run enters.
 
     **Arguments:**
 
     - `mu_s`, `mu_k`: static and kinetic coefficient, one number or one a joint,
         $\mu_s \ge \mu_k \ge 0$.
     - `pin_radius`: $\rho = R_{pin}/l$, one number or one a joint.
-    - `v_stribeck`, `v_smooth`: angular rates in $\sqrt{k/(m l^2)}$, positive.
-    - `load`: the normal load: `FollowerLoad()`, `ConstantLoad(n)`, `JointReaction()`.
+    - `v_stribeck`, `v_smooth`: angular rates in $\sqrt{k/(m l^2)}$, positive;
+        `v_stribeck` one number or one a joint.
+    - `load`: the normal load, in k/l: `FollowerLoad()`, `ConstantLoad(n)`,
+        `JointReaction()`.
 
     **Raises:** `ValueError` for concrete numbers that break a rule. Traced ones give
     the outcome `invalid`.
@@ -198,7 +206,9 @@ class SmoothCoulomb(AbstractFriction):
         self.pin_radius = number_or_pair("pin_radius", pin_radius, "nonnegative")
         self.v_smooth = number("v_smooth", v_smooth, "positive")
         self.v_stribeck = (
-            None if v_stribeck is None else number("v_stribeck", v_stribeck, "positive")
+            None
+            if v_stribeck is None
+            else number_or_pair("v_stribeck", v_stribeck, "positive")
         )
         self.load = normal_load(load)
         kinetic_at_most_static(self.mu_s, self.mu_k)
@@ -221,7 +231,11 @@ class SmoothCoulomb(AbstractFriction):
         if self.mu_k is not None:
             pairs = zip(lever, both(self.mu_s), both(self.mu_k), strict=True)
             drop = tuple(x * (s - k) for x, s, k in pairs)
-            per_stribeck = 1.0 / self.v_stribeck
+            per_stribeck = (
+                tuple(1.0 / v for v in self.v_stribeck)
+                if isinstance(self.v_stribeck, tuple)
+                else 1.0 / self.v_stribeck
+            )
         return _Ready(
             kinetic, drop, per_stribeck, 1.0 / self.v_smooth, self.v_smooth, load
         )
@@ -233,7 +247,8 @@ class SmoothCoulomb(AbstractFriction):
         for mu_s, rho in zip(both(self.mu_s), both(self.pin_radius), strict=True):
             good &= (jnp.asarray(mu_s) >= 0) & (jnp.asarray(rho) >= 0)
         if self.mu_k is not None:
-            good &= jnp.asarray(self.v_stribeck) > 0
+            for rate in both(self.v_stribeck):
+                good &= jnp.asarray(rate) > 0
             for mu_s, mu_k in zip(both(self.mu_s), both(self.mu_k), strict=True):
                 good &= (jnp.asarray(mu_k) >= 0) & (jnp.asarray(mu_k) <= mu_s)
         return good
@@ -252,7 +267,7 @@ class _Ready(AbstractFriction):
 
     kinetic: Pair
     drop: Pair | None  # from static to kinetic
-    per_stribeck: Any
+    per_stribeck: Any  # one number, or one a joint
     per_smooth: Any
     v_smooth: Any
     load: AbstractLoad | None
@@ -263,7 +278,7 @@ class _Ready(AbstractFriction):
         def lever(u, i):
             peak = self.kinetic[i]
             if self.drop is not None:
-                bell = exp(-((u * self.per_stribeck) ** 2))
+                bell = exp(-((u * both(self.per_stribeck)[i]) ** 2))
                 peak = peak + self.drop[i] * bell
             return peak * tanh(u * self.per_smooth)
 

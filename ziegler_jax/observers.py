@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ._types import Scalar, Vector4, number
+from ._types import Scalar, Vector4, both, number_or_pair
 from ._variables import Variable
 from .column import Column, energy, power
 from .solvers import Step
@@ -208,8 +208,9 @@ class StickFraction(AbstractObserver):
     The time below the cut is that of the rate's straight line over each step. The
     result has shape (2,).
 
-    **Arguments:** `rate_cut`: in $\sqrt{k/(m l^2)}$; None is the friction law's own
-    (`v_smooth` of the smoothed law, below which its torque has not risen to its peak).
+    **Arguments:** `rate_cut`: in $\sqrt{k/(m l^2)}$, one number or one a joint; None is
+    the friction law's own (`v_smooth` of the smoothed law, below which its torque has
+    not risen to its peak).
     """
 
     rate_cut: Any = None
@@ -218,12 +219,17 @@ class StickFraction(AbstractObserver):
     def __init__(self, rate_cut: Any = None):
         """Keep the cut."""
         self.rate_cut = (
-            None if rate_cut is None else number("rate_cut", rate_cut, "positive")
+            None
+            if rate_cut is None
+            else number_or_pair("rate_cut", rate_cut, "positive")
         )
 
     def valid(self):
-        """A positive cut."""
-        return True if self.rate_cut is None else jnp.asarray(self.rate_cut) > 0
+        """Positive cuts."""
+        if self.rate_cut is None:
+            return True
+        first, second = both(self.rate_cut)
+        return (jnp.asarray(first) > 0) & (jnp.asarray(second) > 0)
 
     def check(self, column):
         """Without friction nothing sticks, unless the cut is named."""
@@ -252,8 +258,8 @@ class StickFraction(AbstractObserver):
             )
         rates0, rates1 = joint_rates(step.y0), joint_rates(step.y1)
         return tuple(
-            time + h * _share_within(u0, u1, cut)
-            for time, u0, u1 in zip(state, rates0, rates1, strict=True)
+            time + h * _share_within(u0, u1, c)
+            for time, u0, u1, c in zip(state, rates0, rates1, both(cut), strict=True)
         )
 
     def result(self, column, state, span, y):

@@ -21,11 +21,15 @@ import math
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 import xarray as xr
 
-from ._types import number
-from .column import Column, uniform_rods
+from ._types import both, is_concrete, number, number_or_pair
+from ._variables import DIMENSIONS
+from .column import Column, point_masses, uniform_rods
 from .friction import AbstractLoad, JointReaction, SmoothCoulomb
+from .outcome import flag_attributes
 from .simulate import Trajectory
 
 # Half of the fall from mu_s to mu_k, in transition velocities: the middle of 1 to 1.5.
@@ -43,6 +47,8 @@ class SI(eqx.Module):
     start = zj.State(omega=(0, 2.0 * units.time))  # 2 rad/s
     motion = zj.trajectory(column, start, ts / units.time)
     motion = units.restore(motion)  # seconds, rad/s
+    end = units.restore(zj.settle(column, start, observers=(zj.Period(),)))
+    end.period  # seconds
     ```
 
     **Arguments:** `m` (kg), `l` (m), `k` (N m/rad), positive.
@@ -70,9 +76,47 @@ class SI(eqx.Module):
         """The unit of force, k/l, in newtons; q = F / force."""
         return self.k / self.l
 
-    def uniform_rods(self, F: Any, **parts: Any) -> Column:  # noqa: N803
-        """`uniform_rods` under the load F in newtons; `parts` as there."""
-        return uniform_rods(q=F / self.force, **parts)
+    def uniform_rods(
+        self,
+        F: Any,  # noqa: N803
+        *,
+        m1: Any = None,
+        m2: Any = None,
+        l2: Any = None,
+        **parts: Any,
+    ) -> Column:
+        r"""`uniform_rods` in SI units: $q = F l/k$.
+
+        **Arguments:**
+
+        - `F`: the follower load in N.
+        - `m1`, `m2`: the rods' masses in kg; None is m.
+        - `l2`: the length of rod 2 in m; None is l. That of rod 1 is l.
+        - `parts`: `kappa`, `follower`, `damping`, `friction` of `Column`, in its units.
+
+        **Raises:** `ValueError` where a concrete number breaks its rule.
+        """
+        rods = self._bodies(m1=(m1, 1.0), m2=(m2, 1.0), l2=l2)
+        return uniform_rods(self._load(F), **rods, **parts)
+
+    def point_masses(
+        self,
+        F: Any,  # noqa: N803
+        *,
+        m1: Any = None,
+        m2: Any = None,
+        l2: Any = None,
+        **parts: Any,
+    ) -> Column:
+        r"""`point_masses` in SI units: $q = F l/k$.
+
+        **Arguments:** as `uniform_rods`, with `m1` at the knee, None for Ziegler's 2 m,
+        and `m2` at the tip, None for m, in kg.
+
+        **Raises:** as `uniform_rods`.
+        """
+        rods = self._bodies(m1=(m1, 2.0), m2=(m2, 1.0), l2=l2)
+        return point_masses(q=self._load(F), **rods, **parts)
 
     def joint_friction(
         self,
@@ -87,40 +131,51 @@ class SI(eqx.Module):
         r"""The `SmoothCoulomb` of a multibody program's joint friction.
 
         Such a program (Adams: `FRICTION`) takes two coefficients, the pin's radius R
-        and the stiction transition velocity v, a velocity *of the pin's surface*:
-        joint rates are compared with v / R. It distinguishes static friction up to v,
-        a passage from v to 1.5 v and dynamic friction beyond; its normal force is the
-        joint's reaction. Here
+        (m) and the stiction transition velocity v (m/s), a velocity *of the pin's
+        surface*: joint rates are compared with v / R (rad/s). It distinguishes static
+        friction up to v, a passage from v to 1.5 v (a cubic step, whose middle is at
+        1.25 v) and dynamic friction beyond; its normal force is the joint's reaction
+        (N). Here
 
         $$\rho = R/l, \qquad v_{stribeck} = \frac{1.25}{\sqrt{\ln 2}}\,\frac{v}{R}
-        \sqrt{m l^2/k},$$
+        \sqrt{m l^2/k}, \qquad \frac{1.25}{\sqrt{\ln 2}} \approx 1.50,$$
 
-        so that half of the fall from mu_s to mu_k is done at 1.25 v, as there. Below v
+        so that half of the fall from mu_s to mu_k is done at 1.25 v, as there:
+        $\exp(-(1.25/1.50)^2) = 1/2$. Below v
         the program holds the joint by a small spring (its creep), which this law does
         not have: `v_smooth` stands for it and belongs to no datum of the program.
 
-        **Arguments:**
+        **Arguments:** one number for both joints, or one a joint:
 
         - `mu_s`, `mu_k`: `MU_STATIC`, `MU_DYNAMIC`.
         - `pin_radius`: `PIN_RADIUS`, in m. Its default in Adams is one unit of length,
             1 m or 1 mm by the model's units: torques a thousand times apart.
         - `transition_velocity`: `STICTION_TRANSITION_VELOCITY`, in m/s. Its default is
-            0.1 units of length a second.
-        - `v_smooth`: in $\sqrt{k/(m l^2)}$; None is a tenth of v_stribeck.
-        - `load`: None is `JointReaction()`. A constant torque (`TORQUE_PRELOAD`) alone
-            is `ConstantLoad`; axial and bending reactions are none in the plane.
+            0.1 units of length a unit of time.
 
-        **Raises:** `ValueError` as `SmoothCoulomb`, and for a radius that is not
-        positive.
+        and for both joints:
+
+        - `v_smooth`: in $\sqrt{k/(m l^2)}$; None is a tenth of v_stribeck, of the
+            smaller one where joints differ.
+        - `load`: in k/l; None is `JointReaction()`. A constant torque
+            (`FRICTION_TORQUE_PRELOAD`) alone is `ConstantLoad`; axial and bending
+            reactions are none in the plane.
+
+        **Raises:** `ValueError` as `SmoothCoulomb`, and for a radius or velocity that
+        is not positive.
         """
-        rate = self.transition_rate(pin_radius, transition_velocity)
-        v_stribeck = HALF_FALL / math.log(2.0) ** 0.5 * rate
+        radius = number_or_pair("pin_radius", pin_radius, "positive")
+        factor = HALF_FALL / math.log(2.0) ** 0.5
+        rate = self.transition_rate(radius, transition_velocity)
+        v_stribeck = _each(lambda x: factor * x, rate)
+        if v_smooth is None:
+            v_smooth = _smaller(*both(v_stribeck)) / RATIO
         return SmoothCoulomb(
             mu_s,
             mu_k,
-            pin_radius=pin_radius / self.l,
+            pin_radius=_each(lambda x: x / self.l, radius),
             v_stribeck=v_stribeck,
-            v_smooth=v_stribeck / RATIO if v_smooth is None else v_smooth,
+            v_smooth=v_smooth,
             load=JointReaction() if load is None else load,
         )
 
@@ -130,18 +185,27 @@ class SI(eqx.Module):
         Which regimes a run enters: with this as `rate_cut`, `StickFraction` is the
         share of static friction; with 1.5 times this, all but dynamic friction.
 
-        **Arguments:** the pin's radius in m, the velocity of its surface in m/s.
+        **Arguments:** the pin's radius in m, the velocity of its surface in m/s; one
+        number each, or one a joint.
+
+        **Returns:** a number, or a pair where an argument is one.
         """
-        radius = number("pin_radius", pin_radius, "positive")
-        velocity = number("transition_velocity", transition_velocity, "positive")
-        return velocity / radius * self.time
+        radius = number_or_pair("pin_radius", pin_radius, "positive")
+        velocity = number_or_pair(
+            "transition_velocity", transition_velocity, "positive"
+        )
+        return _each(lambda v, r: v / r * self.time, velocity, radius)
 
     def restore(self, result: Any) -> Any:
         """The same result in SI units.
 
-        **Arguments:** `result`: a `Trajectory`, or a dataset of `sweep`, whose
-        variables and coordinates are converted by their `units`; angles and pure
+        **Arguments:** `result`: a `Trajectory`; a dataset of `sweep`, whose variables
+        and coordinates are converted by their `units`; or another result of the
+        library (`settle`, `periodic_orbit`, ...) outside a sweep. Angles and pure
         numbers, q among them, stay as they are.
+
+        **Returns:** a `Trajectory`, else an `xarray.Dataset` with the names and units
+        of a sweep; axes of `jax.vmap` are its dimensions `lane_1`, `lane_2`, ...
 
         **Raises:** `ValueError` for anything else, and for a unit that is not known.
         """
@@ -149,10 +213,24 @@ class SI(eqx.Module):
             return self._motion(result)
         if isinstance(result, xr.Dataset):
             return self._dataset(result)
+        if isinstance(result, eqx.Module) and hasattr(result, "variables"):
+            return self._dataset(_labelled(result))
         raise ValueError(
-            "Argument `result` must be a `Trajectory` or an `xarray.Dataset`, but is "
-            f"{type(result).__name__}."
+            "Argument `result` must be a `Trajectory`, an `xarray.Dataset` or a result "
+            f"of the library with named numbers, but is {type(result).__name__}."
         )
+
+    def _load(self, force: Any) -> Any:
+        return number("F", force) / self.force
+
+    def _bodies(self, *, m1: Any, m2: Any, l2: Any) -> dict[str, Any]:
+        """Masses in m, where None is the number beside it, and rod 2's length in l."""
+        found = {
+            name: usual if mass is None else number(name, mass, "positive") / self.m
+            for name, (mass, usual) in {"m1": m1, "m2": m2}.items()
+        }
+        length = 1.0 if l2 is None else number("l2", l2, "positive") / self.l
+        return {**found, "l2": length}
 
     def _motion(self, motion: Trajectory) -> Trajectory:
         events = motion.events
@@ -196,3 +274,33 @@ class SI(eqx.Module):
         data = {n: restored(n, v).variable for n, v in dataset.data_vars.items()}
         coords = {n: restored(n, v).variable for n, v in dataset.coords.items()}
         return xr.Dataset(data, coords, dataset.attrs)
+
+
+def _each(function: Any, *values: Any) -> Any:
+    """A function of numbers; a pair, one a joint, where any of them is a pair."""
+    if not any(isinstance(x, tuple) for x in values):
+        return function(*values)
+    return tuple(function(*x) for x in zip(*map(both, values), strict=True))
+
+
+def _smaller(x: Any, y: Any) -> Any:
+    """The smaller number, in NumPy's where both are known."""
+    known = is_concrete(x) and is_concrete(y)
+    return np.minimum(x, y) if known else jnp.minimum(x, y)
+
+
+def _labelled(result: Any) -> xr.Dataset:
+    """A result's named numbers, as a sweep labels them."""
+    own = getattr(result, "coordinates", dict)()
+    data, coords = {}, {}
+    for name, variable in result.variables().items():
+        value = np.asarray(variable.value)
+        lanes = [f"lane_{i + 1}" for i in range(value.ndim - len(variable.dims))]
+        attrs: dict[str, Any] = {"long_name": variable.long_name}
+        if variable.codes is None:
+            attrs["units"] = variable.units
+        else:
+            attrs |= flag_attributes(variable.codes)
+        data[name] = (*lanes, *variable.dims), value, attrs
+        coords |= {dim: list({**DIMENSIONS, **own}[dim]) for dim in variable.dims}
+    return xr.Dataset(data, coords, getattr(result, "attributes", dict)())
