@@ -83,7 +83,7 @@ def test_a_restored_dataset_names_and_scales_its_units():
 
 def test_a_settled_motion_comes_back_in_seconds():
     column, watch = UNITS.uniform_rods(6.0), (zj.Period(), zj.EnergyBalance())
-    short = {"transient": 5, "window": 10, "max_windows": 1, "observers": watch}
+    short = {"transient": 5, "window": 40, "max_windows": 1, "observers": watch}
     end = zj.settle(column, KICK, **short)
     si = UNITS.restore(end)
     assert si.period.attrs["units"] == "s"
