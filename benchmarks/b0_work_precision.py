@@ -12,6 +12,7 @@ JSON line a contestant and one for the comparison at equal errors; writes
 
 import argparse
 import importlib
+import importlib.util
 import json
 import sys
 from functools import partial
@@ -39,7 +40,7 @@ def contestants(scene):
 
     entries, absent = {}, {}
     lanes = STIFF_LANES if scene.stiff else LANES
-    for name in ours.SOLVERS:
+    for name in (*ours.SOLVERS, *(ours.STIFF_SOLVERS if scene.stiff else ())):
         entries[f"ziegler_jax {name}"] = partial(ours.run, solver=name), lanes
     for module in ("vmapped", "taylor", "scalar", "per_trajectory", "cvode", "cpp"):
         try:
@@ -53,6 +54,11 @@ def contestants(scene):
             for solver in ("Kvaerno5",) if stiff else ("Tsit5", "Dopri8"):
                 run = partial(peer.run, solver=solver)
                 entries[f"diffrax vmap {solver}"] = run, min(few, 512)
+        elif module == "cvode":
+            if scene.stiff and importlib.util.find_spec("sksundae"):
+                entries[peer.NAME] = peer.run, few
+            elif scene.stiff:
+                absent[module] = "scikit-sundae is not installed"
         elif module == "per_trajectory":
             for method in ("LSODA", "Radau") if scene.stiff else ("RK45", "DOP853"):
                 entries[f"scipy {method}"] = partial(peer.run, method=method), few

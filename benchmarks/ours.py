@@ -14,6 +14,7 @@ SOLVERS = {
     "Dopri8": zj.Explicit(dfx.Dopri8.tableau),
     **{name: zj.Explicit(*method) for name, method in tableaus.ALL.items()},
 }
+STIFF_SOLVERS = {"Rodas5P": zj.Rosenbrock()}
 
 
 @functools.cache
@@ -43,7 +44,7 @@ def point_of(scene, start, solver, **options):
             escape=1e9,
             rtol=tol,
             atol=tol,
-            solver=SOLVERS.get(solver, solver),
+            solver=(SOLVERS | STIFF_SOLVERS)[solver],
             max_steps=10_000_000,
         )
         phi, omega = settled.final.phi, settled.final.omega

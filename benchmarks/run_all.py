@@ -2,8 +2,8 @@
 
     python benchmarks/run_all.py [--only b0 b2]
 
-The JSON lines of each go into `results/<script>.jsonl`, pictures beside them. About ten
-minutes on two quiet cores.
+The JSON lines of each go into `results/<script>.jsonl`, pictures beside them. About
+half an hour on two quiet cores.
 """
 
 import argparse
@@ -24,7 +24,7 @@ def main():
     only = tuple(parser.parse_args().only)
     RESULTS.mkdir(exist_ok=True)
     failed = []
-    for script in sorted(HERE.glob("[ab][0-9]_*.py")):
+    for script in sorted(HERE.glob("[abcs][0-9]_*.py")):
         if not script.name.startswith(only):
             continue
         print(f"== {script.name}", flush=True)

@@ -9,6 +9,7 @@ that what is measured is mostly CVODE and its wrapper.
 import math
 
 import numpy as np
+from measure import clock
 
 try:
     from numba import njit
@@ -18,14 +19,24 @@ except ImportError:
         return function
 
 
+NAME, LANES = "CVODE", 8
 A, B, D = 4 / 3, 1 / 2, 1 / 3  # two uniform rods
 
 
 @njit
-def field(y, dy, q, tau, v_smooth):
+def torque(u, tau_s, tau_k, v_stribeck, v_smooth):
+    """A joint's, and its derivative by the rate u."""
+    x, rise = u / v_stribeck, math.tanh(u / v_smooth)
+    more = (tau_s - tau_k) * math.exp(-x * x)
+    slope = (tau_k + more) * (1 - rise * rise) / v_smooth
+    return (tau_k + more) * rise, slope - 2 * x / v_stribeck * more * rise
+
+
+@njit
+def field(y, dy, q, tau_s, tau_k, v_stribeck, v_smooth):
     s, c = math.sin(y[0] - y[1]), math.cos(y[0] - y[1])
-    f1 = tau * math.tanh(y[2] / v_smooth)
-    f2 = tau * math.tanh((y[3] - y[2]) / v_smooth)
+    f1, _ = torque(y[2], tau_s, tau_k, v_stribeck, v_smooth)
+    f2, _ = torque(y[3] - y[2], tau_s, tau_k, v_stribeck, v_smooth)
     r1 = q * s - 2 * y[0] + y[1] - B * s * y[3] ** 2 - f1 + f2
     r2 = y[0] - y[1] + B * s * y[2] ** 2 - f2
     det = A * D - (B * c) ** 2
@@ -35,11 +46,11 @@ def field(y, dy, q, tau, v_smooth):
 
 
 @njit
-def jacobian(y, dy, matrix, q, tau, v_smooth):
+def jacobian(y, dy, matrix, q, tau_s, tau_k, v_stribeck, v_smooth):
     s, c = math.sin(y[0] - y[1]), math.cos(y[0] - y[1])
     det = A * D - (B * c) ** 2
-    k1 = tau / v_smooth * (1 - math.tanh(y[2] / v_smooth) ** 2)
-    k2 = tau / v_smooth * (1 - math.tanh((y[3] - y[2]) / v_smooth) ** 2)
+    _, k1 = torque(y[2], tau_s, tau_k, v_stribeck, v_smooth)
+    _, k2 = torque(y[3] - y[2], tau_s, tau_k, v_stribeck, v_smooth)
     # derivatives of r1 and r2 by phi1, phi2, omega1, omega2
     r1 = (
         q * c - 2 - B * c * y[3] ** 2,
@@ -68,6 +79,22 @@ def solve(lanes, start, span, tol):
 
     These are of the field alone, without Jacobians.
     """
+    q, tau, v_smooth = lanes
+    return _each(
+        zip(q, tau, tau, np.ones_like(tau), v_smooth, strict=True), start, span, tol
+    )
+
+
+def run(scene, q, start, span, rtol):
+    """As the other peers' `run`."""
+    law = scene.friction
+    numbers = law.tau_s, law.tau_k, law.v_stribeck, law.v_smooth
+    begun = clock()
+    states, _ = _each([(load, *numbers) for load in q.tolist()], start, span, rtol)
+    return states, clock() - begun
+
+
+def _each(lanes, start, span, tol):
     from sksundae.cvode import CVODE
 
     def rhs(t, y, dy, lane):
@@ -78,7 +105,7 @@ def solve(lanes, start, span, tol):
 
     options = {"rtol": tol, "atol": tol, "max_num_steps": 10_000_000}
     ends, evaluations = [], []
-    for lane in zip(*lanes, strict=True):
+    for lane in lanes:
         solver = CVODE(rhs, jacfn=jac, userdata=lane, **options)
         solution = solver.solve(np.array([0.0, span]), np.array(start, float))
         ends.append(solution.y[-1] if solution.success else np.full(4, np.nan))
