@@ -33,7 +33,7 @@ LEGS_A_LANE = 6
 SHORTEST_LEG, FIRST_LEG, LONGEST_LEG = 64, 128, 1024
 # Where neighbours cost alike, a leg is a lane's whole run: none idles for long, and
 # calls are few. A few stragglers go on beside the next lanes.
-ALIKE, STRAGGLERS, LONGEST_RUN = 0.9, 0.05, 16384
+ALIKE, STRAGGLERS, LONGEST_RUN = 0.8, 0.05, 16384
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
 
