@@ -61,12 +61,14 @@ def machine():
 
 
 def rounded(x, digits=3):
-    """Numbers of a result as short as they deserve."""
+    """Numbers of a result as short as they deserve; None where there is none."""
     if isinstance(x, dict):
         return {key: rounded(value, digits) for key, value in x.items()}
     if isinstance(x, list):
         return [rounded(value, digits) for value in x]
-    return float(f"{x:.{digits}g}") if isinstance(x, float) else x
+    if isinstance(x, float):
+        return float(f"{x:.{digits}g}") if np.isfinite(x) else None
+    return x
 
 
 def save(name, result):

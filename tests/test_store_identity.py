@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 import stored
 from stored import MU, Q, X, Y, lines, point, same, settled, sweep
 
@@ -69,7 +70,7 @@ def test_a_table_that_changed_in_place_is_computed_with(path, monkeypatch):
     before = sweep(store=path)["bent"].values
     stored.TABLE[:] *= 2
     after = sweep(store=path, resume="overwrite")["bent"].values
-    np.testing.assert_allclose(after, 2 * before, rtol=1e-15)
+    np.testing.assert_allclose(after, 2 * before, rtol=1e-12, atol=0)
 
 
 HASH = """
@@ -127,7 +128,8 @@ def test_larger_budgets_compute_the_unsettled_points_alone(path, tmp_path, refus
     refuses(lambda: many(store=path), "max_windows 4", "9")
     after = many(store=path, resume="unsettled", log=tmp_path / "log")
     assert sum(line["points"] for line in lines(tmp_path / "log")) == unsettled.sum()
-    assert same(after, many(store=tmp_path / "whole.zarr"))
+    # two programs: a compiler may round their amplitudes otherwise
+    xr.testing.assert_allclose(after, many(store=tmp_path / "whole.zarr"), rtol=1e-12, atol=0)
     assert (after.outcome == OUTCOME.unsettled).sum() < unsettled.sum()
     many(store=path, resume="unsettled", log=tmp_path / "again")
     assert not (tmp_path / "again").exists()

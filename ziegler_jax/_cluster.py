@@ -5,14 +5,14 @@ back what it cost; else it sends the numbers. Dask gives the task of a worker th
 to another; a block that was finished before is not computed again.
 
 What 10^9 points ask for, at r points a second and core (the main job's kind: about
-10^3; its results: 8 variables, 73 bytes a point):
+1600; its results: 8 variables, 81 bytes a point):
 
-- 61 000 blocks of 16 384 points, each a task of 16 384 / r = 16 s: a scheduler, which
+- 61 000 blocks of 16 384 points, each a task of 16 384 / r = 10 s: a scheduler, which
   needs a millisecond a task, feeds thousands of cores.
-- 10^9 / r = 280 core hours: an hour and five minutes on 256 cores, and some ten seconds
-  of tracing and compilation a worker.
+- 10^9 / r = 170 core hours: 40 minutes on 256 cores, and some ten seconds of tracing
+  and compilation a worker.
 - To a worker go 20 to 30 kB a task (the point, the block's axes, which points): 1.5 GB
-  in all. To the store go 73 GB, 1.2 MB a block: 19 MB/s from 256 cores, in half a
+  in all. To the store go 81 GB, 1.3 MB a block: 33 MB/s from 256 cores, in half a
   million files of 16 to 260 kB. Gathered instead, they would go through one process
   and its memory; with `store` less than a kilobyte a task comes back.
 
@@ -151,9 +151,14 @@ def _program(
 ) -> Program:
     import cloudpickle
 
-    point = cloudpickle.loads(pickled)
     if whole_loops and not compiles_whole_loops():
-        configure_cpu()
+        configure_cpu()  # before the point's arrays, if it has any, start JAX
+    point = cloudpickle.loads(pickled)
+    if whole_loops != compiles_whole_loops():
+        raise ValueError(
+            "Argument `client` must have workers that compile loops as this process "
+            "does, but one of them cannot: see `configure_cpu`."
+        )
     if scene_hash(point, names, wide) != digest:
         raise ValueError(
             "Argument `client` must have workers with the same scene, but to one of "

@@ -93,6 +93,11 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
             )
     if there["where"] != here["where"]:
         return "has other points: `where` chooses others in this sweep"
+    if there["loops"] != here["loops"]:
+        return (
+            f"was computed with loops compiled {there['loops']}, and this sweep "
+            f"compiles them {here['loops']} (see `configure_cpu`)"
+        )
     for name in ("block", "precision", "batch_size"):
         if there[name] != here[name]:
             return f"has {name} {there[name]}, and this sweep {here[name]}"
@@ -100,11 +105,6 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
     for name in sorted({*old, *new}):
         if old.get(name) != new.get(name):
             return f"has {name} {old.get(name)}, and this sweep {new.get(name)}"
-    if there["loops"] != here["loops"]:
-        return (
-            f"was computed with loops compiled {there['loops']}, and this sweep "
-            f"compiles them {here['loops']} (see `configure_cpu`)"
-        )
     if there["scene"] != here["scene"]:
         return "is of another scene: its program is not that of this `point`"
     return None

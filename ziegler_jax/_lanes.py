@@ -33,7 +33,7 @@ LEGS_A_LANE = 6
 SHORTEST_LEG, FIRST_LEG, LONGEST_LEG = 64, 128, 1024
 # Where neighbours cost alike, a leg is a lane's whole run: none idles for long, and
 # calls are few. A few stragglers go on beside the next lanes.
-ALIKE, STRAGGLERS, LONGEST_RUN = 0.8, 0.05, 16384
+ALIKE, STRAGGLERS, OVERDUE, LONGEST_RUN = 0.8, 0.05, 1.5, 16384
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
 
@@ -351,8 +351,9 @@ def _run_in_legs(work: _Work, queue: _Queue) -> None:
         recent = np.concatenate([recent, steps[lanes]])[-size:]
         typical, slow = _cost(recent)
         alike = 2 * recent.size >= size and typical > ALIKE * slow
-        if alike and np.count_nonzero(busy) > STRAGGLERS * size:
-            quota = max(SHORTEST_LEG, slow // 16)
+        mates = busy & (steps < OVERDUE * slow)
+        if alike and np.count_nonzero(mates) > STRAGGLERS * size:
+            quota = int(np.clip(slow // 16, SHORTEST_LEG, LONGEST_LEG))
             continue
         idle = np.flatnonzero(~busy)
         new = queue.take(idle.size)
@@ -365,8 +366,9 @@ def _run_in_legs(work: _Work, queue: _Queue) -> None:
 
 
 def _cost(steps: np.ndarray) -> tuple[int, int]:
-    """The steps of a usual lane, and of the slowest but for stragglers."""
+    """The steps of a usual lane, and of the slowest, both but for stragglers."""
     if not steps.size:
         return 0, 0
     few = int(STRAGGLERS * steps.size)
-    return int(steps.mean()), int(np.partition(steps, -1 - few)[-1 - few])
+    slow = int(np.partition(steps, -1 - few)[-1 - few])
+    return int(np.minimum(steps, slow).mean()), slow

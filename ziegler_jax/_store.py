@@ -16,6 +16,7 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
+from uuid import uuid4
 
 import numpy as np
 import xarray as xr
@@ -84,7 +85,7 @@ def open_sweep(path: str | os.PathLike) -> xr.Dataset:
     store = Store(path)
     # chunks=None: without Dask; Zarr 3 has no consolidated metadata
     ds = xr.open_zarr(store.path, consolidated=False, chunks=None)
-    run = store.record["run"]
+    run = store.record["runs"][-1]
     marks = [mark for mark in store.marks().values() if mark["run"] == run]
     progress = {
         "points": store.record["points"],
@@ -188,7 +189,7 @@ class Store:
             "names": [str(name) for name in template.data_vars],
             "points": int(blocks.sizes.sum()),
             "blocks": int(np.count_nonzero(blocks.sizes)),
-            "run": 1,
+            "runs": [uuid4().hex],  # the marker of a stranger's block is none
             "fingerprint": fingerprint,
         }
         _write(new / "progress" / "sweep.json", record)
@@ -225,7 +226,8 @@ class Store:
     def begin_again(self, fingerprint: Mapping[str, Any]) -> None:
         """Larger budgets: what was unsettled is to be computed again."""
         self.claim()
-        self.record |= {"run": self.record["run"] + 1, "fingerprint": fingerprint}
+        runs = [*self.record["runs"], uuid4().hex]
+        self.record |= {"runs": runs, "fingerprint": fingerprint}
         _write(self.progress / "sweep.json", self.record)
 
     def marks(self) -> dict[int, dict[str, Any]]:
@@ -235,19 +237,20 @@ class Store:
 
     def missing(self, blocks: Blocks) -> dict[int, int]:
         """How many points are still to be computed, by block."""
-        run, marks = self.record["run"], self.marks()
-        missing = {}
+        *earlier, run = self.record["runs"]
+        marks, missing = self.marks(), {}
         for number in np.flatnonzero(blocks.sizes).tolist():
-            if number not in marks:
-                missing[number] = int(blocks.sizes[number])
-            elif marks[number]["run"] < run:
+            of = marks[number]["run"] if number in marks else None
+            if of in earlier:
                 missing[number] = int(self.work(blocks.block(number))[1].sum())
+            elif of != run:
+                missing[number] = int(blocks.sizes[number])
         return missing
 
     def work(self, block: Block) -> tuple[Block, np.ndarray, Any]:
         """A block, which of its points to compute, and what is known of the others."""
         chosen = block.chosen
-        if not self._mark(block).exists():
+        if self._run_of(block) not in self.record["runs"]:
             return block, chosen, None
         region = (*block.region, ...)
         known = {n: np.array(self.arrays[n][region]) for n in self.record["names"]}
@@ -262,17 +265,25 @@ class Store:
 
     def holds(self, block: Block) -> bool:
         """Whether the block is finished."""
-        mark = self._mark(block)
-        return mark.exists() and _read(mark)["run"] == self.record["run"]
+        return self._run_of(block) == self.record["runs"][-1]
 
     def keep(self, block: Block, arrays: Mapping[str, Any], tally: Tally) -> None:
-        """Write a whole block: its chunks, then its marker."""
+        """Write a whole block: its chunks, then its marker.
+
+        **Raises:** `ValueError` if the store has been replaced: a worker may still be
+        computing for a sweep that was stopped.
+        """
+        run = self.record["runs"][-1]
+        if _recorded(self.path)["runs"][-1] != run:
+            raise ValueError(
+                f"Argument `store` must stay this sweep's, but {str(self.path)!r} has "
+                "been taken over by another."
+            )
         try:
-            self._mark(block).unlink(missing_ok=True)  # that of an earlier run
             for name, array in self.arrays.items():
                 array[(*block.region, ...)] = arrays[name]
             mark = {**tally._asdict(), "points": int(block.chosen.sum())}
-            _write(self._mark(block), {**mark, "run": self.record["run"]})
+            _write(self._mark(block), {**mark, "run": run})
         except OSError as error:
             error.add_note(
                 f"It was writing {block}. What was finished before is in {self.path}, "
@@ -289,6 +300,13 @@ class Store:
     def _mark(self, block: Block) -> Path:
         return self.progress / "blocks" / str(block.number)
 
+    def _run_of(self, block: Block) -> str | None:
+        """The run that finished a block."""
+        try:
+            return _read(self._mark(block))["run"]
+        except FileNotFoundError:
+            return None
+
 
 def _recorded(path: Path) -> dict[str, Any]:
     """What the store says of its sweep."""
@@ -301,14 +319,15 @@ def _recorded(path: Path) -> dict[str, Any]:
 
 
 def _remove(path: Path) -> None:
-    """Delete a store, and nothing else; a half deleted one can be deleted again."""
+    """Delete a store, and nothing else: at once for whoever looks at its path."""
     _recorded(path)
     lock = _locked(path / "progress" / "lock")
     try:
-        for part in (*path.iterdir(), path / "progress" / "blocks"):
-            if part.name != "progress":
-                shutil.rmtree(part) if part.is_dir() else part.unlink(missing_ok=True)
-        shutil.rmtree(path)
+        for left in path.parent.glob(f".{path.name}.*.old"):  # by one that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        old = path.with_name(f".{path.name}.{uuid4().hex}.old")
+        os.rename(path, old)
+        shutil.rmtree(old)
     finally:
         os.close(lock)
 
@@ -319,7 +338,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
     """A whole file or none."""
-    part = path.with_name(f"{path.name}.partial")
+    part = path.with_name(f"{path.name}.{uuid4().hex}.partial")
     part.write_text(json.dumps(content))
     os.replace(part, path)
 
