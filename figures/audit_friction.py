@@ -108,7 +108,7 @@ def _counted(kinds):
 
 def _of_reading(rows):
     if rows is None:
-        return "not computed: the package refuses this law", f"{OPEN}: not computed"
+        return "not computed", f"{OPEN}: not computed"
     text = "second exponent after the hardest kick (its cycle's by Floquet), on "
     text += ", ".join(
         f"{r['radius']:g} m: {r['across']:.4f} +- {r['error']:.4f} "
