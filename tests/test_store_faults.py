@@ -16,7 +16,7 @@ import zarr
 from stored import X, Y, lines, same, sweep
 
 import ziegler_jax as zj
-from ziegler_jax import _store
+from ziegler_jax import _blocks, _store
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
 
@@ -45,6 +45,34 @@ def test_a_full_disk_loses_nothing_and_names_the_block(path, monkeypatch, writte
     assert "block 2" in note and "<= x <=" in note and str(path) in note
     assert zj.open_sweep(path).attrs["blocks_done"] == 2
     assert same(sweep(store=path), sweep())
+
+
+def test_a_replaced_store_takes_nothing_more_from_its_former_sweep(path, refuses):
+    """As from a cluster's worker that still computes for a sweep that was stopped."""
+    whole = sweep(store=path).load()
+    former = _store.Store(path, "r+")
+    block = _blocks.Blocks({"x": X, "y": Y}).block(0)
+    wrong = {name: np.zeros_like(whole[name][:4]) for name in whole}
+    tally = _blocks.Tally(10, 0.0, 0, {})
+    sweep(store=path, resume="overwrite")
+    refuses(lambda: former.keep(block, wrong, tally), "`store`", "another")
+    assert same(zj.open_sweep(path), whole)
+
+
+def test_a_deletion_that_is_killed_leaves_no_store_behind(path, monkeypatch):
+    whole = sweep(store=path).load()
+
+    def killed(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_store.shutil, "rmtree", killed)
+        with pytest.raises(KeyboardInterrupt):
+            sweep(store=path, resume="overwrite")
+    assert not path.exists()
+    assert same(sweep(store=path), whole)
+    sweep(store=path, resume="overwrite")
+    assert [left.name for left in path.parent.iterdir()] == [path.name]
 
 
 def test_a_small_disk_that_is_full(tmp_path):
