@@ -100,7 +100,7 @@ def kills(folder, points):
     while died < KILLS:
         process = begin("killed")
         try:
-            process.wait(before_lanes + rng.uniform(0.0, seconds / 12))
+            process.wait(before_lanes + rng.uniform(0.0, seconds / 16))
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGKILL)
         died += process.wait() == -signal.SIGKILL
