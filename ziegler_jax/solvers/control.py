@@ -15,9 +15,9 @@ import optimistix as optx
 from .._materialise import materialise
 from .._types import Scalar
 
-# On motions with smoothed friction (q = 2..4, Tsit5) 0.8 needs 4 to 6 % fewer steps than
-# 0.9 at tolerances from 1e-4 to 1e-6, and errs by about a third less: fewer steps are
-# rejected. A proportional-integral controller does no better.
+# On motions with smoothed friction (q = 2..4, Tsit5) 0.8 needs 4 to 6 % fewer steps
+# than 0.9 at tolerances from 1e-4 to 1e-6, and errs by about a third less: fewer steps
+# are rejected. A proportional-integral controller does no better.
 SAFETY = 0.8
 SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 10.0
 NO_LIMIT = 2**31 - 1
