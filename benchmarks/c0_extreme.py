@@ -6,7 +6,7 @@ is not one of the smoothed law's rates. The end state's error is against scipy (
 or Radau where friction or damping is stiff) at 1e-12, of a field that is written once
 more here; in tolerances of the largest number of the end state. Set-valued friction has
 such a reference only where there is no friction. Writes results/extreme.md and
-results/extreme.json; ten minutes, half of them scipy's.
+results/extreme.json; a minute and a half, most of it compiling and scipy.
 
     python benchmarks/c0_extreme.py
 """

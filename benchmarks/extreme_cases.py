@@ -27,7 +27,9 @@ class Case(NamedTuple):
     explicit: tuple = ()  # further outcomes that are right for explicit methods
 
 
-def case(name, outcomes=ENDED, bound=1e3, explicit=(), **numbers):
+def case(name, outcomes=ENDED, bound=1e3, explicit=(), growth=1.0, **numbers):
+    """A case; its errors may grow like a small change of the start does (by scipy)."""
+    bound = max(bound, 100 * growth)
     return Case(name, USUAL | numbers, outcomes, bound, explicit)
 
 
@@ -51,8 +53,8 @@ def loads():
         yield case(f"q = q_cr (1 {'+' if side > 0 else '-'} 1e-12)", q=q, **bare)
     yield case("q at the end of flutter", q=FLUTTER_ENDS, **bare)
     yield case("q = 10", q=10.0, span=5.0)
-    yield case("q = 100", q=100.0, span=2.0, bound=1e5)
-    yield case("q = 1e4", q=1e4, span=0.2, bound=1e5)
+    yield case("q = 100", q=100.0, span=2.0, growth=235)
+    yield case("q = 1e4", q=1e4, span=0.2, growth=9095)
     yield case("q = 10, turned over", ("escaped",), q=10.0, span=1e3, escape=math.pi)
 
 
@@ -79,7 +81,7 @@ def starts():
     edge = {"phi2": 0.03, "phi1": 0.0, "q": 1.0, **still}
     yield case("start on the sticking set's edge", **edge)
     turn = 2 * math.pi
-    yield case("both rods at phi + 2 pi", phi1=turn, phi2=turn)
+    yield case("both rods at phi + 2 pi", phi1=turn, phi2=turn, growth=9633)
     yield case("rod 2 at phi + 2 pi", phi2=turn)
     yield case("angles of 1e6", phi1=1e6, phi2=1e6, span=1e-3)
     yield case("rates of 1e4", omega1=1e4, omega2=-1e4, span=0.01)

@@ -68,7 +68,7 @@ def choose_modes(
     """
     still, up, down = holding
     (hold1, hold2), (up1, up2), (down1, down2) = (x.torque for x in holding)
-    first, second = jnp.sign(hold1), jnp.sign(hold2)
+    first, second = _direction(hold1), _direction(hold2)
 
     def fits(i, forwards):
         """Whether joint i sticks while the other one slips, and its direction."""
@@ -76,7 +76,7 @@ def choose_modes(
         most = up.static[i]
         if most is not down.static[i]:
             most = jnp.where(forwards, most, down.static[i])
-        return jnp.abs(torque) <= most, jnp.sign(torque)
+        return jnp.abs(torque) <= most, _direction(torque)
 
     def alone(i, forwards):
         sticks, direction = fits(i, forwards)
@@ -108,3 +108,8 @@ def choose_modes(
     m1 = jnp.where(rest[0], jnp.where(rest[1], m1, alone1), given[0])
     m2 = jnp.where(rest[1], jnp.where(rest[0], m2, alone2), given[1])
     return m1, m2
+
+
+def _direction(torque: Scalar) -> Scalar:
+    """Where a torque that nothing holds turns: even one of zero must have a side."""
+    return jnp.where(torque < 0, -1.0, 1.0)

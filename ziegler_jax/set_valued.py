@@ -210,12 +210,14 @@ class Torques(AbstractFriction):
         """T1, T2 in the frozen modes: what the accelerations leave of the forces."""
         return self.loaded(balance)._torques(balance)
 
-    def spare(self, balance: Balance) -> Pair:
-        r"""How far the torques are below the most: $(\tau_s^2 - T^2) / 2\tau_s$."""
+    def spare(self, balance: Balance, least: Scalar = 1e-30) -> Pair:
+        r"""How far the torques are below the most: $(\tau_s^2 - T^2) / 2\tau_s$.
+
+        Where the most is below `least`, to which torques are told apart, over that.
+        """
         law = self.loaded(balance)
-        most = tuple(jnp.maximum(s, 1e-30) for s in law.static)
-        pairs = zip(most, law._torques(balance), strict=True)
-        return tuple((m * m - t * t) / (2 * m) for m, t in pairs)
+        pairs = zip(law.static, law._torques(balance), strict=True)
+        return tuple((s * s - t * t) / (2 * jnp.maximum(s, least)) for s, t in pairs)
 
     def accelerations(self, balance: Balance) -> Pair:
         """The rods' accelerations in the frozen modes."""

@@ -22,6 +22,8 @@ SAFETY = 0.8
 SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 10.0
 NO_LIMIT = 2**31 - 1
 LAYER_SHARE = 0.02  # of a joint's rate in the layer: what a step may err by
+# A step far beyond its tolerance has no interpolant on which an event could be found.
+WORST_CUT = 100.0
 SMALLEST_STEP = 1e-13  # against max(|t|, 1): below, t + h hardly moves
 
 
@@ -124,7 +126,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
             share = ((reached - t0) / tried) ** 2
             # behind an event the field is another: no reason to grow
             factor = jnp.where(reached < t1, jnp.minimum(factor, 1.0), factor)
-            return square * share**2 <= 1, factor
+            return (square * share**2 <= 1) & (square <= WORST_CUT**2), factor
 
         keep, factor = materialise(t0, verdict)
         h = tried * factor

@@ -79,7 +79,7 @@ class StickSlip(AbstractObserved):
         modes = tuple(m + zero for m in modes)
         column = _in_modes(args, modes)
         slope = vector_field(t0, y, column)
-        spare, easing = _holding(column, y, slope)
+        spare, easing = _holding(column, y, slope, tol)
         folded = self.fold.init(column, t0, y)
         return StickSlipState(
             y, slope, folded, modes, spare, easing, t0 - 1.0 + zero, zero
@@ -95,6 +95,7 @@ class StickSlip(AbstractObserved):
         _, f0, folded, modes, spare, easing, last_event, at_once = solver_state
         column = _in_modes(args, modes)
         law, h = column.friction, t1 - t0
+        least = self._tolerance(t1)
         watched = self.fold.integrand(column)
 
         y1, error, f1, whole, stages = self.solver.advance(
@@ -104,7 +105,7 @@ class StickSlip(AbstractObserved):
         bends = materialise(t0, self.solver.bends, h, stages.slopes)
         motion = _courses(y0, y1, h, f0, f1, bends)
         tol = self._tolerances(t1, modes, f1, easing)
-        guards = spare, easing, materialise(t0, _spare, column, y1)
+        guards = spare, easing, materialise(t0, _spare, column, y1, least)
         x, forced, passed = self._first_event(column, motion, t0, h, guards, tol)
         cut = x < 1
 
@@ -117,14 +118,16 @@ class StickSlip(AbstractObserved):
 
         def release():
             balance = joint_balance(column, y)
-            return balance, *_released(law, balance, passed, tol)
+            return balance, *_released(law, balance, passed, tol, least)
 
         balance, freed, held = materialise(t0, release)
         landed = tuple(a | b for a, b in zip(landed, freed, strict=True))
         event = landed[0] | landed[1]
         met = (met & held) | forced
-        # a whole unit: repeated with the shortest step allowed, and with finite slopes
-        error = tuple(jnp.where(met, e, 1.0) for e in error)
+        # else as large as the state: repeated with a far shorter step, and with finite
+        # slopes
+        pairs = zip(error, y, strict=True)
+        error = tuple(jnp.where(met, e, 1.0 + jnp.abs(x)) for e, x in pairs)
 
         def change(modes):
             new = _chosen(law, balance, rest, landed, tol)
@@ -143,7 +146,7 @@ class StickSlip(AbstractObserved):
             ]
 
         f_end, slope = materialise(t0, slopes)
-        spare, easing = materialise(t0, _holding, now, y, slope)
+        spare, easing = materialise(t0, _holding, now, y, slope, least)
 
         t_end = materialise(t0, lambda: jnp.where(cut, t0 + x * h, t1))
         at_same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
@@ -207,7 +210,7 @@ class StickSlip(AbstractObserved):
 
         def within():
             p1, p2, w1, w2 = (course(inner) for course in motion)
-            return _spare(column, (p1, p2, *law.hold(w1, w2)))
+            return _spare(column, (p1, p2, *law.hold(w1, w2)), self._tolerance(t0))
 
         inside = materialise(t0, within)
 
@@ -298,14 +301,14 @@ def _sliding(modes: Pair, motion: list) -> list[Course]:
     return [jax.tree.map(lambda x, m=m: m * x, u) for m, u in pairs]
 
 
-def _spare(column: Any, y: Vector4) -> Pair:
+def _spare(column: Any, y: Vector4, least: Scalar) -> Pair:
     """The guards of joints that stick, in the column's modes."""
-    return column.friction.spare(joint_balance(column, y))
+    return column.friction.spare(joint_balance(column, y), least)
 
 
-def _holding(column: Any, y: Vector4, slope: Vector4) -> tuple[Pair, Pair]:
+def _holding(column: Any, y: Vector4, slope: Vector4, least: Scalar) -> Any:
     """The guards of joints that stick, and their slopes in time."""
-    return jax.jvp(lambda y: _spare(column, y), (y,), (slope,))
+    return jax.jvp(lambda y: _spare(column, y, least), (y,), (slope,))
 
 
 def _arrival(law: Any, y: Vector4, passed: Any, cut: Any, tol: Pair) -> Any:
@@ -325,10 +328,10 @@ def _arrival(law: Any, y: Vector4, passed: Any, cut: Any, tol: Pair) -> Any:
     return _at_rest((y[0], y[1], w1, w2), tuple(rest)), tuple(rest), tuple(landed), met
 
 
-def _released(law: Any, balance: Any, passed: Any, tol: Pair) -> Any:
+def _released(law: Any, balance: Any, passed: Any, tol: Pair, least: Scalar) -> Any:
     """Which sticking joints reach their most, and whether as close as asked."""
     freed, met = [], True
-    rows = zip(law.modes, law.spare(balance), passed, tol, strict=True)
+    rows = zip(law.modes, law.spare(balance, least), passed, tol, strict=True)
     for m, guard, (mine, falls), e in rows:
         sticks = m == 0
         freed.append(sticks & (mine | ((guard <= e) & falls)))
