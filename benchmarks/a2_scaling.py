@@ -9,6 +9,7 @@ minutes with a million points.
 
 import argparse
 import json
+import math
 import resource
 
 import numpy as np
@@ -42,9 +43,9 @@ def main():
         return found[name]["run_seconds"] / found[name]["points"]
 
     cores = machine()["cores"]
-    seconds = interleaved({1: lambda: run(1), cores: lambda: run(cores)}, repeats=5)
+    seconds = interleaved({1: lambda: run(1), cores: lambda: run(cores)}, repeats=9)
     speedup, spread = paired(seconds[1], seconds[cores])
-    copies = max(1, options.points // LOADS)
+    copies = math.ceil(options.points / LOADS)
     few = [run(cores) for _ in range(3)]
     many = run(cores, copies)
     few += [run(cores) for _ in range(3)]

@@ -25,7 +25,7 @@ from .outcome import SOLVER
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.
-BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 512
+BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 384
 BATCH_WITHOUT = 8192
 # A leg costs its dispatch, and half a leg of idling per lane at its end: measured best
 # at about a sixth of a lane's steps.
