@@ -6,8 +6,10 @@ and cosine of D, the right-hand sides r1, r2 without friction, and `solve`.
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 
+from ._materialise import materialise
 from ._sincos import sincos
 from ._types import Pair, Scalar
 
@@ -78,16 +80,21 @@ def solve_loads(base: Any, p1: Any, p2: Any, steps: int, unique: bool = False) -
         d2 = (along * p2[i][0] + across * p2[i][1]) / size
         return size, d1, d2
 
-    n1, n2 = magnitude(0, 0.0, 0.0)[0], magnitude(1, 0.0, 0.0)[0]
-    for _ in range(steps):
+    def newton(n1, n2):
         f1, d11, d12 = magnitude(0, n1, n2)
         f2, d21, d22 = magnitude(1, n1, n2)
         e1, e2 = f1 - n1, f2 - n2
         det = (1 - d11) * (1 - d22) - d12 * d21
-        n1, n2 = (
+        return (
             n1 + ((1 - d22) * e1 + d12 * e2) / det,
             n2 + (d21 * e1 + (1 - d11) * e2) / det,
         )
+
+    at = base[0][0]  # a step fused into the next would be computed for each of its uses
+    n1, n2 = materialise(
+        at, lambda: (magnitude(0, 0.0, 0.0)[0], magnitude(1, 0.0, 0.0)[0])
+    )
+    n1, n2 = jax.lax.fori_loop(0, steps, lambda i, n: newton(*n), (n1, n2))
     left = jnp.abs(magnitude(0, n1, n2)[0] - n1) + jnp.abs(magnitude(1, n1, n2)[0] - n2)
     solved = left <= 1e-6 * (1 + jnp.abs(n1) + jnp.abs(n2))
     if unique:
