@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import audit_friction  # noqa: F401 - adds its rows
+import audit_readings
 import audit_scenes
 import numpy as np
 from audit_rows import CONFIRMED, OPEN, REFUTED, ROWS
@@ -53,6 +54,8 @@ def cells(row: Judged) -> str:
 def main(arguments):
     chosen = [int(x) for x in arguments] or range(1, len(ROWS) + 1)
     begun = time.perf_counter()
+    if not arguments:
+        audit_readings.begin()
     with np.errstate(all="ignore"):
         rows = [judged(n, ROWS[n - 1]) for n in tqdm(chosen, disable=None)]
     if arguments:

@@ -107,8 +107,6 @@ def _counted(kinds):
 
 
 def _of_reading(rows):
-    if rows is None:
-        return "not computed", f"{OPEN}: not computed"
     text = "second exponent after the hardest kick (its cycle's by Floquet), on "
     text += ", ".join(
         f"{r['radius']:g} m: {r['across']:.4f} +- {r['error']:.4f} "
@@ -162,8 +160,8 @@ def _(found):
 
 @row(
     "(Fig 4 is that motion)",
-    "[MU_K * r * 2.6 for r in (0.001, 1.0)], [x['kinds'] for n in "
-    "('F', '10 N', 'F, smoothed', '|R|, smoothed') for x in reading(n)]",
+    "[MU_K * r * 2.6 for r in (0.001, 1.0)], [x['kinds'] for n in READINGS "
+    "for x in reading(n)]",
 )
 def _(found):
     torques, kinds = found

@@ -6,6 +6,7 @@ where the run ends.
 """
 
 import functools
+from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
 import seed_style as style
@@ -18,6 +19,7 @@ TRANSITION = 0.1  # rad/s: the usual default, 0.1 units a second at a pin of one
 RADII = (0.001, 0.01, 0.03, 0.1, 0.3, 1.0)  # m
 KICKS = (0.2, 0.7, 2.0)  # of rod 2: 0.6, 2.2 and 6.3 rad/s
 TRANSIENT, BLOCK, BLOCKS = 200.0, 60.0, 10
+BESIDE = ThreadPoolExecutor(1)
 
 
 def law(radius, load=None, mu_s=MU_S, mu_k=MU_K):
@@ -42,8 +44,19 @@ READINGS = {  # the law, and its normal load in k/l where the motion does not de
 
 
 @functools.cache
+def begun(friction, constant):
+    """`runs` on a second thread, as most of its time one compiles."""
+    return BESIDE.submit(runs, friction, constant)
+
+
+def begin():
+    """Begin the runs of all readings."""
+    for friction, normal in READINGS.values():
+        begun(friction, normal is not None)
+
+
 def runs(friction, constant):
-    """All loads, pins and kicks of a law, as a dataset; None where it is refused."""
+    """All loads, pins and kicks of a law, as a dataset."""
 
     def point(normal, radius, kick):
         load = zj.ConstantLoad(normal) if constant else zj.JointReaction()
@@ -77,13 +90,7 @@ def runs(friction, constant):
 
     normal = sorted({n for f, n in READINGS.values() if f is friction and n})
     axes = {"normal": normal if constant else [0.0], "radius": RADII, "kick": KICKS}
-    try:
-        return zj.sweep(point, batch_size=len(RADII) * len(KICKS) // 2, axes=axes)
-    except ValueError as refusal:
-        if constant:
-            raise
-        print(f"not computed: {refusal}")
-        return None
+    return zj.sweep(point, batch_size=len(RADII) * len(KICKS) // 2, axes=axes)
 
 
 def kind(run, rest):
@@ -103,15 +110,12 @@ def kind(run, rest):
 def reading(name):
     """One reading: for every pin what each kick leads to, and the exponents across.
 
-    None where the package refuses the law. `across` is the second Lyapunov exponent of
-    the hardest kick, `error` its standard error, `floquet` the exponent of the cycle
-    (set-valued friction only; NaN where none was found).
+    `across` is the second Lyapunov exponent of the hardest kick, `error` its standard
+    error, `floquet` the exponent of the cycle (set-valued friction only; NaN where none
+    was found).
     """
     friction, normal = READINGS[name]
-    ds = runs(friction, normal is not None)
-    if ds is None:
-        return None
-    ds = ds.sel(normal=normal or 0.0)
+    ds = begun(friction, normal is not None).result().sel(normal=normal or 0.0)
     rows = []
     for radius in RADII:
         rest = 1e-9 if friction is law else float(joint(radius, None).v_smooth)

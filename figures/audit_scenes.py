@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import seed_style as style
-from audit_readings import MU_K, RADII, TRANSITION, UNITS, joint, law
+from audit_readings import MU_K, RADII, READINGS, TRANSITION, UNITS, joint, law
 from audit_readings import reading as reading  # for the table's lines
 from scipy.integrate import solve_ivp
 from seed_fig3 import KICK, as_printed, printed
@@ -20,7 +20,7 @@ import ziegler_jax as zj
 zj.configure_cpu()
 resolved = functools.cache(run_resolved)
 __all__ = ["np", "jnp", "zj", "printed", "resolved", "stiff"]
-__all__ += ["MU_K", "RADII", "UNITS", "joint", "law", "reading"]
+__all__ += ["MU_K", "RADII", "READINGS", "UNITS", "joint", "law", "reading"]
 
 
 def public(function):

@@ -20,7 +20,7 @@ def main():
     print(np.unique(ds.outcome, return_counts=True), ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(7.5, 5))
     mesh = ax.pcolormesh(ds.mu_s, ds.mu_k, ds.flutter_onset.T)
-    figure.colorbar(mesh, ax=ax, label="onset load $q$")
+    figure.colorbar(mesh, ax=ax, label=r"onset load $q = F l/k$ (–)")
     s, k = np.meshgrid(ds.mu_s, ds.mu_k, indexing="ij")
     ax.plot([0.005, 0.163], [0.005, 0.163], color=style.GREY, lw=1)
     ax.text(0.09, 0.097, r"$\tau_s = \tau_k$", color=style.GREY, ha="right")
@@ -34,7 +34,10 @@ def main():
             ax.plot(s[here], k[here], mark, ms=4, label=text)
     ax.set_xlabel(r"static friction torque $\tau_s$ (k)")
     ax.set_ylabel(r"kinetic friction torque $\tau_k$ (k)")
-    ax.set_title(r"First flutter after a kick of $\dot\varphi_2(0) = 0.6$", loc="left")
+    ax.set_title(
+        r"First flutter after a kick $\dot\varphi_2(0) = 0.6\,\sqrt{k/(m l^2)}$",
+        loc="left",
+    )
     ax.legend(loc="upper left", facecolor="0.6", frameon=True)
     ax.spines[["top", "right"]].set_visible(False)
     style.save(figure, __file__)
