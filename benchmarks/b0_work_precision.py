@@ -30,7 +30,7 @@ zj.configure_cpu()
 TOLERANCES = 10.0 ** -np.arange(3, 13)
 STIFF_TOLERANCES = 10.0 ** -np.arange(3, 9)
 LEVELS = (3e-4, 1e-5, 1e-7, 1e-10)
-STIFF_LANES = 64  # their reference, too, is expensive
+STIFF_LANES = 512  # their reference, too, is expensive
 LIMIT = 20.0  # a contestant that has spent so many seconds tries no finer tolerance
 
 

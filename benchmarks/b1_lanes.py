@@ -4,9 +4,9 @@ The scene `smooth` of `scenes.py` at 1e-6, Tsit5: 64 to a million lanes, each
 point of the curve with the program compiled; then 8192 lanes on 1 to all threads, in
 turns (`a2_scaling.py` gives the speed-up and the memory). Lanes beyond 8192 repeat the
 same loads, so that all points of the curve ask for the same steps. Prints one JSON line
-a point; writes `results/b1_lanes.json` and `.png`. A minute with the defaults.
+a point; writes `results/b1_lanes.json` and `.png`. Two minutes with the defaults.
 
-    python benchmarks/b1_lanes.py [--lanes 1000000]
+    python benchmarks/b1_lanes.py [--lanes 1048576]
 """
 
 import argparse
@@ -25,6 +25,7 @@ import ziegler_jax as zj
 matplotlib.use("agg")
 zj.configure_cpu()
 LOADS = 8192
+COUNTS = (64, 256, 1024, 4096, 2**14, 2**17, 2**20)
 TOLERANCE = 1e-6
 
 
@@ -64,12 +65,11 @@ def draw(result, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--lanes", type=int, default=1_000_000)
+    parser.add_argument("--lanes", type=int, default=COUNTS[-1])
     most = parser.parse_args().lanes
     scene, cores = SCENES["smooth"], os.cpu_count() or 1
     result = {"benchmark": "b1", "lanes": [], "threads": [], **machine()}
-    lanes = 64
-    while lanes <= most:
+    for lanes in (n for n in COUNTS if n <= most):
         q = loads(scene, lanes)
         repeats = 5 if lanes <= LOADS else 1
         point = {"lanes": q.size}
@@ -88,7 +88,6 @@ def main():
             result["absent"] = {"cpp": str(absent)}
         print(json.dumps(rounded({"benchmark": "b1", **point})), flush=True)
         result["lanes"].append(point)
-        lanes *= 4 if lanes < LOADS else 11  # 64, 256, ..., 16384, 180224, 990 000
     q = loads(scene, LOADS)
 
     def on(threads):

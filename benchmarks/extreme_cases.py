@@ -14,23 +14,23 @@ USUAL = {
 ENDED = ("unsettled", "stuck")  # followed to the end of the span
 SPENT = "budget_spent"
 OVERFLOWS = ("not_finite", "step_vanished")
-NOTES = {}  # why a case is not as expected, by its name
+NOTES = {  # why a case is not as expected, by its name
+    "tolerance 1e-2": "one step may err by a tenth of this motion, whose rates are "
+    "about 0.1; so soon nothing is left of its phase.",
+}
 
 
 class Case(NamedTuple):
-    """A scene, the outcomes that are right, and the bound where it comes to its end."""
+    """A scene, and the outcomes that are right."""
 
     name: str
     numbers: dict
     outcomes: tuple = ENDED
-    bound: float = 1e3  # of the end state's error, in tolerances of its largest number
     explicit: tuple = ()  # further outcomes that are right for explicit methods
 
 
-def case(name, outcomes=ENDED, bound=1e3, explicit=(), growth=1.0, **numbers):
-    """A case; its errors may grow like a small change of the start does (by scipy)."""
-    bound = max(bound, 100 * growth)
-    return Case(name, USUAL | numbers, outcomes, bound, explicit)
+def case(name, outcomes=ENDED, explicit=(), **numbers):
+    return Case(name, USUAL | numbers, outcomes, explicit)
 
 
 def smooth():
@@ -53,8 +53,8 @@ def loads():
         yield case(f"q = q_cr (1 {'+' if side > 0 else '-'} 1e-12)", q=q, **bare)
     yield case("q at the end of flutter", q=FLUTTER_ENDS, **bare)
     yield case("q = 10", q=10.0, span=5.0)
-    yield case("q = 100", q=100.0, span=2.0, growth=235)
-    yield case("q = 1e4", q=1e4, span=0.2, growth=9095)
+    yield case("q = 100", q=100.0, span=2.0)
+    yield case("q = 1e4", q=1e4, span=0.2)
     yield case("q = 10, turned over", ("escaped",), q=10.0, span=1e3, escape=math.pi)
 
 
@@ -72,7 +72,7 @@ def parts():
     for kappa in (1e-6, 1e6):
         yield case(f"kappa = {kappa:g}", kappa=kappa, span=20.0 if kappa < 1 else 1.0)
     for eta in (-1.0, 0.0, 0.5, 2.0):
-        yield case(f"eta = {eta:g}", eta=eta, bound=1e4)
+        yield case(f"eta = {eta:g}", eta=eta)
 
 
 def starts():
@@ -81,9 +81,9 @@ def starts():
     edge = {"phi2": 0.03, "phi1": 0.0, "q": 1.0, **still}
     yield case("start on the sticking set's edge", **edge)
     turn = 2 * math.pi
-    yield case("both rods at phi + 2 pi", phi1=turn, phi2=turn, growth=9633)
+    yield case("both rods at phi + 2 pi", phi1=turn, phi2=turn)
     yield case("rod 2 at phi + 2 pi", phi2=turn)
-    yield case("angles of 1e6", phi1=1e6, phi2=1e6, span=1e-3)
+    yield case("angles of 1e6", phi1=1e6, phi2=-1e6, span=1e-3)
     yield case("rates of 1e4", omega1=1e4, omega2=-1e4, span=0.01)
     yield case("a start that is not finite", ("invalid",), omega2=math.inf)
     yield case("a rate whose square overflows", OVERFLOWS, omega2=1e200)
@@ -93,9 +93,8 @@ def starts():
 
 def tolerances():
     for k in range(2, 15, 2):
-        yield case(f"tolerance 1e-{k}", tol=10.0**-k, bound=1e3 if k < 12 else 1e4)
-    may = ("step_vanished", SPENT)
-    yield case("tolerance 1e-17", (*ENDED, *may), tol=1e-17, bound=math.inf)
+        yield case(f"tolerance 1e-{k}", tol=10.0**-k)
+    yield case("tolerance 1e-17", tol=1e-17)
 
 
 # a limit cycle whose largest |phi2 - phi1| another code gives as 0.63443 (tau = 0.026)

@@ -1,7 +1,8 @@
 """Every claim of the seed, computed: `python figures/audit.py` writes audit.md.
 
 A row is a claim, one line of Python that computes what decides it, and a rule that
-turns its value into a verdict. So the verdicts follow the numbers. A line of the table
+turns its value into a verdict. So the verdicts follow the numbers; where the text alone
+decides, the line is `None`. A line of the table
 reruns in the folder `figures` after `from audit_scenes import *`;
 `python figures/audit.py 12 13` computes these rows only and prints them.
 """

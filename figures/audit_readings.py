@@ -37,9 +37,9 @@ def joint(radius, load, rate=TRANSITION):
 READINGS = {  # the law, and its normal load in k/l where the motion does not decide it
     "F": (law, Q),
     "10 N": (law, 10.0 / UNITS.force),
-    "|R|": (law, None),
+    "reaction": (law, None),
     "F, smoothed": (joint, Q),
-    "|R|, smoothed": (joint, None),
+    "reaction, smoothed": (joint, None),
 }
 
 

@@ -88,6 +88,17 @@ def same(a, b):
         np.testing.assert_array_equal(x, y)
 
 
+def balances(batch, found, tol):
+    """The energy that each step misses is bounded by its tolerance."""
+    good = np.asarray(found.outcome) >= OUTCOME.unsettled
+    numbers = np.concatenate([found.amplitude.rod, found.amplitude.joint], -1)
+    energies = np.asarray(found.power.imbalance) * 6.0
+    inertia = 4 / 3 + 2 * batch["m2"] + batch["kappa"]
+    top = 1 + np.abs(np.nan_to_num(numbers)).max(-1)
+    scale = inertia * top**2 * np.asarray(found.steps)
+    assert (np.abs(energies[good]) <= 50 * tol * scale[good]).all()
+
+
 @given(scenes=st.lists(SCENES, min_size=LANES, max_size=LANES))
 def test_every_lane_ends_and_tells_the_truth(run, scenes):
     batch = stacked(scenes)
@@ -104,13 +115,7 @@ def test_every_lane_ends_and_tells_the_truth(run, scenes):
     np.testing.assert_array_equal(np.isnan(numbers).any(-1), failed)
     np.testing.assert_array_equal(np.isnan(numbers).all(-1), failed)
 
-    # the energy that each step misses is bounded by its tolerance
-    energies = np.asarray(found.power.imbalance) * 6.0
-    inertia = 4 / 3 + 2 * batch["m2"] + batch["kappa"]
-    top = 1 + np.abs(np.nan_to_num(numbers)).max(-1)
-    scale = inertia * top**2 * np.asarray(found.steps)
-    good = ~failed
-    assert (np.abs(energies[good]) <= 50e-6 * scale[good]).all()
+    balances(batch, found, 1e-6)
 
     # other batch mates in another order change nothing, to the last bit
     order = np.random.default_rng(0).permutation(LANES)
@@ -125,6 +130,7 @@ def test_errors_fall_with_the_tolerance(run, scenes):
     ends, ended = [], True
     for tol in (1e-4, 1e-6, 1e-8, 1e-10):
         found = run(batch, tol)
+        balances(batch, found, tol)
         ends.append(np.stack(found.final.y, -1))
         ended = ended & (np.asarray(found.outcome) >= OUTCOME.unsettled)
     errors = [np.abs(end - ends[-1]).max(-1)[ended] for end in ends[:-1]]
@@ -133,3 +139,5 @@ def test_errors_fall_with_the_tolerance(run, scenes):
     for coarse, fine in zip(means[:-1], means[1:], strict=True):
         # over the lanes: one may be lucky at a coarse tolerance
         assert fine <= coarse + 0.1
+    # measured: 2.5 decades at least of the four
+    assert not means or means[0] < -7 or means[0] - means[-1] > 1.5

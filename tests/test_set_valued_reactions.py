@@ -72,6 +72,15 @@ def test_loads_without_one_solution_give_no_motion(rng):
     assert np.isnan(np.asarray(moves)).all(axis=1).mean() > 0.9
 
 
+def test_a_joint_at_rest_beside_loads_without_a_solution_has_no_mode():
+    """Held at rest, joint 1 leaves joint 2 too much friction; moving, it would not."""
+    one, zero = np.ones(1), np.zeros(1)
+    mu = 0.01 * one, 0.8 * one
+    y = 0.1 * one, 0.1 * one, zero, one
+    modes, _, moves, _ = chosen(2.0 * one, mu, mu, y, (zero == 0, zero != 0))
+    assert np.isnan(modes[0, 0]) and np.isnan(moves).all()
+
+
 def test_the_column_rests_where_it_would_under_the_load_itself(rng):
     """At rest both joints carry q."""
     phi = rng.uniform(-0.6, 0.6, (2, COUNT))

@@ -112,4 +112,4 @@ def choose_modes(
 
 def _direction(torque: Scalar) -> Scalar:
     """Where a torque that nothing holds turns: even one of zero must have a side."""
-    return jnp.where(torque < 0, -1.0, 1.0)
+    return jnp.where(torque == 0, 1.0, jnp.sign(torque))  # NaN stays NaN
