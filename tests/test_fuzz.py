@@ -139,5 +139,5 @@ def test_errors_fall_with_the_tolerance(run, scenes):
     for coarse, fine in zip(means[:-1], means[1:], strict=True):
         # over the lanes: one may be lucky at a coarse tolerance
         assert fine <= coarse + 0.1
-    # measured: 2.5 decades at least of the four
+    # measured: from 2.5 decades on, of the four that the tolerance falls by
     assert not means or means[0] < -7 or means[0] - means[-1] > 1.5

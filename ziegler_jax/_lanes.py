@@ -109,6 +109,7 @@ def compile_point(
     def find_legs(quota, fresh, values):
         with in_legs(Legs(quota, fresh, None)) as legs:
             leaves(values)
+        described["solves"] = legs.refused or legs.calls > 0
         return legs.left if legs.calls == 1 else None
 
     def whole_run(values):
@@ -131,15 +132,16 @@ def compile_point(
         }
         results = Packing(shapes)
         carried = jax.eval_shape(find_legs, count, flag, values)
+        whole = compiles_whole_loops()
+        small = BATCH_OF_ONE_KERNEL if whole else BATCH_OF_MANY
         if carried is None:
             carry = None
-            size = batch_size or BATCH_WITHOUT
+            size = batch_size or (small if described["solves"] else BATCH_WITHOUT)
             lanes = [jax.ShapeDtypeStruct((size,), dtype)] * len(names)
             run = batched(whole_run, (0,)).lower(lanes).compile()
         else:
             carry = Packing(carried)
-            whole = compiles_whole_loops()
-            size = batch_size or (BATCH_OF_ONE_KERNEL if whole else BATCH_OF_MANY)
+            size = batch_size or small
 
             def leg(quota, fresh, values, carried):
                 with in_legs(Legs(quota, fresh, carry.unpack(carried))) as legs:

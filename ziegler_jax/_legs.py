@@ -32,6 +32,7 @@ class Legs:
         self.running: Any = None  # whether the lane must go on
         self.steps: Any = None  # how many it has taken
         self.calls = 0
+        self.refused = False  # whether one asked that cannot run in legs
 
     def enter(self, start: Any) -> Any:
         """Where this leg begins: at the start or where the last one ended."""
@@ -58,7 +59,10 @@ def current_legs() -> Legs | None:
     numbers cannot be handed from there to the next leg.
     """
     legs = _CURRENT.get()
-    if legs is None or legs.trace != get_opaque_trace_state():
+    if legs is None:
+        return None
+    if legs.trace != get_opaque_trace_state():
+        legs.refused = True
         return None
     return legs
 

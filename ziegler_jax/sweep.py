@@ -65,7 +65,7 @@ def sweep(
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
-    - `batch_size`: lanes a batch. None is 8192 for points that run no `settle`, and
+    - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
         else 128, or 384 where `configure_cpu()` was needed and not called. A lane's
         result does not depend on its batch mates; another batch size is another
         program, equal to rounding. With `solver="auto"` lanes of a kind share programs
