@@ -215,15 +215,14 @@ def test_only_loads_on_reactions_have_a_loop_for_them():
             )
         )
         assert program["sqrt"] == 0
-    steps = 3
-    program = field_of(
-        lambda q, mu, **_: zj.uniform_rods(
-            q, friction=one_coefficient(mu, load=zj.JointReaction(steps))
+    for steps in (1, 3):
+        program = field_of(
+            lambda q, mu, steps=steps, **_: zj.uniform_rods(
+                q, friction=one_coefficient(mu, load=zj.JointReaction(steps))
+            )
         )
-    )
-    # two magnitudes to start, two a step, two for what is left
-    assert program["sqrt"] == 2 * (steps + 2)
-    assert sines(program) == 1
+        # two magnitudes to start, two in the loop's step, two for what is left
+        assert (program["sqrt"], program["scan"], sines(program)) == (6, 1, 1)
 
 
 @pytest.mark.parametrize("eta", [1, 1.0, np.float64(1.0)])
