@@ -73,12 +73,16 @@ def draw(result, path):
 
     figure, axes = plt.subplots(1, 3, figsize=(8.3, 3.2), layout="constrained")
     rows = result["observers"]
-    names = [row["observer"] for row in rows]
-    axes[0].barh(names, [row["compile_seconds"] for row in rows], color="#56B4E9")
+    names = [row["observer"] for row in rows] + ["derivative in $q$"]
+    slope = result["derivative"]
+    compiled = [row["compile_seconds"] for row in rows]
+    compiled.append(slope["compile_seconds"]["derivative"])
+    over = [row["run_over_none"] for row in rows] + [slope["derivative_over_plain"]]
+    axes[0].barh(names, compiled, color="#56B4E9")
     axes[0].set(xlabel="compile (s)")
-    axes[1].barh(names, [row["run_over_none"] for row in rows], color="#0072B2")
+    axes[1].barh(names, over, color="#0072B2")
     axes[1].axvline(1.0, color="0.3", lw=0.8)
-    axes[1].set(xlabel="run time over none's", yticks=[])
+    axes[1].set(xlabel="run time over that without", yticks=[])
     for order, style in (("in order", "o-"), ("shuffled", "s--")):
         rows = [row for row in result["batches"] if row["order"] == order]
         axes[2].plot(

@@ -147,7 +147,10 @@ def settle(
         amplitude, 1e-7 6e-6 for 1.4 times the steps.
     - `solver`: `Explicit(tableau)`; `Rosenbrock()` for stiff lanes; "auto" chooses by
         the lane's own numbers (`ziegler_jax._choice` has the rule), where these are
-        known or in a `sweep`, and tells in `solver_kind`; None is Tsit5.
+        known or in a `sweep`, and tells in `solver_kind`; None is Tsit5, with friction
+        the cheapest down to what the default tolerances give, an error of 4e-5 after
+        100 time units (`benchmarks/b0_work_precision.py`); from there Calvo7 is, and
+        Dopri8 from 1e-9 on.
     - `escape`: a rod's angle beyond which the lane ends as `escaped`.
     - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
         (`v_smooth`; with set-valued friction what sticks rests); without friction 1e-6.
