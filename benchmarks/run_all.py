@@ -2,8 +2,8 @@
 
     python benchmarks/run_all.py [--only b0 b2]
 
-The JSON lines of each go into `results/<script>.jsonl`, pictures beside them. About
-half an hour on two quiet cores.
+The JSON lines of each go into `results/<script>.jsonl`, pictures beside them. Three
+quarters of an hour on two quiet cores.
 """
 
 import argparse
