@@ -135,11 +135,11 @@ def settle(
     - `transient`, `window`, `max_windows`, `rtol_settle`: as above. With one window
         there is nothing to compare: the outcome is `unsettled` or `stuck`. Near a
         threshold motions decide slowly. Of 10 000 random points of the main job's map
-        10 windows leave 7.5 % unsettled and 40 leave 2.5 % for 14 % more steps, where
-        `rtol_settle` is 1e-3. Then 3.6 % pass for cycles that a run of 160 windows at
+        10 windows leave 7.5 % unsettled and 40 leave 2.4 % for 14 % more steps, where
+        `rtol_settle` is 1e-3. Then 1.7 % pass for cycles that a run of 160 windows at
         2e-5 does not confirm within 1 %: most are on their slow way past an unstable
-        cycle. At 2e-4 these are 1.8 % (3.2 % unsettled, 13 % more steps), at 5e-5 1.1 %
-        (4.1 %, 24 % more again): `benchmarks/a4_settling.py`.
+        cycle. At 2e-4 these are 0.9 % (3.2 % unsettled, 13 % more steps), at 5e-5 0.6 %
+        (4.0 %, 21 % more again): `benchmarks/a4_settling.py`.
     - `observers`: what to watch beside `Amplitude()`, e.g. `(Period(),
         StickFraction())`. What is not asked for is not in the program.
     - `rtol`, `atol`: tolerances of each step. On friction cycles (q = 2.6,
