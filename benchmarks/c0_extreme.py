@@ -41,8 +41,9 @@ SOLVERS = {
 STICK_SLIP = "StickSlip"
 MAX_STEPS = 200_000
 FINEST = 1e-12  # what the reference is good for
-EACH, SHIFT = 100.0, 1e-9
-LIMIT_V = 1e-8
+EACH = 100.0  # what an error may be, in tolerances, where a motion magnifies nothing
+SHIFT = 1e-9  # of a start, to see what the motion magnifies it to
+LIMIT_V = 1e-8  # v_smooth of the law that stands for set-valued friction
 SMOOTH_ONLY = "v_smooth", "v_stribeck"
 IN_32_BITS = ("mu_s = mu_k", "q = 0", "v_smooth 1e-4", "tau 10", "a load that is NaN")
 
