@@ -14,11 +14,13 @@ from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
 from .solvers import (
     AbstractFold,
-    Explicit,
     GoingOn,
     Observed,
+    Reached,
     StepControl,
     StickSlip,
+    Taylor,
+    TaylorSlip,
 )
 
 FIRST_STEP = 0.01
@@ -73,7 +75,7 @@ class Motion:
         y0: Vector4,
         fold: AbstractFold,
         *,
-        solver: Explicit,
+        solver: Any,
         rtol: Scalar,
         atol: Scalar,
         valid: Any,
@@ -128,7 +130,7 @@ class Motion:
         ended = after.folded.outcome
         spent = (ended == OUTCOME.not_computed) & (steps >= self.max_steps)
         ended = jnp.where(spent, OUTCOME.budget_spent, ended)
-        if isinstance(self.solver, StickSlip):
+        if isinstance(self.solver, StickSlip | TaylorSlip):
             ended = unless_chattering(self.solver, after, ended)
         ended = outcome_of(solution.result, after.slope, ended)
         outcome = jnp.where(run.running, ended, run.outcome)
@@ -147,6 +149,9 @@ def follow(motion: Motion) -> Run:
 
 def machine(column: Column, solver: Any, fold: Any, rtol: Any, atol: Any) -> Any:
     """The observing solver and the controller that the friction law needs."""
+    if isinstance(solver, Taylor):
+        control = Reached(rtol, atol)  # pyright: ignore
+        return TaylorSlip(solver, fold, rtol, atol), control
     control = StepControl(rtol, atol, layer_of(column, solver))  # pyright: ignore
     if isinstance(column.friction, SetValuedCoulomb):
         if solver.bend is None:
@@ -158,6 +163,8 @@ def machine(column: Column, solver: Any, fold: Any, rtol: Any, atol: Any) -> Any
     return Observed(solver, fold), control
 
 
-def unless_chattering(solver: StickSlip, state: Any, otherwise: Any) -> jax.Array:
+def unless_chattering(
+    solver: StickSlip | TaylorSlip, state: Any, otherwise: Any
+) -> jax.Array:
     """`chattering` where events follow each other without time between."""
     return jnp.where(solver.chatters(state), OUTCOME.chattering, otherwise)

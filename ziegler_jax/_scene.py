@@ -15,10 +15,11 @@ from ._choice import AUTO, kind_of
 from ._override import overridden_tolerances
 from ._types import Scalar, Vector4, is_concrete, number
 from .column import Column, State
+from .friction import JointReaction
 from .observers import AbstractObserver, Amplitude
 from .outcome import OUTCOME, SOLVER
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit, Rosenbrock
+from .solvers import Explicit, Rosenbrock, Taylor
 
 REST_RATE = 1e-6  # without friction there is no rate of the column's own
 FINEST_IN_FLOAT32 = 1e-5
@@ -63,8 +64,15 @@ def prepared(column: Column) -> Column:
     return column
 
 
+def has_series(column: Column) -> bool:
+    """Whether `Taylor` can follow this column."""
+    law = column.friction
+    known = isinstance(law, SetValuedCoulomb)
+    return known and not isinstance(law.load_law(), JointReaction)
+
+
 def method_of(
-    solver: Any, column: Column, rtol: Any, otherwise: Explicit
+    solver: Any, column: Column, rtol: Any, otherwise: Any
 ) -> tuple[Any, jax.Array | None]:
     """The method for an argument `solver`, and its kind where that was to be chosen."""
     if solver is None:
@@ -75,6 +83,14 @@ def method_of(
         method = Rosenbrock() if kind == SOLVER.stiff else otherwise
         return method, jnp.asarray(kind, jnp.int8)
     if isinstance(solver, Explicit):
+        return solver, None
+    if isinstance(solver, Taylor):
+        if not has_series(column):
+            raise ValueError(
+                "Argument `solver` must not be `Taylor(...)` but with "
+                "`SetValuedCoulomb` friction whose load is not `JointReaction()`, but "
+                f"is {solver.name}."
+            )
         return solver, None
     if not isinstance(solver, Rosenbrock):
         raise ValueError(

@@ -8,6 +8,7 @@ from ._scene import (
     budget,
     check_scene,
     float_state,
+    has_series,
     method_of,
     rate_cut_of,
     tolerances,
@@ -19,7 +20,7 @@ from ._windows import Windows
 from .column import Column, State
 from .observers import AbstractObserver
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit
+from .solvers import Explicit, Taylor
 
 
 class Settling(Motion):
@@ -48,7 +49,8 @@ class Settling(Motion):
         y0 = float_state(start)
         rtol, atol = tolerances(rtol, atol)
         solver = overridden_solver(solver)
-        method, self.kind = method_of(solver, column, rtol, Explicit())
+        usual = Taylor() if has_series(column) else Explicit()
+        method, self.kind = method_of(solver, column, rtol, usual)
         self.watch = watch = Windows(
             transient=number("transient", transient, "nonnegative"),
             window=number("window", window, "positive"),

@@ -4,12 +4,15 @@ XLA on a CPU calls the C library's `sin` and `cos` lane by lane for float64, whi
 more than all the rest of the column's field. Here one range reduction serves both.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.typing import ArrayLike
 
 from ._materialise import materialise
+from ._series import Series, sincos_series
 
 # pi/2 in three parts; the first two have at most 33 significant bits, so that their
 # products with a quadrant number below 2**20 are exact (Cody & Waite; the split is
@@ -40,8 +43,7 @@ _COS = (
 )
 
 
-@jax.custom_jvp
-def sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]:
+def sincos(x: Any) -> tuple[Any, Any]:
     r"""$\sin x$ and $\cos x$.
 
     float64: the error is about 1 unit in the last place for $|x| \le 10^5$ (measured
@@ -50,10 +52,17 @@ def sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]:
     last place makes; where every digit is lost ($|x| > 2^{50}$) the result is NaN.
     float32 uses `jnp.sin` and `jnp.cos`.
 
-    **Arguments:** `x`: an angle in radians, any shape.
+    **Arguments:** `x`: an angle in radians, any shape; or a `Series`.
 
     **Returns:** `(sin x, cos x)`.
     """
+    if isinstance(x, Series):
+        return sincos_series(x, _sincos)
+    return _sincos(x)
+
+
+@jax.custom_jvp
+def _sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]:
     x = jnp.asarray(x)
     if x.dtype != jnp.float64:
         return jnp.sin(x), jnp.cos(x)
@@ -90,7 +99,7 @@ def _negate_if(two: jax.Array, x: jax.Array) -> jax.Array:
     return lax.bitcast_convert_type(bits, jnp.float64)
 
 
-@sincos.defjvp
+@_sincos.defjvp
 def _sincos_jvp(primals, tangents):
-    s, c = sincos(primals[0])
+    s, c = _sincos(primals[0])
     return (s, c), (c * tangents[0], -s * tangents[0])

@@ -313,8 +313,8 @@ class _Forces:
             self.damping = (c11 * w1 + c12 * w2, c21 * w1 + c22 * w2)
         gyro = column.b * self.sin_d
         spring = phi1 - phi2
-        self.r1 = self.load[0] - column.kappa * phi1 - spring - gyro * w2 * w2
-        self.r2 = spring + gyro * w1 * w1
+        self.r1 = self.load[0] - column.kappa * phi1 - spring - gyro * (w2 * w2)
+        self.r2 = spring + gyro * (w1 * w1)
         if self.load[1] is not None:
             self.r2 = self.r2 + self.load[1]
         if self.damping is not None:

@@ -228,33 +228,45 @@ class Torques(AbstractFriction):
 
     def _torques(self, balance: Balance) -> Pair:
         assert self.modes is not None
-        a, h, d, r1, r2 = balance[:5]
-        a1, a2 = self.accelerations(balance)
-        left2 = r2 - h * a1 - d * a2
-        left1 = r1 - a * a1 - h * a2 + left2
         (m1, m2), (k1, k2) = self.modes, self.kinetic
+        left1, left2 = self.carried(balance, *self.accelerations(balance))
         return (
             jnp.where(m1 == 0, left1, m1 * k1),
             jnp.where(m2 == 0, left2, m2 * k2),
         )
 
-    def _moved(self, balance: Balance, t1: Scalar, t2: Scalar) -> Pair:
-        """The accelerations under these torques of what slips, with one division."""
+    def carried(self, balance: Balance, a1: Scalar, a2: Scalar) -> Pair:
+        """The torques that hold the joints that stick, under these accelerations."""
+        a, h, d, r1, r2 = balance[:5]
+        left2 = r2 - h * a1 - d * a2
+        return r1 - a * a1 - h * a2 + left2, left2
+
+    def mobility(self, balance: Balance) -> Scalar:
+        """One over the determinant of the inertia of what slips."""
+        assert self.modes is not None
+        a, h, d = balance[:3]
+        m1, m2 = self.modes
+        inertia = jnp.where(m1 == 0, d, a * d - h * h)
+        return 1 / jnp.where(m2 == 0, a + 2 * h + d, inertia)
+
+    def moved(self, balance: Balance, t1: Scalar, t2: Scalar, mobility: Scalar) -> Pair:
+        """The accelerations under these torques of what slips."""
         assert self.modes is not None
         a, h, d, r1, r2 = balance[:5]
         m1, m2 = self.modes
         stuck1, stuck2 = m1 == 0, m2 == 0
         one, two, whole = r1 - t1 + t2, r2 - t2, r1 + r2 - t1
-        inertia = jnp.where(stuck1, d, a * d - h * h)
-        inverse = 1 / jnp.where(stuck2, a + 2 * h + d, inertia)
         first = jnp.where(stuck2, whole, d * one - h * two)
         second = jnp.where(stuck1, two, a * two - h * one)
         second = jnp.where(stuck2, whole, second)
         still = stuck1 & stuck2
         return (
-            jnp.where(stuck1, 0.0, first * inverse),
-            jnp.where(still, 0.0, second * inverse),
+            jnp.where(stuck1, 0.0, first * mobility),
+            jnp.where(still, 0.0, second * mobility),
         )
+
+    def _moved(self, balance: Balance, t1: Scalar, t2: Scalar) -> Pair:
+        return self.moved(balance, t1, t2, self.mobility(balance))
 
     def hold(self, x1: Scalar, x2: Scalar) -> Pair:
         """Rates of the rods, with those of stuck joints exactly zero."""

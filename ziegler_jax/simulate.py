@@ -13,6 +13,7 @@ from ._override import overridden_solver
 from ._scene import (
     check_scene,
     float_state,
+    has_series,
     increasing_times,
     layer_of,
     method_of,
@@ -30,9 +31,9 @@ from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
 from .outcome import OUTCOME, SOLVER
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit, Rosenbrock, StepControl
+from .solvers import Explicit, Rosenbrock, StepControl, Taylor
 
-Solver = Explicit | Rosenbrock | Literal["auto"] | None
+Solver = Explicit | Rosenbrock | Taylor | Literal["auto"] | None
 
 
 class Settled(eqx.Module):
@@ -246,7 +247,8 @@ def trajectory(
     y0 = nan_where(~good, y0)
     limit = whole_number("max_steps", max_steps)
     if isinstance(column.friction, SetValuedCoulomb):
-        method, _ = method_of(solver, column, rtol, Explicit())
+        usual = Taylor() if has_series(column) else Explicit()
+        method, _ = method_of(solver, column, rtol, usual)
         return _stick_slip(column, y0, ts, good, rtol, atol, method, limit, max_events)
     method, _ = method_of(solver, column, rtol, Explicit(dfx.Dopri8.tableau))
     control = StepControl(rtol, atol, layer_of(column, method))  # pyright: ignore
@@ -285,7 +287,6 @@ def _stick_slip(
 ) -> Trajectory:
     """`trajectory` with set-valued friction: the solver itself records."""
     record = Record(ts, whole_number("max_events", max_events))
-    solver = Explicit() if solver is None else solver
     method, control = machine(column, solver, record, rtol, atol)
     args = prepared(column)
     terms = dfx.ODETerm(vector_field)

@@ -5,6 +5,7 @@ from .explicit import Explicit
 from .observed import AbstractFold, Observed, Step
 from .rosenbrock import Rosenbrock
 from .stickslip import StickSlip, StickSlipState
+from .taylor import Reached, Taylor, TaylorSlip
 
 __all__ = [
     "AbstractFold",
@@ -12,10 +13,13 @@ __all__ = [
     "Explicit",
     "GoingOn",
     "Observed",
+    "Reached",
     "Rosenbrock",
     "Signals",
     "Step",
     "StepControl",
     "StickSlip",
     "StickSlipState",
+    "Taylor",
+    "TaylorSlip",
 ]

@@ -100,6 +100,12 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         left = jnp.asarray(NO_LIMIT, jnp.int32)
         return ControlState(t0, stop, towards(stop, t0, h), left, h)
 
+    def ending(self, pause: Any, vanished: Any) -> dfx.RESULTS:
+        """What diffrax is told: to go on, to pause, or that there is no next step."""
+        okay, paused = dfx.RESULTS.successful, dfx.RESULTS.event_occurred
+        result = dfx.RESULTS.where(pause, paused, okay)
+        return dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
+
     def adapt_step_size(
         self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state
     ):
@@ -141,10 +147,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         if signals is not None:
             stop = jnp.where(keep, signals.stop, stop)
             pause |= keep & (signals.done > 0)
-        result = dfx.RESULTS.where(
-            pause, dfx.RESULTS.event_occurred, dfx.RESULTS.successful
-        )
-        result = dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
+        result = self.ending(pause, vanished)
         t_next = towards(stop, t, h)
         state = ControlState(t, stop, t_next, left, allowed)
         return keep, t, t_next, False, state, result

@@ -72,12 +72,12 @@ class StickSlip(AbstractObserved):
     def init(self, terms, t0, t1, y0, args):
         """The modes of the start, and the fold's."""
         del terms, t1
-        tol, zero = self._tolerance(y0[0]), 0.0 * y0[0]
+        tol, zero = event_tolerance(self.tolerance, y0[0]), 0.0 * y0[0]
         rest = tuple(jnp.abs(u) <= tol for u in _rates(y0))
-        y = _at_rest(y0, rest)
+        y = at_rest(y0, rest)
         modes = args.friction.begin(joint_balance(args, y), _rates(y), rest)
         modes = tuple(m + zero for m in modes)
-        column = _in_modes(args, modes)
+        column = in_modes(args, modes)
         slope = vector_field(t0, y, column)
         spare, easing = _holding(column, y, slope, tol)
         folded = self.fold.init(column, t0, y)
@@ -87,15 +87,15 @@ class StickSlip(AbstractObserved):
 
     def chatters(self, state: StickSlipState) -> Any:
         """Whether the lane cannot go on, because events follow without time between."""
-        return state.at_once > MOST_AT_ONCE
+        return chattering(state.at_once)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         """One step in frozen modes, cut on the first event, and the change of modes."""
         del made_jump
         _, f0, folded, modes, spare, easing, last_event, at_once = solver_state
-        column = _in_modes(args, modes)
+        column = in_modes(args, modes)
         law, h = column.friction, t1 - t0
-        least = self._tolerance(t1)
+        least = event_tolerance(self.tolerance, t1)
         watched = self.fold.integrand(column)
 
         y1, error, f1, whole, stages = self.solver.advance(
@@ -130,13 +130,13 @@ class StickSlip(AbstractObserved):
         error = tuple(jnp.where(met, e, 1.0 + jnp.abs(x)) for e, x in pairs)
 
         def change(modes):
-            new = _chosen(law, balance, rest, landed, tol)
+            new = chosen(law, balance, rest, landed, tol)
             return tuple(
                 jnp.where(event, a, b) for a, b in zip(new, modes, strict=True)
             )
 
         modes_after = if_any_lane(event, change, modes)
-        now = _in_modes(args, modes_after)
+        now = in_modes(args, modes_after)
 
         def slopes():
             """At the end, in the modes before and after."""
@@ -172,13 +172,12 @@ class StickSlip(AbstractObserved):
         )
         return y, signals, dense(t0, t1, y0, y, f0, f_end), state, OKAY
 
-    def _tolerance(self, x: Any) -> Any:
-        least = FINEST * jnp.finfo(jnp.result_type(x)).eps
-        return jnp.maximum(EVENT_SHARE * self.tolerance, least)
-
     def _tolerances(self, t: Any, modes: Pair, slope: Vector4, easing: Pair) -> Pair:
         """How closely each guard can be met: no more than a time can be told."""
-        least, eps = self._tolerance(t), jnp.finfo(jnp.result_type(t)).eps
+        least, eps = (
+            event_tolerance(self.tolerance, t),
+            jnp.finfo(jnp.result_type(t)).eps,
+        )
         speeds = [
             jnp.where(m == 0, e, f)
             for m, e, f in zip(modes, easing, _rates(slope), strict=True)
@@ -210,7 +209,9 @@ class StickSlip(AbstractObserved):
 
         def within():
             p1, p2, w1, w2 = (course(inner) for course in motion)
-            return _spare(column, (p1, p2, *law.hold(w1, w2)), self._tolerance(t0))
+            return _spare(
+                column, (p1, p2, *law.hold(w1, w2)), event_tolerance(self.tolerance, t0)
+            )
 
         inside = materialise(t0, within)
 
@@ -273,17 +274,28 @@ class StickSlip(AbstractObserved):
         return materialise(t0, verdict)
 
 
+def event_tolerance(tolerance: Scalar, x: Any) -> Any:
+    """How closely events are met: a share of a step's tolerance, above rounding."""
+    least = FINEST * jnp.finfo(jnp.result_type(x)).eps
+    return jnp.maximum(EVENT_SHARE * tolerance, least)
+
+
+def chattering(at_once: Any) -> Any:
+    """Whether so many events without time between say that time does not go on."""
+    return at_once > MOST_AT_ONCE
+
+
 def _rates(y: Vector4) -> Pair:
     return y[2], y[3] - y[2]
 
 
-def _at_rest(y: Vector4, rest: Pair) -> Vector4:
+def at_rest(y: Vector4, rest: Pair) -> Vector4:
     """The state with the rates of resting joints exactly zero."""
     w1 = jnp.where(rest[0], 0.0, y[2])
     return y[0], y[1], w1, jnp.where(rest[1], w1, y[3])
 
 
-def _in_modes(column: Column, modes: Pair) -> Any:
+def in_modes(column: Column, modes: Pair) -> Any:
     friction: Any = column.friction
     return eqx.tree_at(lambda c: c.friction, column, friction.in_modes(modes))
 
@@ -325,7 +337,7 @@ def _arrival(law: Any, y: Vector4, passed: Any, cut: Any, tol: Pair) -> Any:
         landed.append(on)
         rest.append(~slips | on | (cut & (jnp.abs(u) <= e)))
         met &= ~slips | ((guard >= -e) & (~mine | (guard <= e)))
-    return _at_rest((y[0], y[1], w1, w2), tuple(rest)), tuple(rest), tuple(landed), met
+    return at_rest((y[0], y[1], w1, w2), tuple(rest)), tuple(rest), tuple(landed), met
 
 
 def _released(law: Any, balance: Any, passed: Any, tol: Pair, least: Scalar) -> Any:
@@ -339,7 +351,7 @@ def _released(law: Any, balance: Any, passed: Any, tol: Pair, least: Scalar) -> 
     return tuple(freed), met
 
 
-def _chosen(law, balance, rest, landed, tol) -> Pair:
+def chosen(law, balance, rest, landed, tol) -> Pair:
     """The modes after an event."""
     here = law.loaded(balance)
     torque = here.torques(balance)
