@@ -15,109 +15,156 @@ from ._types import Scalar
 
 
 class Series:
-    """A power series whose coefficients are asked for in order, and kept.
+    """A power series whose coefficients are asked for in order.
+
+    Those of a factor in a product are needed again and again: they are kept as arrays.
+    Those of a sum are worked out where they are used.
 
     **Arguments:**
 
     - `at`: a traced number of the lane (see `materialise`).
-    - `rule`: the coefficient of a given order; None where they are told by `append`.
-    - `known`: the first coefficients.
+    - `rule`: gives the coefficient of an order from those of `parts`; None where
+        coefficients are told by `append`.
+    - `parts`: the series that the rule asks.
+    - `known`: the first coefficients, where they are told.
     """
 
     __array_ufunc__ = None  # numpy's numbers leave arithmetic to this class
+    factor: Any = None  # of a multiple of `parts[0]`
 
     def __init__(
-        self, at: Scalar, rule: Callable[[int], Any] | None = None, known: tuple = ()
+        self,
+        at: Scalar,
+        rule: Callable[[int], Any] | None = None,
+        parts: tuple["Series", ...] = (),
+        known: tuple = (),
     ):
-        self.at, self.rule, self.known = at, rule, list(known)
+        self.at, self.rule, self.parts = at, rule, parts
+        self.known, self.kept = list(known), rule is None
 
     def __getitem__(self, order: int) -> Any:
-        """The coefficient of this order."""
-        while len(self.known) <= order:
-            assert self.rule is not None
-            self.known.append(self.rule(len(self.known)))
-        return self.known[order]
+        """The coefficient; `ready` must have been called for its order."""
+        if self.kept:
+            return self.known[order]
+        assert self.rule is not None
+        return self.rule(order)
 
     def append(self, coefficient: Any) -> None:
         """Tell the next coefficient."""
         self.known.append(coefficient)
 
+    def ready(self, order: int) -> None:
+        """Work out what is kept, up to this order.
+
+        Apart from its use: what is traced within `materialise` must not be kept.
+        """
+        for part in self.parts:
+            part.ready(order)
+        while self.kept and self.rule is not None and len(self.known) <= order:
+            k = len(self.known)
+            self.known.append(materialise(self.at, lambda k=k: self.rule(k)))  # pyright: ignore
+
+    def as_factor(self) -> "Series":
+        """The same, its coefficients kept."""
+        self.kept = True
+        return self
+
+    def derivative(self) -> "Series":
+        """Its rate of change."""
+        return Series(self.at, lambda k: (k + 1) * self[k + 1], (self,))
+
+    def integral(self, start: Any) -> "Series":
+        """What changes at this rate, from `start` on."""
+        return Series(
+            self.at, lambda k: self[k - 1] / k if k > 0 else start, (self,)
+        )
+
     def __neg__(self) -> "Series":
-        return Series(self.at, lambda k: -self[k])
+        return self * -1.0
 
     def __add__(self, other: Any) -> "Series":
         if isinstance(other, Series):
-            return Series(self.at, lambda k: self[k] + other[k])
-        return Series(self.at, lambda k: self[k] + other if k == 0 else self[k])
+            return Series(self.at, lambda k: self[k] + other[k], (self, other))
+        return Series(
+            self.at, lambda k: self[k] + other if k == 0 else self[k], (self,)
+        )
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> "Series":
         if isinstance(other, Series):
-            return Series(self.at, lambda k: self[k] - other[k])
+            return Series(self.at, lambda k: self[k] - other[k], (self, other))
         return self + (-other)
 
     def __rsub__(self, other: Any) -> "Series":
         return (-self) + other
 
     def __mul__(self, other: Any) -> "Series":
-        if isinstance(other, Series):
-            return Series(self.at, lambda k: cauchy(self, other, k))
-        return Series(self.at, lambda k: self[k] * other)
+        if not isinstance(other, Series):
+            multiple = Series(self.at, lambda k: self[k] * other, (self,))
+            multiple.factor = other
+            return multiple
+        for x, y in ((self, other), (other, self)):
+            if x.factor is not None and not x.kept:
+                return (x.parts[0] * y) * x.factor
+        parts = self.as_factor(), other.as_factor()
+        return Series(self.at, lambda k: cauchy(self, other, k), parts)
 
     __rmul__ = __mul__
 
 
 def cauchy(x: Series, y: Series, order: int, first: int = 0) -> Any:
-    r"""$\sum_j x_j y_{k-j}$ over j from `first` to k, kept as an array."""
-    places = range(first, order + 1)
-    if not places:
-        return 0.0
-    # asked for before: what is traced within `materialise` must not be kept
-    pairs = [(x[j], y[order - j]) for j in places]
+    r"""$\sum_j x_j y_{k-j}$ over j from `first` to k; at least one term."""
+    if x.factor is not None and not x.kept:  # once, not in each of the terms
+        return cauchy(x.parts[0], y, order, first) * x.factor
+    pairs = [(x[j], y[order - j]) for j in range(first, order + 1)]
+    if x is not y or first > 0:
+        return sum_of([a * b for a, b in pairs])
+    # each product but the middle one stands there twice
+    twice = [a * b for a, b in pairs[: (order + 1) // 2]]
+    middle = [pairs[order // 2][0] ** 2] if order % 2 == 0 else []
+    return sum_of(([2 * sum_of(twice)] if twice else []) + middle)
 
-    def total():
-        if x is not y or first > 0:
-            return sum_of([a * b for a, b in pairs])
-        # each product but the middle one stands there twice
-        twice = [a * b for a, b in pairs[: (order + 1) // 2]]
-        middle = [pairs[order // 2][0] ** 2] if order % 2 == 0 else []
-        return sum_of(([2 * sum_of(twice)] if twice else []) + middle)
 
-    return materialise(x.at, total)
+class _Turned(Series):
+    """Sine or cosine, which know each other."""
+
+    def ready(self, order: int) -> None:
+        """Both up to this order."""
+        (angle,) = self.parts
+        angle.ready(order)
+        while len(self.known) <= order:
+            assert self.rule is not None
+            self.rule(len(self.known))
 
 
 def sincos_series(x: Series, sincos: Callable) -> tuple[Series, Series]:
-    r"""Sine and cosine: $k s_k = \sum_j j x_j c_{k-j}$, $k c_k = -\sum_j j x_j s_{k-j}$.
+    r"""Sine and cosine of a series.
+
+    $$k s_k = \sum_{j=1}^k j x_j c_{k-j}, \qquad k c_k = -\sum_{j=1}^k j x_j s_{k-j}$$
 
     **Arguments:** `sincos`: what gives those of a number.
     """
+    x.as_factor()
 
     def pair(k):
         if k == 0:
-            return materialise(x.at, sincos, x[0])
-        rows = [(j / k, x[j], sine[k - j], cosine[k - j]) for j in range(1, k + 1)]
+            return sincos(x[0])
+        slopes = [j / k * x[j] for j in range(1, k + 1)]
+        places = list(zip(slopes, reversed(range(k)), strict=True))
+        return (
+            sum_of([v * cosine[i] for v, i in places]),
+            -sum_of([v * sine[i] for v, i in places]),
+        )
 
-        def both():
-            slopes = [share * v for share, v, _, _ in rows]
-            pairs = zip(slopes, rows, strict=True)
-            up, down = zip(*((v * c, v * s) for v, (_, _, s, c) in pairs), strict=True)
-            return sum_of(list(up)), -sum_of(list(down))
+    def rule(k):
+        for series, new in zip(
+            (sine, cosine), materialise(x.at, lambda: pair(k)), strict=True
+        ):
+            series.append(new)
 
-        return materialise(x.at, both)
-
-    pairs: list[Any] = []
-
-    def part(i):
-        def rule(k):
-            if len(pairs) == k:
-                pairs.append(pair(k))
-            return pairs[k][i]
-
-        return rule
-
-    sine, cosine = Series(x.at, part(0)), Series(x.at, part(1))
-    return sine, cosine
+    sine, cosine = _Turned(x.at, rule, (x,)), _Turned(x.at, rule, (x,))
+    return sine.as_factor(), cosine.as_factor()
 
 
 def sum_of(terms: list) -> Any:
@@ -131,3 +178,12 @@ def value(coefficients: list, x: Any) -> Any:
     for c in reversed(coefficients[:-1]):
         result = c + x * result
     return result
+
+
+def value_and_slope(coefficients: list, x: Any) -> tuple[Any, Any]:
+    """The polynomial at x and its slope."""
+    result, slope = coefficients[-1], None
+    for c in reversed(coefficients[:-1]):
+        slope = result if slope is None else result + x * slope
+        result = c + x * result
+    return result, slope

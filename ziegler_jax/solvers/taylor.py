@@ -23,7 +23,7 @@ import numpy as np
 from jax import lax
 
 from .._materialise import if_any_lane, materialise
-from .._series import Series, cauchy, sum_of, value
+from .._series import Series, cauchy, sum_of, value, value_and_slope
 from .._types import Pair, Scalar, Vector4
 from ..column import Column, joint_balance
 from ..set_valued import Balance
@@ -34,7 +34,7 @@ from .stickslip import SAME_TIME, at_rest, chattering, chosen, event_tolerance, 
 
 LAST_TERMS = 3.0  # tolerances that the series' last two terms may come to
 HALVINGS = 6
-MOST_ROOTS = 60  # iterations: bisection alone would need about 50
+NEWTON_STEPS, MOST_ROUNDS = 4, 20  # of them
 HOLDS, ENDS, ENDS_IN_DOUBT, DOUBT = 0.0, 1.0, 2.0, 3.0
 NODES = 5  # of Gauss' rule for integrals over a step
 
@@ -189,22 +189,29 @@ class TaylorSlip(AbstractObserved):
 
         length, t_end = materialise(t0, span)
 
-        def arrive():
-            p1, p2, w1, w2 = (value(c, length) for c in motion.y)
-            return _arrival(law, (p1, p2, w1, w2), joints, length, mine, cut, tol)
-
-        y, rest, landed = materialise(t0, arrive)
-        event = landed[0] | landed[1]
-
         def ending():
-            return tuple(value(c, length) for c in motion.accelerations)
+            p1, p2, w1, w2 = (value(c, length) for c in motion.y)
+            return (p1, p2, *law.hold(w1, w2)), [
+                value(c, length) for c in motion.accelerations
+            ]
+
+        end, rates = materialise(t0, ending)
+        ended = materialise(
+            t0,
+            lambda: [
+                _ends_here(joint, length, here, tol)
+                for joint, here in zip(joints, mine, strict=True)
+            ],
+        )
+        y, rest = materialise(t0, lambda: _arrival(end, ended, slips, cut, tol))
+        event = ended[0] | ended[1]
 
         f0 = (y0[2], y0[3], motion.accelerations[0][0], motion.accelerations[1][0])
-        f_end = (y[2], y[3], *materialise(t0, ending))
+        f_end = (y[2], y[3], *rates)
 
         def change(modes):
             balance = joint_balance(column, y)
-            new = chosen(law, balance, rest, landed, (tol, tol))
+            new = chosen(law, balance, rest, ended, (tol, tol))
             pairs = zip(new, modes, strict=True)
             return tuple(jnp.where(event, a, b) for a, b in pairs)
 
@@ -213,7 +220,7 @@ class TaylorSlip(AbstractObserved):
         same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
         at_once = jnp.where(event, jnp.where(same, at_once + 1.0, 0.0), at_once)
         last_event = jnp.where(event, t_end, last_event)
-        joint = jnp.where(landed[0], 1, 0) + jnp.where(landed[1], 2, 0)
+        joint = jnp.where(ended[0], 1, 0) + jnp.where(ended[1], 2, 0)
         integrals = _integrals(self.fold.integrand(column), motion.y, length, t0)
         seen = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, after))
         folded, stop, done = self.fold.step(column, folded, seen)
@@ -226,50 +233,61 @@ class TaylorSlip(AbstractObserved):
 
 def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:
     """The series of the motion from y, in the modes of the column's friction."""
-    phi1, phi2, w1, w2 = (Series(at, known=(x,)) for x in y)
+    w1, w2 = Series(at, known=(y[2],)), Series(at, known=(y[3],))
+    phi1, phi2 = w1.integral(y[0]), w2.integral(y[1])
+    a1, a2 = w1.derivative(), w2.derivative()
     law: Any = column.friction
     # the forces of each order rest on the motion up to that order
     forces = joint_balance(column, (phi1, phi2, w1, w2))
     h, r1, r2 = forces.h, forces.r1, forces.r2
-    now = Balance(forces.a, h[0], forces.d, r1[0], r2[0])
-    mobility = materialise(at, law.mobility, now)
-    a1, a2 = Series(at), Series(at)
+    for x in (h, r1, r2):
+        x.ready(0)
+    still = Balance(forces.a, h[0], forces.d, r1[0], r2[0])
+    mobility = materialise(at, law.mobility, still)
     watched: tuple[list, list] = [], []
-    t1, t2 = (m * k for m, k in zip(law.modes, law.kinetic, strict=True))
     for k in range(order + 1):
-        rates = w1[k], w2[k] - w1[k]
         held: Any = (0.0, 0.0)
+        rates = w1[k], w2[k] - w1[k]
         if k < order:
-            # what the inertia's own change takes of them
-            left1, left2 = r1[k] - cauchy(h, a2, k, 1), r2[k] - cauchy(h, a1, k, 1)
-            now = now._replace(r1=left1, r2=left2)
-            torques = (t1, t2) if k == 0 else (0.0, 0.0)
+            for x in (h, r1, r2):
+                x.ready(k)
 
-            def move(now=now, torques=torques):
-                return law.moved(now, *torques, mobility)
+            def driven(k=k):
+                """The forces of this order, but for the accelerations of this order."""
+                if k > 0:
+                    return r1[k] - cauchy(h, a2, k, 1), r2[k] - cauchy(h, a1, k, 1)
+                (m1, m2), (k1, k2) = law.modes, law.kinetic
+                return r1[0] - m1 * k1 + m2 * k2, r2[0] - m2 * k2
 
-            for x, a in zip((a1, a2), materialise(at, move), strict=True):
-                x.append(a)
+            left1, left2 = materialise(at, driven)
+            now = still._replace(r1=left1, r2=left2)
+
+            def move(k=k, now=now):
+                moved = law.moved(now, 0.0, 0.0, mobility)
+                return tuple(a / (k + 1) for a in moved)
+
+            for w, new in zip((w1, w2), materialise(at, move), strict=True):
+                w.append(new)
             held = law.carried(now, a1[k], a2[k])
-            for x, v in ((phi1, w1), (phi2, w2), (w1, a1), (w2, a2)):
-                x.append(v[k] / (k + 1))
         rows = zip(watched, law.modes, rates, held, strict=True)
         for row, m, u, torque in rows:
             row.append(jnp.where(m == 0, torque, m * u))
-    states = (phi1.known, phi2.known, w1.known, w2.known)
-    return Motion(states, (a1.known, a2.known), watched)
+    states = tuple([x[k] for k in range(order + 1)] for x in (phi1, phi2, w1, w2))
+    rates = tuple([x[k] for k in range(order)] for x in (a1, a2))
+    return Motion(states, rates, watched)  # pyright: ignore
 
 
 def _allowed(y: tuple, rtol: Scalar, atol: Scalar) -> Any:
     """How long a step may be by the last two terms of its series."""
     order, worst = len(y[0]) - 1, 0.0
+    weights = [1 / (atol + rtol * jnp.abs(c[0])) for c in y]
     for k in (order - 1, order):
-        parts = [(c[k] / (atol + rtol * jnp.abs(c[0]))) ** 2 for c in y]
-        square = jnp.clip(sum_of(parts) / len(y), 1e-100, 1e100)
-        # XLA vectorises float32's log, to which the root's root is in range
-        root = jnp.log(jnp.sqrt(jnp.sqrt(square)).astype(jnp.float32))
-        worst = jnp.maximum(worst, jnp.exp(2 / k * root))
-    h = LAST_TERMS ** (1 / order) / worst
+        parts = [(c[k] * w) ** 2 for c, w in zip(y, weights, strict=True)]
+        # seven digits are plenty, and XLA vectorises float32's log
+        size = jnp.sqrt(jnp.clip(sum_of(parts) / len(y), 1e-60, 1e60))
+        root = jnp.log(size.astype(jnp.float32)) / k
+        worst = jnp.maximum(worst, root) if k == order else root
+    h = LAST_TERMS ** (1 / order) * jnp.exp(-worst)
     broken = sum_of([c[order] for c in y]) * 0.0  # NaN stays NaN
     return h.astype(y[0][0].dtype) + broken
 
@@ -326,90 +344,91 @@ def _first_event(joints: list, ends: list, s: Any, tol: Any, at: Any) -> Any:
     """When the first joint's mode ends, and which joint it is."""
     first, second = (e != HOLDS for e in ends)
 
-    def root(which):
-        """Of the guard limit - side x watched."""
-        rows = [
-            [limit * jnp.abs(jnp.sign(e)) - jnp.sign(e) * c[0]]
-            + [-jnp.sign(e) * x for x in c[1:]]
-            for (c, limit, _), e in zip(joints, ends, strict=True)
-        ]
-        return [jnp.where(which, b, a) for a, b in zip(*rows, strict=True)]
+    def guard(which):
+        """Of one of the joints: limit - side x watched."""
+        rows = []
+        for (watched, limit, _), e in zip(joints, ends, strict=True):
+            side = jnp.sign(e)
+            rows.append((limit * jnp.abs(side), [-side * c for c in watched]))
+        (limit1, row1), (limit2, row2) = rows
+        row = [jnp.where(which, y, x) for x, y in zip(row1, row2, strict=True)]
+        return [jnp.where(which, limit2, limit1) + row[0], *row[1:]]
 
-    def place(which, asked):
-        guard = materialise(at, root, which)
-        return _root(guard, -0.5 * tol, s, asked, at)
+    def guess():
+        """Where chords pass zero, and on which joint's first."""
+        places = []
+        for which, falls in ((False, first), (True, second)):
+            row = guard(jnp.asarray(which))
+            start, end = row[0], value(row, s)
+            share = start / jnp.where(start > end, start - end, 1.0)
+            places.append(jnp.where(falls, jnp.clip(share, 0.0, 1.0) * s, jnp.inf))
+        return jnp.minimum(*places), places[1] < places[0]
 
-    found = place(~first, first | second)
-    twice = first & second
+    asked = first | second
+    about, which = materialise(at, guess)
+    about = jnp.where(asked, about, 0.0)
+    found = _root(lambda: guard(which), -0.5 * tol, about, s, asked, at)
 
-    def other(found):
-        return jnp.where(twice, jnp.minimum(found, place(twice, twice)), found)
+    def late():
+        return first & second & (value(guard(~which), found) < -tol)
 
-    sooner = if_any_lane(twice, other, found)
-    second &= ~first | (sooner < found)
-    return sooner, (first & ~second, second)
+    sooner = materialise(at, late)
+
+    def correct(found):
+        other = _root(lambda: guard(~which), -0.5 * tol, 0.5 * found, s, sooner, at)
+        return jnp.where(sooner, other, found)
+
+    found = if_any_lane(sooner, correct, found)
+    which = which ^ sooner
+    return found, (first & asked & ~which, second & which)
 
 
-def _root(guard: list, level: Any, s: Any, asked: Any, at: Any) -> Any:
+def _root(guard: Any, level: Any, about: Any, s: Any, asked: Any, at: Any) -> Any:
     """Where a guard falls to a level within s: Newton's method, kept in a bracket."""
-    slopes = [k * c for k, c in enumerate(guard)][1:]
-    start, end = guard[0] - level, value(guard, s) - level
-    # it begins below, or ends there
-    asked = asked & (start > 0)
-    drop = jnp.where(start > end, start - end, 1.0)
-    x = jnp.where(asked, jnp.clip(start / drop, 0.0, 1.0) * s, 0.0)
 
-    def newton(x):
-        miss, slope = value(guard, x) - level, value(slopes, x)
-        return miss, x - miss / jnp.where(slope < 0, slope, -1.0), slope < 0
+    def nearer(x, times):
+        row = guard()
+        left, right = 0.0 * s, s
+        for _ in range(times):
+            height, slope = value_and_slope(row, x)
+            miss = height - level
+            left, right = jnp.where(miss > 0, x, left), jnp.where(miss > 0, right, x)
+            new = x - miss / jnp.where(slope < 0, slope, -1.0)
+            good = (slope < 0) & (new >= left) & (new <= right)
+            x = jnp.where(good, new, 0.5 * (left + right))
+        # it begins below, or ends there
+        return jnp.where(asked & (row[0] > level), x, 0.0)
 
-    def going(state):
-        _, left, right, miss, count = state
-        apart = right - left > 4 * jnp.finfo(jnp.result_type(s)).eps * s
-        return asked & apart & (jnp.abs(miss) > -0.5 * level) & (count < MOST_ROOTS)
+    def far(x):
+        row = guard()
+        return asked & (row[0] > level) & (jnp.abs(value(row, x) - level) > -level)
 
     def closer(state):
-        def go():
-            x, left, right, _, count = state
-            miss, new, falls = newton(x)
-            left, right = jnp.where(miss > 0, x, left), jnp.where(miss > 0, right, x)
-            inside = falls & (new >= left) & (new <= right)
-            x_new = jnp.where(inside, new, 0.5 * (left + right))
-            near = jnp.abs(miss) <= -0.5 * level
-            return jnp.where(near, x, x_new), left, right, miss, count + 1
+        x, _, count = state
+        new = materialise(at, lambda: nearer(x, NEWTON_STEPS))
+        return new, materialise(at, lambda: far(new)), count + 1
 
-        return materialise(at, go)
-
-    none = jnp.zeros((), jnp.int32)
-    start_state = x, 0.0 * s, s, jnp.inf * jnp.ones_like(s), none
-    x, left, right, _, _ = lax.while_loop(going, closer, start_state)
-
-    def last():
-        """Once more, by which the place has its derivative."""
-        where = lax.stop_gradient(x)
-        _, new, falls = newton(where)
-        good = falls & (new >= left) & (new <= right)
-        return jnp.where(asked & good, new, where)
-
-    return materialise(at, last)
+    x = materialise(at, lambda: nearer(about, NEWTON_STEPS))
+    begin = x, materialise(at, lambda: far(x)), jnp.zeros((), jnp.int32)
+    x, _, _ = lax.while_loop(lambda now: now[1] & (now[2] < MOST_ROUNDS), closer, begin)
+    # once more, by which the place has its derivative
+    return materialise(at, lambda: nearer(lax.stop_gradient(x), 1))
 
 
-def _arrival(
-    law: Any, y: Vector4, joints: list, s: Any, mine: Pair, cut: Any, tol: Any
-) -> Any:
-    """The step's end: the state, which joints rest, and whose mode ended there."""
-    w1, w2 = law.hold(y[2], y[3])
-    rest, landed = [], []
-    rows = zip(joints, (w1, w2 - w1), mine, strict=True)
-    for (watched, limit, slips), u, here in rows:
-        now = value(watched, s)
-        slope = value([k * c for k, c in enumerate(watched)][1:], s)
-        guard = jnp.where(slips, now, limit - jnp.abs(now))
-        falls = jnp.where(slips, slope, -jnp.sign(now) * slope) < 0
-        on = here | ((guard <= tol) & falls)
-        landed.append(on)
-        rest.append(~slips | on | (cut & (jnp.abs(u) <= tol)))
-    return at_rest((y[0], y[1], w1, w2), tuple(rest)), tuple(rest), tuple(landed)
+def _ends_here(joint: Any, s: Any, mine: Any, tol: Any) -> Any:
+    """Whether a joint's mode ends at s: as found, or as near as can be told."""
+    watched, limit, slips = joint
+    now, slope = value_and_slope(watched, s)
+    guard = jnp.where(slips, now, limit - jnp.abs(now))
+    falls = jnp.where(slips, slope, jnp.where(now > 0, -slope, slope)) < 0
+    return mine | ((guard <= tol) & falls)
+
+
+def _arrival(y: Vector4, ended: Pair, slips: Pair, cut: Any, tol: Any) -> Any:
+    """The step's end: the state, and which joints are at rest there."""
+    rows = zip((y[2], y[3] - y[2]), ended, slips, strict=True)
+    rest = [~m | e | (cut & (jnp.abs(u) <= tol)) for u, e, m in rows]
+    return at_rest(y, tuple(rest)), tuple(rest)
 
 
 def _integrals(integrand: Any, y: tuple, s: Any, at: Any) -> tuple:
