@@ -364,5 +364,12 @@ def chosen(law, balance, rest, landed, tol) -> Pair:
         inside = jnp.where(landed[i], 1.001 * jnp.sign(torque[i]), inside)
         layer.append(jnp.where(sticks, inside, FAR * m))
     event = landed[0] | landed[1]
-    parts = balance, law.modes, rest, tuple(slack), tuple(layer), event
-    return materialise(balance.r1, law.chosen, *parts)
+    def packed():
+        """Both modes in one number, that they are not chosen twice."""
+        parts = balance, law.modes, rest, tuple(slack), tuple(layer), event
+        m1, m2 = law.chosen(*parts)
+        return 3 * m1 + m2
+
+    both = materialise(balance.r1, packed)
+    m1 = jnp.round(both / 3)
+    return m1, both - 3 * m1

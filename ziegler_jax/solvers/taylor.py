@@ -32,10 +32,10 @@ from .explicit import OKAY, dense
 from .observed import AbstractFold, AbstractObserved, Step
 from .stickslip import SAME_TIME, at_rest, chattering, chosen, event_tolerance, in_modes
 
-LAST_TERMS = 3.0  # tolerances that the series' last two terms may come to
+LAST_TERMS = 6.0  # tolerances that each of the last two terms may come to
 HALVINGS = 6
-NEWTON_STEPS, MOST_ROUNDS = 4, 20  # of them
-HOLDS, ENDS, ENDS_IN_DOUBT, DOUBT = 0.0, 1.0, 2.0, 3.0
+NEWTON_STEPS, MOST_ROUNDS = 3, 20  # of them
+IN_DOUBT, MORE_DOUBT = 2.0, 3.0
 NODES = 5  # of Gauss' rule for integrals over a step
 
 
@@ -279,24 +279,28 @@ def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:
 
 def _allowed(y: tuple, rtol: Scalar, atol: Scalar) -> Any:
     """How long a step may be by the last two terms of its series."""
-    order, worst = len(y[0]) - 1, 0.0
-    weights = [1 / (atol + rtol * jnp.abs(c[0])) for c in y]
+    order, h = len(y[0]) - 1, None
+
+    def brief(x):  # seven digits are plenty, and XLA vectorises float32's log
+        return jnp.asarray(x).astype(jnp.float32)
+
+    weights = [brief(1e-30) + brief(atol + rtol * jnp.abs(c[0])) for c in y]
+    weights = [1 / w for w in weights]
     for k in (order - 1, order):
-        parts = [(c[k] * w) ** 2 for c, w in zip(y, weights, strict=True)]
-        # seven digits are plenty, and XLA vectorises float32's log
-        size = jnp.sqrt(jnp.clip(sum_of(parts) / len(y), 1e-60, 1e60))
-        root = jnp.log(size.astype(jnp.float32)) / k
-        worst = jnp.maximum(worst, root) if k == order else root
-    h = LAST_TERMS ** (1 / order) * jnp.exp(-worst)
-    broken = sum_of([c[order] for c in y]) * 0.0  # NaN stays NaN
-    return h.astype(y[0][0].dtype) + broken
+        sizes = [jnp.abs(brief(c[k])) * w for c, w in zip(y, weights, strict=True)]
+        worst = jnp.maximum(jnp.maximum(*sizes[:2]), jnp.maximum(*sizes[2:]))
+        root = jnp.log(jnp.clip(worst, 1e-30, 1e38)) / -k
+        h = root if h is None else jnp.minimum(h, root)
+    h = LAST_TERMS ** (1 / order) * jnp.exp(h)
+    return h.astype(y[0][0].dtype)
 
 
 def _look(watched: list, limit: Any, slips: Any, s: Any, tol: Any) -> Any:
     """Whether a joint's mode holds over the time s, by its Bernstein coefficients.
 
-    **Returns:** HOLDS; or, with the sign of the side on which the torque passes its
-    limit (-1 where the joint slips), ENDS once, or in doubt, or DOUBT that it ends.
+    **Returns:** 0 if it does. Else, with the sign of the side on which the torque
+    passes its limit (minus where the joint slips): 1 + about where in s it ends, once;
+    IN_DOUBT, if it is left at the end; MORE_DOUBT, if it is not.
     """
     n, power, terms = len(watched) - 1, s, [watched[0]]
     for j, c in enumerate(watched[1:], 1):
@@ -304,19 +308,23 @@ def _look(watched: list, limit: Any, slips: Any, s: Any, tol: Any) -> Any:
         power = power * s
     above: Any = False
     below: Any = False
-    was, plain = None, True
+    was: Any = False
+    plain: Any = True
+    up, count = False, 0.0
     for i in range(n + 1):
         b = sum_of([math.comb(i, j) * terms[j] for j in range(i + 1)])
         up, down = ~slips & (b > limit + tol), b < -limit - tol
         above, below = above | up, below | down
         low = up | down
-        plain = plain if was is None else plain & (~was | low)
+        plain &= ~was | low
+        count += jnp.where(low, 1.0, 0.0)
         was = low
-    kind = jnp.where(was, ENDS_IN_DOUBT, DOUBT)
     plain &= ~(above & below)
-    kind = jnp.where(plain, jnp.where(was, ENDS, HOLDS), kind)
-    side = jnp.where(jnp.where(was, up, above), 1.0, -1.0)  # pyright: ignore
-    return side * kind
+    # all before it are fine
+    about = 1 + jnp.clip((n + 0.5 - count) / n, 0.0, 0.999)
+    ends = jnp.where(plain, about, IN_DOUBT)
+    kind = jnp.where(was, ends, jnp.where(plain, 0.0, MORE_DOUBT))
+    return jnp.where(jnp.where(was, up, above), kind, -kind)
 
 
 def _first_look(joints: list, s: Any, tol: Any, at: Any) -> tuple[Any, list]:
@@ -328,7 +336,7 @@ def _first_look(joints: list, s: Any, tol: Any, at: Any) -> tuple[Any, list]:
     def doubtful(state):
         _, (one, two), count = state
         worst = jnp.maximum(jnp.abs(one), jnp.abs(two))
-        return (worst > ENDS) & (count < HALVINGS)
+        return (worst >= IN_DOUBT) & (count < HALVINGS)
 
     def halve(state):
         s, _, count = state
@@ -337,12 +345,12 @@ def _first_look(joints: list, s: Any, tol: Any, at: Any) -> tuple[Any, list]:
     begin = s, materialise(at, look, s), jnp.zeros((), jnp.int32)
     s, ends, _ = lax.while_loop(doubtful, halve, begin)
     # what is still in doubt grazes: it counts as an end where the mode is left for good
-    return s, [jnp.where(jnp.abs(e) > ENDS_IN_DOUBT, HOLDS, e) for e in ends]
+    return s, [jnp.where(jnp.abs(e) > IN_DOUBT, 0.0, e) for e in ends]
 
 
 def _first_event(joints: list, ends: list, s: Any, tol: Any, at: Any) -> Any:
     """When the first joint's mode ends, and which joint it is."""
-    first, second = (e != HOLDS for e in ends)
+    first, second = (e != 0 for e in ends)
 
     def guard(which):
         """Of one of the joints: limit - side x watched."""
@@ -354,19 +362,10 @@ def _first_event(joints: list, ends: list, s: Any, tol: Any, at: Any) -> Any:
         row = [jnp.where(which, y, x) for x, y in zip(row1, row2, strict=True)]
         return [jnp.where(which, limit2, limit1) + row[0], *row[1:]]
 
-    def guess():
-        """Where chords pass zero, and on which joint's first."""
-        places = []
-        for which, falls in ((False, first), (True, second)):
-            row = guard(jnp.asarray(which))
-            start, end = row[0], value(row, s)
-            share = start / jnp.where(start > end, start - end, 1.0)
-            places.append(jnp.where(falls, jnp.clip(share, 0.0, 1.0) * s, jnp.inf))
-        return jnp.minimum(*places), places[1] < places[0]
-
     asked = first | second
-    about, which = materialise(at, guess)
-    about = jnp.where(asked, about, 0.0)
+    about1, about2 = (jnp.abs(e) - 1 for e in ends)
+    which = second & (~first | (about2 < about1))
+    about = jnp.where(asked, s * jnp.clip(jnp.where(which, about2, about1), 0, 1), 0.0)
     found = _root(lambda: guard(which), -0.5 * tol, about, s, asked, at)
 
     def late():
@@ -399,20 +398,20 @@ def _root(guard: Any, level: Any, about: Any, s: Any, asked: Any, at: Any) -> An
         # it begins below, or ends there
         return jnp.where(asked & (row[0] > level), x, 0.0)
 
-    def far(x):
-        row = guard()
-        return asked & (row[0] > level) & (jnp.abs(value(row, x) - level) > -level)
+    def pair(x):
+        """After some steps and one more, by which the place has its derivative."""
+        x = materialise(at, lambda: nearer(x, NEWTON_STEPS))
+        return x, materialise(at, lambda: nearer(lax.stop_gradient(x), 1))
 
-    def closer(state):
-        x, _, count = state
-        new = materialise(at, lambda: nearer(x, NEWTON_STEPS))
-        return new, materialise(at, lambda: far(new)), count + 1
+    def far(state):
+        x, new, count = state
+        return (jnp.abs(new - x) > near * s) & (count < MOST_ROUNDS)
 
-    x = materialise(at, lambda: nearer(about, NEWTON_STEPS))
-    begin = x, materialise(at, lambda: far(x)), jnp.zeros((), jnp.int32)
-    x, _, _ = lax.while_loop(lambda now: now[1] & (now[2] < MOST_ROUNDS), closer, begin)
-    # once more, by which the place has its derivative
-    return materialise(at, lambda: nearer(lax.stop_gradient(x), 1))
+    # what the last step moved is squared by the next
+    near = jnp.sqrt(-level)
+    begin = *pair(about), jnp.zeros((), jnp.int32)
+    _, x, _ = lax.while_loop(far, lambda now: (*pair(now[1]), now[2] + 1), begin)
+    return x
 
 
 def _ends_here(joint: Any, s: Any, mine: Any, tol: Any) -> Any:
