@@ -131,8 +131,9 @@ class _Turned(Series):
 
     def ready(self, order: int) -> None:
         """Both up to this order."""
-        (angle,) = self.parts
+        angle, rate = self.parts
         angle.ready(order)
+        rate.ready(order - 1)
         while len(self.known) <= order:
             assert self.rule is not None
             self.rule(len(self.known))
@@ -141,29 +142,24 @@ class _Turned(Series):
 def sincos_series(x: Series, sincos: Callable) -> tuple[Series, Series]:
     r"""Sine and cosine of a series.
 
-    $$k s_k = \sum_{j=1}^k j x_j c_{k-j}, \qquad k c_k = -\sum_{j=1}^k j x_j s_{k-j}$$
+    $$(k + 1) s_{k+1} = \sum_j \dot x_j c_{k-j}, \qquad
+    (k + 1) c_{k+1} = -\sum_j \dot x_j s_{k-j}$$
 
     **Arguments:** `sincos`: what gives those of a number.
     """
-    x.as_factor()
-
-    def pair(k):
-        if k == 0:
-            return sincos(x[0])
-        slopes = [j / k * x[j] for j in range(1, k + 1)]
-        places = list(zip(slopes, reversed(range(k)), strict=True))
-        return (
-            sum_of([v * cosine[i] for v, i in places]),
-            -sum_of([v * sine[i] for v, i in places]),
-        )
+    rate = x.derivative().as_factor()
 
     def rule(k):
-        for series, new in zip(
-            (sine, cosine), materialise(x.at, lambda: pair(k)), strict=True
-        ):
+        def pair():
+            if k == 0:
+                return sincos(x[0])
+            c, s = cauchy(rate, cosine, k - 1), cauchy(rate, sine, k - 1)
+            return c / k, s / -k
+
+        for series, new in zip((sine, cosine), materialise(x.at, pair), strict=True):
             series.append(new)
 
-    sine, cosine = _Turned(x.at, rule, (x,)), _Turned(x.at, rule, (x,))
+    sine, cosine = _Turned(x.at, rule, (x, rate)), _Turned(x.at, rule, (x, rate))
     return sine.as_factor(), cosine.as_factor()
 
 
