@@ -30,7 +30,7 @@ FLOORS = [
         "_surroundings",
         "_override",
     ]
-    + ["_materialise", "_sincos", "_exponential"],
+    + ["_materialise", "_series", "_sincos", "_exponential"],
     ["friction", "set_valued", "_modes", "_layer", "_reactions", "damping"],
     ["column", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters", "_choice"],
@@ -52,7 +52,9 @@ FLOORS = [
 # Within a floor: a room that was divided, and what stands on the solvers.
 SAME_FLOOR = {
     ("_variables", "outcome"),
+    ("_series", "_materialise"),
     ("_sincos", "_materialise"),
+    ("_sincos", "_series"),
     ("observers", "solvers"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
@@ -68,6 +70,7 @@ SOLVERS = [
     ["rosenbrock"],
     ["observed"],
     ["stickslip"],
+    ["taylor"],
 ]
 
 
@@ -152,7 +155,7 @@ def count(function, *arguments):
 
 
 def _name(equation):
-    """The primitive's; of the package's own functions (`sincos`, `tanh`) theirs."""
+    """The primitive's; of the package's own functions (`_sincos`, `tanh`) theirs."""
     if equation.primitive.name == "custom_jvp_call":
         about = equation.params["call_jaxpr"].jaxpr.debug_info
         return about.func_src_info.split(" at ")[0]
@@ -183,7 +186,7 @@ BARE = field_of(lambda q, **_: zj.uniform_rods(q))
 
 
 def sines(program):
-    return program["sincos"]
+    return program["_sincos"]
 
 
 def test_the_bare_field_has_one_sincos_and_no_friction():

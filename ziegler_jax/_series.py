@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any
 
 from ._materialise import materialise
-from ._types import Scalar
 
 
 class Series:
@@ -34,7 +33,7 @@ class Series:
 
     def __init__(
         self,
-        at: Scalar,
+        at: Any,
         rule: Callable[[int], Any] | None = None,
         parts: tuple["Series", ...] = (),
         known: tuple = (),

@@ -306,11 +306,9 @@ def _look(watched: list, limit: Any, slips: Any, s: Any, tol: Any) -> Any:
     for j, c in enumerate(watched[1:], 1):
         terms.append(c * power / math.comb(n, j))
         power = power * s
-    above: Any = False
-    below: Any = False
-    was: Any = False
-    plain: Any = True
-    up, count = False, 0.0
+    above = below = was = jnp.zeros((), bool)
+    plain, count = ~was, 0.0
+    up = was
     for i in range(n + 1):
         b = sum_of([math.comb(i, j) * terms[j] for j in range(i + 1)])
         up, down = ~slips & (b > limit + tol), b < -limit - tol
