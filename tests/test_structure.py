@@ -65,7 +65,7 @@ SAME_FLOOR = {
 }
 # Inside the solvers' room.
 SOLVERS = [
-    ["control", "crossing", "tableaus"],
+    ["control", "crossing", "tableaus", "expansion", "mode_ends"],
     ["explicit"],
     ["rosenbrock"],
     ["observed"],

@@ -32,7 +32,7 @@ from .sensitivity import sensitivity
 from .set_valued import SetValuedCoulomb
 from .si import SI
 from .simulate import Settled, Trajectory, settle, trajectory
-from .solvers import Explicit, Rosenbrock
+from .solvers import Explicit, Rosenbrock, Taylor
 from .stabilise import stabilise
 from .sticking import StickingSet, sticking_set
 from .sweep import sweep
@@ -74,6 +74,7 @@ __all__ = [
     "StickFraction",
     "StickingSet",
     "Sum",
+    "Taylor",
     "Trajectory",
     "UpDown",
     "Verdict",

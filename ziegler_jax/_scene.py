@@ -64,6 +64,16 @@ def prepared(column: Column) -> Column:
     return column
 
 
+def explicit_method(solver: Any, otherwise: Explicit) -> Explicit:
+    """The method where derivatives are carried along, or sections watched for."""
+    if solver is not None and not isinstance(solver, Explicit):
+        raise ValueError(
+            "Argument `solver` must be `Explicit(...)` or None here, but is "
+            f"{solver!r}."
+        )
+    return otherwise if solver is None else solver
+
+
 def has_series(column: Column) -> bool:
     """Whether `Taylor` can follow this column."""
     law = column.friction
@@ -87,20 +97,20 @@ def method_of(
     if isinstance(solver, Taylor):
         if not has_series(column):
             raise ValueError(
-                "Argument `solver` must not be `Taylor(...)` but with "
-                "`SetValuedCoulomb` friction whose load is not `JointReaction()`, but "
-                f"is {solver.name}."
+                "Argument `solver` may be `Taylor(...)` with `SetValuedCoulomb` "
+                "friction alone, and not with the load `JointReaction()`, but is "
+                f"{solver.name}."
             )
         return solver, None
     if not isinstance(solver, Rosenbrock):
         raise ValueError(
-            "Argument `solver` must be `Explicit(...)`, `Rosenbrock()`, 'auto' or "
-            f"None, but is {solver!r}."
+            "Argument `solver` must be `Explicit(...)`, `Rosenbrock()`, `Taylor()`, "
+            f"'auto' or None, but is {solver!r}."
         )
     if set_valued:
         raise ValueError(
-            "Argument `solver` must be `Explicit(...)` with `SetValuedCoulomb` "
-            "friction, which is not stiff, but is `Rosenbrock()`."
+            "Argument `solver` must be `Taylor()` or `Explicit()` with "
+            "`SetValuedCoulomb` friction, which is not stiff, but is `Rosenbrock()`."
         )
     return solver, None
 

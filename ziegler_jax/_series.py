@@ -74,9 +74,7 @@ class Series:
 
     def integral(self, start: Any) -> "Series":
         """What changes at this rate, from `start` on."""
-        return Series(
-            self.at, lambda k: self[k - 1] / k if k > 0 else start, (self,)
-        )
+        return Series(self.at, lambda k: self[k - 1] / k if k > 0 else start, (self,))
 
     def __neg__(self) -> "Series":
         return self * -1.0

@@ -18,7 +18,14 @@ import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 
-from ._scene import check_scene, float_state, tolerances, valid_scene, whole_number
+from ._scene import (
+    check_scene,
+    explicit_method,
+    float_state,
+    tolerances,
+    valid_scene,
+    whole_number,
+)
 from ._shooting import (
     SHORTEST,
     TOLERANCE,
@@ -204,10 +211,11 @@ def method_for(
 ) -> Method:
     """The method of a periodic orbit's motions."""
     rtol, atol = tolerances(rtol, atol)
-    if solver is None:
-        jumps = isinstance(column.friction, SetValuedCoulomb)
-        solver = Explicit() if jumps else Explicit(dfx.Dopri8.tableau)
-    return Method(solver, rtol, atol, whole_number("max_steps", max_steps))
+    jumps = isinstance(column.friction, SetValuedCoulomb)
+    usual = Explicit() if jumps else Explicit(dfx.Dopri8.tableau)
+    return Method(
+        explicit_method(solver, usual), rtol, atol, whole_number("max_steps", max_steps)
+    )
 
 
 def approximation(

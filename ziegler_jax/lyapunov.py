@@ -18,6 +18,7 @@ from ._materialise import if_any_lane
 from ._motion import Motion, follow
 from ._scene import (
     check_scene,
+    explicit_method,
     float_state,
     nan_where,
     recorded,
@@ -129,7 +130,7 @@ def lyapunov_exponents(
             f"Argument `blocks` must be at least 2, for an error, but is {blocks}."
         )
     fold = Blocks(
-        solver=Explicit() if solver is None else solver,
+        solver=explicit_method(solver, Explicit()),
         rtol=rtol,
         count=count,
         transient=number("transient", transient, "nonnegative"),

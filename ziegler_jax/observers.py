@@ -125,17 +125,16 @@ class Mean(AbstractObserver):
         return 0.0 * y[0], 0.0 * y[1]
 
     def step(self, column, state, step):
-        """Add the integral of the step's cubic."""
+        """Add the integral of the step's quintic."""
         del column
         h = step.t1 - step.t0
 
-        def area(x0, x1, v0, v1):
-            return h * ((x0 + x1) / 2 + h * (v0 - v1) / 12)
+        def area(i):
+            (x0, v0, a0), (x1, v1, a1) = _ends(step, i)
+            bent = (v0 - v1) / 10 + h * (a0 + a1) / 120
+            return h * ((x0 + x1) / 2 + h * bent)
 
-        return tuple(
-            total + area(step.y0[i], step.y1[i], step.y0[i + 2], step.y1[i + 2])
-            for i, total in enumerate(state)
-        )
+        return tuple(total + area(i) for i, total in enumerate(state))
 
     def result(self, column, state, span, y):
         """Area over time."""
@@ -165,18 +164,18 @@ class Period(AbstractObserver):
         return zero, t + zero, t + zero
 
     def step(self, column, state, step):
-        """Find the passage on the step's cubic, by Newton from the secant."""
+        """Find the passage on the step's quintic, with the cubic's slope."""
         del column
         count, first, last = state
         h = step.t1 - step.t0
-        x0, x1 = step.y0[0], step.y1[0]
-        v0, v1 = h * step.y0[2], h * step.y1[2]
+        (x0, v0, a0), (x1, v1, a1) = _ends(step, 0)
+        v0, v1, a0, a1 = h * v0, h * v1, h * h * a0, h * h * a1
         passed = (x0 < 0) & (x1 >= 0)
         rise = jnp.where(passed, x1 - x0, 1.0)
         s = -x0 / rise
         c2, c3 = 3 * (x1 - x0) - 2 * v0 - v1, v0 + v1 - 2 * (x1 - x0)
-        for _ in range(2):  # the secant is within h^2 of the root: two steps square it
-            value = x0 + s * (v0 + s * (c2 + s * c3))
+        for _ in range(3):  # the secant is within h^2 of the root, each step h^3 nearer
+            value = x0 + s * (v0 + s * (c2 + s * c3) + _quintic(s, c2, c3, a0, a1))
             slope = v0 + s * (2 * c2 + 3 * s * c3)
             moved = s - value / jnp.where(slope > 0, slope, rise)
             s = jnp.clip(moved, 0.0, 1.0)
@@ -339,6 +338,19 @@ def joint_rates(y: Vector4) -> tuple[Scalar, Scalar]:
     return y[2], y[3] - y[2]
 
 
+def _ends(step: Step, i: int) -> tuple:
+    """Angle, rate and acceleration of rod i at both ends of a step."""
+    ends = (step.y0, step.f0), (step.y1, step.f1)
+    first, second = ((y[i], y[i + 2], f[i + 2]) for y, f in ends)
+    return first, second
+
+
+def _quintic(s, c2, c3, a0, a1):
+    """What the quintic with these second derivatives adds to the cubic, over s."""
+    rest = 1 - s
+    return s * rest * rest * (rest * (a0 / 2 - c2) + s * (a1 / 2 - c2 - 3 * c3))
+
+
 def _peak(x0, x1, v0, v1, a0, a1):
     """Largest |x| at the end and near the extremum of the quintic with these ends.
 
@@ -359,9 +371,7 @@ def _peak(x0, x1, v0, v1, a0, a1):
     turns = (v0 * v1 < 0) & (square > 0) & (jnp.abs(top) <= jnp.abs(bottom))
     # between 0 and 1 where it turns; elsewhere any harmless number
     s = top / jnp.where(turns, bottom, 1.0)
-    rest = 1 - s
-    bend = rest * (a0 / 2 - c2) + s * (a1 / 2 - c2 - 3 * c3)
-    inner = x0 + s * (v0 + s * (c2 + s * c3) + s * rest * rest * bend)
+    inner = x0 + s * (v0 + s * (c2 + s * c3) + _quintic(s, c2, c3, a0, a1))
     end = jnp.abs(x1)
     return jnp.where(turns, jnp.maximum(end, jnp.abs(inner)), end)
 

@@ -15,6 +15,7 @@ from ._materialise import if_any_lane
 from ._motion import Motion, follow
 from ._scene import (
     check_scene,
+    explicit_method,
     float_state,
     tolerances,
     valid_scene,
@@ -188,7 +189,7 @@ def poincare(
             column,
             y0,
             fold,
-            solver=Explicit() if solver is None else solver,
+            solver=explicit_method(solver, Explicit()),
             rtol=rtol,
             atol=atol,
             valid=valid_scene(column, y0) & fold.valid() & (rtol > 0) & (atol > 0),

@@ -151,7 +151,8 @@ def settle(
         known or in a `sweep`, and tells in `solver_kind`; None is Tsit5, with friction
         the cheapest down to what the default tolerances give, an error of 4e-5 after
         100 time units (`benchmarks/b0_work_precision.py`); from there Calvo7 is, and
-        Dopri8 from 1e-9 on.
+        Dopri8 from 1e-9 on. With set-valued friction None is `Taylor()`, but Tsit5 with
+        the load `JointReaction()`.
     - `escape`: a rod's angle beyond which the lane ends as `escaped`.
     - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
         (`v_smooth`; with set-valued friction what sticks rests); without friction 1e-6.
@@ -226,8 +227,7 @@ def trajectory(
     - `column`, `start`: the scene; the start is the state at `ts[0]`.
     - `ts`: increasing times in $\sqrt{m l^2/k}$, shape (n,), at least two.
     - `rtol`, `atol`: tolerances of each step.
-    - `solver`: as `settle`, but None is Dopri8; with set-valued friction it is Tsit5,
-        whose interpolant finds the events.
+    - `solver`: as `settle`, but None is Dopri8 without set-valued friction.
     - `max_steps`: the step budget.
     - `max_events`: how many events there is room for, with set-valued friction.
 

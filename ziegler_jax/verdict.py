@@ -17,6 +17,7 @@ from ._materialise import if_any_lane
 from ._motion import Motion, follow
 from ._scene import (
     check_scene,
+    explicit_method,
     float_state,
     nan_where,
     rate_cut_of,
@@ -155,7 +156,7 @@ def verdict(
             f"Argument `blocks` must be at least 2, for an error, but is {blocks}."
         )
     fold = Witnesses(
-        solver=Explicit() if solver is None else solver,
+        solver=explicit_method(solver, Explicit()),
         rtol=rtol,
         transient=number("transient", transient, "nonnegative"),
         block=number("block", block, "positive"),

@@ -296,6 +296,7 @@ def at_rest(y: Vector4, rest: Pair) -> Vector4:
 
 
 def in_modes(column: Column, modes: Pair) -> Any:
+    """The column with its friction in these modes."""
     friction: Any = column.friction
     return eqx.tree_at(lambda c: c.friction, column, friction.in_modes(modes))
 
@@ -364,6 +365,7 @@ def chosen(law, balance, rest, landed, tol) -> Pair:
         inside = jnp.where(landed[i], 1.001 * jnp.sign(torque[i]), inside)
         layer.append(jnp.where(sticks, inside, FAR * m))
     event = landed[0] | landed[1]
+
     def packed():
         """Both modes in one number, that they are not chosen twice."""
         parts = balance, law.modes, rest, tuple(slack), tuple(layer), event

@@ -1,0 +1,103 @@
+r"""The series of a motion in frozen modes, and how far it may be trusted.
+
+A step is as long as the last two terms of the series allow: each may come to a few
+tolerances, and what is left out is then within about one.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+
+from .._materialise import materialise
+from .._series import Series, cauchy
+from .._types import Scalar, Vector4
+from ..column import Column, joint_balance
+from ..set_valued import Balance
+
+LAST_TERMS = 6.0  # tolerances that each of the last two terms may come to
+
+
+class Motion(NamedTuple):
+    """The series of a motion in frozen modes: lists of coefficients."""
+
+    y: tuple[list, list, list, list]
+    accelerations: tuple[list, list]
+    watched: tuple[
+        list, list
+    ]  # a sliding joint's rate forwards, a sticking one's torque
+
+
+def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:
+    """The series of the motion from y, in the modes of the column's friction."""
+    w1, w2 = Series(at, known=(y[2],)), Series(at, known=(y[3],))
+    phi1, phi2 = w1.integral(y[0]), w2.integral(y[1])
+    a1, a2 = w1.derivative(), w2.derivative()
+    law: Any = column.friction
+    # the forces of each order rest on the motion up to that order
+    forces = joint_balance(column, (phi1, phi2, w1, w2))
+    h, r1, r2 = forces.h, forces.r1, forces.r2
+    for x in (h, r1, r2):
+        x.ready(0)
+    still = Balance(forces.a, h[0], forces.d, r1[0], r2[0])
+    mobility = materialise(at, law.mobility, still)
+    watched: tuple[list, list] = [], []
+    for k in range(order + 1):
+        held: Any = (0.0, 0.0)
+        rates = w1[k], w2[k] - w1[k]
+        if k < order:
+            for x in (h, r1, r2):
+                x.ready(k)
+
+            def driven(k=k):
+                """The forces of this order, but for the accelerations of this order."""
+                if k > 0:
+                    return r1[k] - cauchy(h, a2, k, 1), r2[k] - cauchy(h, a1, k, 1)
+                (m1, m2), (k1, k2) = law.modes, law.kinetic
+                return r1[0] - m1 * k1 + m2 * k2, r2[0] - m2 * k2
+
+            left1, left2 = materialise(at, driven)
+            now = still._replace(r1=left1, r2=left2)
+
+            def move(k=k, now=now):
+                moved = law.moved(now, 0.0, 0.0, mobility)
+                return tuple(a / (k + 1) for a in moved)
+
+            for w, new in zip((w1, w2), materialise(at, move), strict=True):
+                w.append(new)
+            held = law.carried(now, a1[k], a2[k])
+        rows = zip(watched, law.modes, rates, held, strict=True)
+        for row, m, u, torque in rows:
+            row.append(jnp.where(m == 0, torque, m * u))
+    states = tuple([x[k] for k in range(order + 1)] for x in (phi1, phi2, w1, w2))
+    rates = tuple([x[k] for k in range(order)] for x in (a1, a2))
+    return Motion(states, rates, watched)  # pyright: ignore
+
+
+def allowed(motion: Motion, rtol: Scalar, atol: Scalar) -> Any:
+    """How long a step may be by the last two terms of its series."""
+    order = len(motion.y[0]) - 1
+    weights = [1 / (atol + rtol * jnp.abs(c[0])) for c in motion.y]
+    shortest = None
+    for k in (order - 1, order):
+        sizes = [jnp.abs(c[k]) * w for c, w in zip(motion.y, weights, strict=True)]
+        worst = jnp.maximum(jnp.maximum(*sizes[:2]), jnp.maximum(*sizes[2:]))
+        # of what is not finite nothing follows
+        h = (math.log2(LAST_TERMS) - _log2(lax.stop_gradient(worst))) / k + 0.0 * worst
+        shortest = h if shortest is None else jnp.minimum(shortest, h)
+    assert shortest is not None
+    # seven digits are plenty, and XLA vectorises float32's exp
+    h = jnp.exp(math.log(2) * shortest.astype(jnp.float32))
+    return lax.stop_gradient(h.astype(shortest.dtype))
+
+
+def _log2(x: Any) -> Any:
+    """Within 0.09, by a float's bits: the line through the powers of two on each side.
+
+    However large the number is, which float32's log could not say.
+    """
+    info = jnp.finfo(x.dtype)
+    whole = jnp.int64 if info.bits == 64 else jnp.int32
+    bits = lax.bitcast_convert_type(x, whole).astype(x.dtype)
+    return bits * 2.0**-info.nmant + (info.minexp - 1)
