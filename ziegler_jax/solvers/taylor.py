@@ -182,18 +182,23 @@ class TaylorSlip(AbstractObserved):
             ],
         )
         y, rest = materialise(t0, lambda: _arrival(end, ended, slips, cut, tol))
-        event = ended[0] | ended[1]
 
         f0 = (y0[2], y0[3], motion.accelerations[0][0], motion.accelerations[1][0])
         f_end = (y[2], y[3], *rates)
+
+        asked = ended[0] | ended[1]
 
         def change(modes):
             balance = joint_balance(column, y)
             new = chosen(law, balance, rest, ended, (tol, tol))
             pairs = zip(new, modes, strict=True)
-            return tuple(jnp.where(event, a, b) for a, b in pairs)
+            return tuple(jnp.where(asked, a, b) for a, b in pairs)
 
-        after = if_any_lane(event, change, modes)
+        after = if_any_lane(asked, change, modes)
+        # the state itself has the last word on a torque, whose series is the shortest
+        rows = zip(ended, slips, after, strict=True)
+        ended = [here & (m | (new != 0)) for here, m, new in rows]
+        event = ended[0] | ended[1]
         last_event, at_once = solver_state.last_event, solver_state.at_once
         same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
         at_once = jnp.where(event, jnp.where(same, at_once + 1.0, 0.0), at_once)

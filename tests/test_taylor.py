@@ -1,0 +1,339 @@
+"""Taylor's method for stick and slip: series, step lengths, ends of modes, refusals."""
+
+import dataclasses
+import itertools
+
+import diffrax as dfx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+
+import ziegler_jax as zj
+from ziegler_jax._scene import prepared
+from ziegler_jax._series import Series, value, value_and_slope
+from ziegler_jax._sincos import sincos
+from ziegler_jax.column import joint_balance, vector_field
+from ziegler_jax.outcome import OUTCOME
+from ziegler_jax.solvers.expansion import _log2, allowed, expand
+from ziegler_jax.solvers.mode_ends import first_event, first_look
+from ziegler_jax.solvers.stickslip import in_modes
+
+ORDER = 8
+MODES = list(itertools.product((-1.0, 0.0, 1.0), repeat=2))
+LAW = zj.SetValuedCoulomb(0.3, 0.2, pin_radius=(0.1, 0.2))
+COLUMNS = {
+    "bare": zj.uniform_rods(2.6, friction=LAW),
+    "all": zj.uniform_rods(
+        2.2,
+        m1=0.7,
+        m2=1.3,
+        l2=0.8,
+        kappa=1.4,
+        follower=0.6,
+        damping=zj.Sum(zj.Viscous(0.1, 0.2), zj.Air(0.2, 0.1, l2=0.8)),
+        friction=LAW,
+    ),
+}
+START = (0.3, -0.2, 0.4, -0.5)
+
+
+def series(*coefficients):
+    return Series(jnp.zeros(()), known=tuple(map(jnp.asarray, coefficients)))
+
+
+def coefficients(x, count):
+    x.ready(count - 1)
+    return np.array([float(x[k]) for k in range(count)])
+
+
+# Series ---------------------------------------------------------------------------------
+
+
+def test_products_are_those_of_polynomials():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(2, 7))
+    found = coefficients(3.0 * series(*a) * (2.0 - series(*b)) * series(*a), 7)
+    pa, pb = Polynomial(a), Polynomial(b)
+    expected = (3 * pa * (2 - pb) * pa).coef[:7]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)  # worst: 2e-14
+    square = series(*a)
+    np.testing.assert_allclose(
+        coefficients(square * square, 7), (pa * pa).coef[:7], rtol=0, atol=1e-14
+    )
+
+
+def test_the_sine_of_a_series_is_that_of_its_value():
+    x = series(0.4, 1.0, -0.7, 0.3, 0.1, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    s, c = (coefficients(part, 13) for part in sincos(x))
+    t = 0.05
+    angle = 0.4 + t - 0.7 * t**2 + 0.3 * t**3 + 0.1 * t**4
+    # what is left out is below t^13
+    np.testing.assert_allclose(Polynomial(s)(t), np.sin(angle), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(Polynomial(c)(t), np.cos(angle), rtol=0, atol=1e-15)
+
+
+def test_rate_and_integral_undo_each_other():
+    x = series(0.4, 1.0, -0.7, 0.3)
+    again = coefficients(x.derivative().integral(x[0]), 4)
+    np.testing.assert_allclose(again, [0.4, 1.0, -0.7, 0.3], rtol=1e-15)
+
+
+def test_horner_gives_the_value_and_the_slope():
+    p = Polynomial([0.3, -1.0, 2.0, 0.7])
+    found = value_and_slope(list(p.coef), 0.6)
+    assert found == pytest.approx((p(0.6), p.deriv()(0.6)), rel=1e-15)
+    assert value(list(p.coef), 0.6) == found[0]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_logarithm_by_bits_is_within_a_tenth(dtype):
+    info = np.finfo(dtype)
+    x = np.geomspace(float(info.tiny) * 4, float(info.max) / 4, 1001).astype(dtype)
+    apart = np.asarray(_log2(jnp.asarray(x))) - np.log2(x)
+    assert -0.0861 < apart.min() < -0.08  # log2(1 + f) - f is at most 0.08607
+    assert apart.max() < 1e-4
+
+
+# The motion's series --------------------------------------------------------------------
+
+
+def in_frozen_modes(column, modes):
+    modes = tuple(jnp.asarray(m) for m in modes)
+    column = in_modes(prepared(column), modes)
+    w1, w2 = column.friction.hold(jnp.asarray(START[2]), jnp.asarray(START[3]))
+    return column, (jnp.asarray(START[0]), jnp.asarray(START[1]), w1, w2)
+
+
+@jax.jit
+def truth(column, y0, t):
+    """The motion in frozen modes by another method."""
+    return dfx.diffeqsolve(
+        dfx.ODETerm(vector_field),
+        dfx.Dopri8(),
+        0.0,
+        t,
+        None,
+        y0,
+        column,
+        stepsize_controller=dfx.PIDController(rtol=1e-13, atol=1e-14),
+        adjoint=dfx.ForwardMode(),
+        max_steps=None,
+    ).ys
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+@pytest.mark.parametrize("modes", MODES)
+def test_the_series_is_the_motion_to_its_order(name, modes):
+    column, y0 = in_frozen_modes(COLUMNS[name], modes)
+    motion = expand(column, y0, ORDER, jnp.zeros(()))
+    errors = []
+    for t in (0.2, 0.1):
+        exact = [float(x[0]) for x in truth(column, y0, t)]
+        errors.append(max(abs(value(c, t) - x) for c, x in zip(motion.y, exact)))
+    if modes == (0.0, 0.0):
+        assert max(errors) == 0
+        return
+    assert errors[0] < 1e-6  # worst: 1.2e-7
+    # half the time: 2^9 less, but for the terms behind it (333 to 850)
+    assert 200 < errors[0] / errors[1] < 1200
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+@pytest.mark.parametrize("modes", MODES)
+def test_what_is_watched_are_rates_and_holding_torques(name, modes):
+    column, y0 = in_frozen_modes(COLUMNS[name], modes)
+    motion = expand(column, y0, ORDER, jnp.zeros(()))
+    t = 0.02
+    y = tuple(value(c, t) for c in motion.y)
+    torques = column.friction.torques(joint_balance(column, y))
+    rates = y[2], y[3] - y[2]
+    for m, watched, torque, rate in zip(modes, motion.watched, torques, rates):
+        expected = torque if m == 0 else m * rate
+        # a torque is known to one order less: 0.02^8 and coefficients
+        assert value(watched, t) == pytest.approx(float(expected), abs=1e-12)
+
+
+def test_a_step_errs_by_about_its_tolerance():
+    rng = np.random.default_rng(3)
+    column = in_modes(prepared(COLUMNS["all"]), (jnp.asarray(1.0), jnp.asarray(-1.0)))
+    shares = []
+    for tol in (1e-5, 1e-8, 1e-11):
+        for _ in range(20):
+            y0 = tuple(jnp.asarray(x) for x in rng.normal(size=4) * 0.5)
+            motion = expand(column, y0, ORDER, jnp.zeros(()))
+            h = allowed(motion, tol, tol)
+            exact = truth(column, y0, h)
+            rows = zip(motion.y, exact, y0)
+            shares.append(
+                max(
+                    abs(value(c, h) - float(x[0])) / (tol * (1 + abs(y)))
+                    for c, x, y in rows
+                )
+            )
+    assert np.median(shares) < 1.0  # 0.3
+    assert max(shares) < 5.0  # 2.3
+
+
+# Ends of modes --------------------------------------------------------------------------
+
+TOL = 1e-9
+
+
+@jax.jit
+@jax.vmap
+def ends(first, second, limits, slips):
+    """The time looked over, the event's, and whose it is."""
+    joints = [(list(w), limits[i], slips[i]) for i, w in enumerate((first, second))]
+    at = first[0]
+    s, kinds = first_look(joints, jnp.ones_like(at), TOL, at)
+    found, mine = first_event(joints, kinds, s, TOL, at)
+    return s, found, mine
+
+
+def first_low(coefficients, limit, slips, span):
+    """The first time at which a mode is left, by the roots of its polynomials."""
+    p = Polynomial(coefficients)
+    guards = [p] if slips else [limit - p, limit + p]
+    times = [np.inf]
+    for guard in guards:
+        below = guard + TOL
+        roots = below.roots()
+        real = roots[np.abs(roots.imag) < 1e-9].real
+        inside = np.sort(real[(real > 0) & (real <= span)])
+        falls = [t for t in inside if below.deriv()(t) < 0]
+        times += falls[:1]
+        if below(0.0) < 0:
+            times.append(0.0)
+    return min(times)
+
+
+def test_the_first_end_of_a_mode_is_found_among_random_polynomials():
+    rng = np.random.default_rng(5)
+    count = 4000
+    decay = rng.uniform(0.2, 0.9, (count, 1, 1)) ** np.arange(ORDER + 1)
+    w = rng.normal(size=(count, 2, ORDER + 1)) * decay
+    slips = rng.random((count, 2)) < 0.5
+    limits = np.where(slips, 0.0, np.abs(w[..., 0]) + rng.uniform(0, 1, (count, 2)))
+    w[..., 0] = np.where(slips, np.abs(w[..., 0]), w[..., 0])
+    # some begin on their limit, as what has just been set free does
+    w[:: 7, 0, 0] = np.where(slips[::7, 0], 0.0, w[::7, 0, 0])
+    lanes = map(jnp.asarray, (w[:, 0], w[:, 1], limits, slips))
+    s, found, (mine1, mine2) = (jax.tree.map(np.asarray, x) for x in ends(*lanes))
+    events = mine1 | mine2
+    halved = 0
+    for i in range(count):
+        span = s[i]
+        expected = [first_low(w[i, j], limits[i, j], slips[i, j], span) for j in (0, 1)]
+        first = min(expected)
+        if not events[i]:
+            assert first == np.inf, (i, first)
+            halved += span < 1
+            continue
+        # half a tolerance before what is left for good, by the guard's slope
+        j = int(mine2[i])
+        p = Polynomial(w[i, j])
+        guard = p(found[i]) if slips[i, j] else limits[i, j] - abs(p(found[i]))
+        assert abs(guard) < 1.5 * TOL or found[i] == 0, (i, guard)
+        assert found[i] < first + 1e-6, (i, found[i], first)
+        others = [first_low(w[i, k], limits[i, k], slips[i, k], found[i]) for k in (0, 1)]
+        assert min(others) >= found[i] - 1e-6, (i, found[i], others)
+    assert events.sum() > count / 2
+    assert 0 < halved < count / 10  # most are told at first sight
+
+
+# Whole motions --------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    q: float
+    tau: float
+    ratio: float
+    start: tuple
+
+
+def random_scenes(count):
+    rng = np.random.default_rng(11)
+    return [
+        Scene(
+            rng.uniform(0, 3),
+            rng.uniform(0.01, 0.3),
+            rng.uniform(1, 2),
+            tuple(rng.normal(size=4) * 0.4),
+        )
+        for _ in range(count)
+    ]
+
+
+@pytest.mark.parametrize("release", ["stick-first", "stribeck-limit"])
+def test_a_runge_kutta_method_sees_the_same_motion_and_events(release):
+    ts = jnp.linspace(0.0, 15.0, 31)
+
+    @jax.jit
+    def both(q, tau, ratio, start):
+        law = zj.SetValuedCoulomb(
+            tau, tau / ratio, pin_radius=1.0, load=zj.ConstantLoad(1.0), release=release
+        )
+        column = zj.uniform_rods(q, friction=law)
+        scene = column, zj.State(start[:2], start[2:]), ts
+        return [
+            zj.trajectory(*scene, rtol=1e-10, atol=1e-10, solver=solver)
+            for solver in (zj.Taylor(), zj.Explicit())
+        ]
+
+    events = 0
+    for scene in random_scenes(25):
+        one, other = both(scene.q, scene.tau, scene.ratio, scene.start)
+        assert OUTCOME(int(one.outcome)) is OUTCOME(int(other.outcome))
+        count = int(one.events.count)
+        assert count == int(other.events.count), scene
+        events += count
+        for field in ("joints", "modes"):
+            np.testing.assert_array_equal(
+                getattr(one.events, field), getattr(other.events, field)
+            )
+        np.testing.assert_allclose(
+            one.events.times, other.events.times, rtol=0, atol=1e-7
+        )
+        np.testing.assert_allclose(one.phi, other.phi, rtol=0, atol=1e-7)
+    assert events > 100
+
+
+def test_the_method_is_in_the_record():
+    ds = zj.sweep(settled, q=[2.0, 2.6], progress=False)
+    assert ds.attrs["solver"] == "Taylor8"
+
+
+def settled(q, **options):
+    column = zj.uniform_rods(q, friction=LAW)
+    options = {"transient": 5.0, "window": 5.0, "max_windows": 1, **options}
+    return zj.settle(column, zj.State(omega=(0.0, 0.3)), **options)
+
+
+@pytest.mark.parametrize("order", [2, 8.0, True, "8"])
+def test_an_order_is_a_whole_number(order):
+    with pytest.raises(ValueError, match="`order` of `Taylor` must be a whole number"):
+        zj.Taylor(order)
+
+
+SMOOTH = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.01)
+REACTION = zj.SetValuedCoulomb(0.1, pin_radius=0.1, load=zj.JointReaction())
+
+
+@pytest.mark.parametrize("friction", [None, SMOOTH, REACTION])
+def test_it_is_refused_where_it_has_no_series(friction):
+    column = zj.uniform_rods(2.0, friction=friction)
+    with pytest.raises(ValueError, match="`solver` may be `Taylor"):
+        zj.settle(column, zj.State(), solver=zj.Taylor())
+
+
+@pytest.mark.parametrize(
+    "function",
+    [zj.periodic_orbit, zj.lyapunov_exponents, zj.verdict, zj.poincare],
+)
+def test_it_is_refused_where_derivatives_or_sections_are_asked_for(function):
+    column = zj.uniform_rods(2.0, friction=LAW)
+    with pytest.raises(ValueError, match=r"`solver` must be `Explicit\(...\)` or None"):
+        function(column, zj.State(omega=(0.0, 0.2)), solver=zj.Taylor())
