@@ -249,6 +249,8 @@ def _search(
     width = jnp.where(found, search.high - search.low, jnp.nan)
     outcome = _outcome(search, scan, halvings)
     last = motion(first)
+    # derivatives are carried along the steps of a Runge-Kutta method
+    carrying = last.method if isinstance(last.method, Explicit) else Explicit()
     change = carried(
         scene,
         jnp.where(found, value, least),
@@ -256,7 +258,7 @@ def _search(
         search.over & (outcome == ONSET.found),
         last.watch.window,
         last.end,
-        Method(last.method, last.rtol, last.atol, max_steps),
+        Method(carrying, last.rtol, last.atol, max_steps),
     )
     return Onset(
         value=value + change,
