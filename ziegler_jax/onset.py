@@ -27,7 +27,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._motion import Run
-from ._scene import check_maker, made, recorded, whole_number
+from ._scene import (
+    check_maker,
+    explicit_method,
+    has_series,
+    made,
+    recorded,
+    whole_number,
+)
 from ._sequence import in_turn
 from ._settling import Settling
 from ._shooting import fixed
@@ -134,7 +141,7 @@ def flutter_onset(
     - `halvings`: how often the first interval with a change is halved.
     - `window`, `max_windows`, `rtol_settle`, `rtol`, `atol`, `solver`, `escape`,
         `rate_cut`, `max_steps`: of each motion, as in `settle`, with the stricter rules
-        of this module.
+        of this module; with set-valued friction a `solver` of None is Tsit5.
 
     **Returns:** `Onset`: `value`, `width`, `outcome` and more. A motion without a
     verdict inside the halved interval ends the search there, as `undecided`: its
@@ -207,6 +214,9 @@ def _search(
 
     def motion(search: _Search) -> Settling:
         column, start = fixed(scene(search.x))
+        # the derivative is carried along the steps of the same method
+        series = has_series(column)
+        method = explicit_method(solver, Explicit()) if series else solver
         return Settling(
             column,
             start,
@@ -217,7 +227,7 @@ def _search(
             observers=(),
             rtol=rtol,
             atol=atol,
-            solver=solver,
+            solver=method,
             escape=escape,
             rate_cut=rate_cut,
             max_steps=max_steps,
@@ -249,8 +259,6 @@ def _search(
     width = jnp.where(found, search.high - search.low, jnp.nan)
     outcome = _outcome(search, scan, halvings)
     last = motion(first)
-    # derivatives are carried along the steps of a Runge-Kutta method
-    carrying = last.method if isinstance(last.method, Explicit) else Explicit()
     change = carried(
         scene,
         jnp.where(found, value, least),
@@ -258,7 +266,7 @@ def _search(
         search.over & (outcome == ONSET.found),
         last.watch.window,
         last.end,
-        Method(carrying, last.rtol, last.atol, max_steps),
+        Method(last.method, last.rtol, last.atol, max_steps),
     )
     return Onset(
         value=value + change,
