@@ -29,24 +29,34 @@ def rule_of(case):
     return RULES["layer" in case]
 
 
-@functools.partial(jax.jit, static_argnames="release")
-def history(q, tau_s, tau_k, phi, omega, ts, tol, release):
+METHODS = {"Taylor": zj.Taylor(), "Tsit5": zj.Explicit()}
+
+
+@functools.partial(jax.jit, static_argnames=("release", "method"))
+def history(q, tau_s, tau_k, phi, omega, ts, tol, release, method="Taylor"):
     friction = law(tuple(tau_s), tuple(tau_k), release)
     column = zj.uniform_rods(q, friction=friction)
     start = zj.State(tuple(phi), tuple(omega))
-    return zj.trajectory(column, start, ts, rtol=tol, atol=tol)
+    return zj.trajectory(column, start, ts, rtol=tol, atol=tol, solver=METHODS[method])
 
 
 @pytest.mark.parametrize("case", CASES)
-# measured: states 1.4e-7 (the chaotic case by layers; others 1.4e-8) and 1.5e-9, event
-# times 1.9e-8 and 2.7e-10
+# measured: states 3.8e-8 (the chaotic case by layers; others 1.2e-8) and 5.5e-10, event
+# times 6.3e-9 and 1.3e-10; Tsit5 1.4e-7 and 1.9e-8
 @pytest.mark.parametrize(
-    "tol, states, times", [(1e-9, 1e-6, 1e-6), (1e-11, 1e-8, 1e-8)]
+    "method, tol, states, times",
+    [
+        ("Taylor", 1e-9, 4e-7, 6e-8),
+        ("Taylor", 1e-11, 6e-9, 2e-9),
+        ("Tsit5", 1e-9, 1e-6, 2e-7),
+    ],
 )
-def test_the_reference_motions_and_their_events(reference, case, tol, states, times):
+def test_the_reference_motions_and_their_events(
+    reference, case, method, tol, states, times
+):
     ref = reference(f"fric_{case}")
     numbers = [jnp.asarray(ref[k], float) for k in ("q", "Ts", "Tk", "phi0", "w0", "t")]
-    found = history(*numbers, tol, release=rule_of(case))
+    found = history(*numbers, tol, release=rule_of(case), method=method)
     assert OUTCOME(int(found.outcome)) is OUTCOME.complete
     y = np.concatenate([found.phi, found.omega], axis=1)
     np.testing.assert_allclose(y, ref["y"], rtol=0, atol=states)
@@ -206,10 +216,11 @@ def test_friction_of_no_strength_is_none(tau, omega):
     np.testing.assert_allclose(found.omega, free.omega, rtol=0, atol=5e-8)
 
 
-def test_a_step_far_too_long_is_not_cut_but_repeated():
+@pytest.mark.parametrize("method", METHODS)
+def test_a_step_far_too_long_is_not_cut_but_repeated(method):
     ts, tau = jnp.array([0.0, 0.01]), (0.03, 0.03)
     fast = (1e4, -1e4)
-    found = history(2.0, tau, tau, (0.0, 0.0), fast, ts, 1e-9, "stick-first")
+    found = history(2.0, tau, tau, (0.0, 0.0), fast, ts, 1e-9, "stick-first", method)
     layer = zj.SmoothCoulomb(
         0.03, pin_radius=1.0, v_smooth=1e-3, load=zj.ConstantLoad(1.0)
     )

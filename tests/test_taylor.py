@@ -48,7 +48,7 @@ def coefficients(x, count):
     return np.array([float(x[k]) for k in range(count)])
 
 
-# Series ---------------------------------------------------------------------------------
+# Series -------------------------------------------------------------------------------
 
 
 def test_products_are_those_of_polynomials():
@@ -65,7 +65,7 @@ def test_products_are_those_of_polynomials():
 
 
 def test_the_sine_of_a_series_is_that_of_its_value():
-    x = series(0.4, 1.0, -0.7, 0.3, 0.1, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    x = series(0.4, 1.0, -0.7, 0.3, 0.1, *(0.0,) * 9)
     s, c = (coefficients(part, 13) for part in sincos(x))
     t = 0.05
     angle = 0.4 + t - 0.7 * t**2 + 0.3 * t**3 + 0.1 * t**4
@@ -96,7 +96,17 @@ def test_the_logarithm_by_bits_is_within_a_tenth(dtype):
     assert apart.max() < 1e-4
 
 
-# The motion's series --------------------------------------------------------------------
+# The motion's series ------------------------------------------------------------------
+
+
+@jax.jit
+def expansion(column, y0):
+    return expand(column, y0, ORDER, y0[0])
+
+
+@jax.jit
+def length(motion, tol):
+    return allowed(motion, tol, tol)
 
 
 def in_frozen_modes(column, modes):
@@ -127,29 +137,35 @@ def truth(column, y0, t):
 @pytest.mark.parametrize("modes", MODES)
 def test_the_series_is_the_motion_to_its_order(name, modes):
     column, y0 = in_frozen_modes(COLUMNS[name], modes)
-    motion = expand(column, y0, ORDER, jnp.zeros(()))
-    errors = []
-    for t in (0.2, 0.1):
-        exact = [float(x[0]) for x in truth(column, y0, t)]
-        errors.append(max(abs(value(c, t) - x) for c, x in zip(motion.y, exact)))
+    motion = expansion(column, y0)
+
+    def error(t):
+        exact = (float(x[0]) for x in truth(column, y0, t))
+        pairs = zip(motion.y, exact, strict=True)
+        return max(abs(float(value(c, t)) - x) for c, x in pairs)
+
     if modes == (0.0, 0.0):
-        assert max(errors) == 0
+        assert error(0.1) == 0
         return
-    assert errors[0] < 1e-6  # worst: 1.2e-7
-    # half the time: 2^9 less, but for the terms behind it (333 to 850)
-    assert 200 < errors[0] / errors[1] < 1200
+    t = 1.6
+    while error(t) > 1e-7:
+        t /= 2
+    assert t > 0.01
+    # half the time: 2^9 less, but for the terms behind it (370 to 537)
+    assert 300 < error(t) / error(t / 2) < 600
 
 
 @pytest.mark.parametrize("name", COLUMNS)
 @pytest.mark.parametrize("modes", MODES)
 def test_what_is_watched_are_rates_and_holding_torques(name, modes):
     column, y0 = in_frozen_modes(COLUMNS[name], modes)
-    motion = expand(column, y0, ORDER, jnp.zeros(()))
+    motion = expansion(column, y0)
     t = 0.02
     y = tuple(value(c, t) for c in motion.y)
     torques = column.friction.torques(joint_balance(column, y))
     rates = y[2], y[3] - y[2]
-    for m, watched, torque, rate in zip(modes, motion.watched, torques, rates):
+    rows = zip(modes, motion.watched, torques, rates, strict=True)
+    for m, watched, torque, rate in rows:
         expected = torque if m == 0 else m * rate
         # a torque is known to one order less: 0.02^8 and coefficients
         assert value(watched, t) == pytest.approx(float(expected), abs=1e-12)
@@ -162,10 +178,10 @@ def test_a_step_errs_by_about_its_tolerance():
     for tol in (1e-5, 1e-8, 1e-11):
         for _ in range(20):
             y0 = tuple(jnp.asarray(x) for x in rng.normal(size=4) * 0.5)
-            motion = expand(column, y0, ORDER, jnp.zeros(()))
-            h = allowed(motion, tol, tol)
+            motion = expansion(column, y0)
+            h = length(motion, tol)
             exact = truth(column, y0, h)
-            rows = zip(motion.y, exact, y0)
+            rows = zip(motion.y, exact, y0, strict=True)
             shares.append(
                 max(
                     abs(value(c, h) - float(x[0])) / (tol * (1 + abs(y)))
@@ -176,7 +192,7 @@ def test_a_step_errs_by_about_its_tolerance():
     assert max(shares) < 5.0  # 2.3
 
 
-# Ends of modes --------------------------------------------------------------------------
+# Ends of modes ------------------------------------------------------------------------
 
 TOL = 1e-9
 
@@ -218,7 +234,7 @@ def test_the_first_end_of_a_mode_is_found_among_random_polynomials():
     limits = np.where(slips, 0.0, np.abs(w[..., 0]) + rng.uniform(0, 1, (count, 2)))
     w[..., 0] = np.where(slips, np.abs(w[..., 0]), w[..., 0])
     # some begin on their limit, as what has just been set free does
-    w[:: 7, 0, 0] = np.where(slips[::7, 0], 0.0, w[::7, 0, 0])
+    w[::7, 0, 0] = np.where(slips[::7, 0], 0.0, w[::7, 0, 0])
     lanes = map(jnp.asarray, (w[:, 0], w[:, 1], limits, slips))
     s, found, (mine1, mine2) = (jax.tree.map(np.asarray, x) for x in ends(*lanes))
     events = mine1 | mine2
@@ -237,13 +253,15 @@ def test_the_first_end_of_a_mode_is_found_among_random_polynomials():
         guard = p(found[i]) if slips[i, j] else limits[i, j] - abs(p(found[i]))
         assert abs(guard) < 1.5 * TOL or found[i] == 0, (i, guard)
         assert found[i] < first + 1e-6, (i, found[i], first)
-        others = [first_low(w[i, k], limits[i, k], slips[i, k], found[i]) for k in (0, 1)]
+        others = [
+            first_low(w[i, k], limits[i, k], slips[i, k], found[i]) for k in (0, 1)
+        ]
         assert min(others) >= found[i] - 1e-6, (i, found[i], others)
-    assert events.sum() > count / 2
+    assert events.sum() > count / 3
     assert 0 < halved < count / 10  # most are told at first sight
 
 
-# Whole motions --------------------------------------------------------------------------
+# Whole motions ------------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True)

@@ -29,6 +29,7 @@ import numpy as np
 from ._motion import Run
 from ._scene import (
     check_maker,
+    check_scene,
     explicit_method,
     has_series,
     made,
@@ -214,6 +215,7 @@ def _search(
 
     def motion(search: _Search) -> Settling:
         column, start = fixed(scene(search.x))
+        check_scene(column, start)
         # the derivative is carried along the steps of the same method
         series = has_series(column)
         method = explicit_method(solver, Explicit()) if series else solver

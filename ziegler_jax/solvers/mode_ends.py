@@ -136,7 +136,7 @@ def _root(guard: Any, level: Any, about: Any, s: Any, asked: Any, at: Any) -> An
         return (jnp.abs(new - x) > near * s) & (count < MOST_ROUNDS)
 
     # what the last step moved is squared by the next
-    near = jnp.sqrt(-level)
+    near = 0.1 * jnp.sqrt(-level)
     begin = *pair(about), jnp.zeros((), jnp.int32)
     _, x, _ = lax.while_loop(far, lambda now: (*pair(now[1]), now[2] + 1), begin)
     return x

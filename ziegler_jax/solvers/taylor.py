@@ -214,7 +214,7 @@ class TaylorSlip(AbstractObserved):
         return y, signals, dense(t0, t_end, y0, y, f0, f_end), state, OKAY
 
 
-def _arrival(y: Vector4, ended: Pair, slips: Pair, cut: Any, tol: Any) -> Any:
+def _arrival(y: Vector4, ended: Any, slips: Any, cut: Any, tol: Any) -> Any:
     """The step's end: the state, and which joints are at rest there."""
     rows = zip((y[2], y[3] - y[2]), ended, slips, strict=True)
     rest = [~m | e | (cut & (jnp.abs(u) <= tol)) for u, e, m in rows]
