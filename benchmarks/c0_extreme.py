@@ -1,7 +1,7 @@
 """Extreme cases: each ends with its expected outcome, and right where it ends well.
 
 Every case of `extreme_cases` runs with each explicit method and `Rosenbrock()`, in 64
-bits, and some in 32; and with set-valued friction (StickSlip, on Tsit5) where the case
+bits, and some in 32; and with set-valued friction (Taylor) where the case
 is not one of the smoothed law's rates. The end state's error is against scipy (DOP853,
 or Radau where friction or damping is stiff) at 1e-12, of a field that is written once
 more here; in tolerances of the largest number of the end state. It may be `EACH`
@@ -38,7 +38,7 @@ SOLVERS = {
     "Vern9": zj.Explicit(*VERN9),
     "Rodas5P": zj.Rosenbrock(),
 }
-STICK_SLIP = "StickSlip"
+STICK_SLIP = "Taylor"
 MAX_STEPS = 200_000
 FINEST = 1e-12  # what the reference is good for
 EACH = 100.0  # what an error may be, in tolerances, where a motion magnifies nothing
@@ -209,7 +209,7 @@ def written(rows, chosen):
         'of the end state, in tolerances; `auto` is what `solver="auto"` takes.',
         "`unsettled` is the end of the one window that each case is given.",
         "An error may be 100 tolerances for each unit by which the motion magnifies a",
-        "change of its start, and a hundredth of the motion. StickSlip is set-valued",
+        "change of its start, and a hundredth of the motion. Taylor is set-valued",
         "friction; where mu_s > mu_k nothing bounds it, its outcome alone is judged.",
         "Springs make phi + 2 pi another state: wound up by a turn, not the same.",
         "",
