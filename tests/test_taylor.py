@@ -330,6 +330,16 @@ def settled(q, **options):
     return zj.settle(column, zj.State(omega=(0.0, 0.3)), **options)
 
 
+@pytest.mark.parametrize("rate", [1e20, 1e100, 1e200])
+def test_rates_beyond_all_bounds_are_failures(rate):
+    column = zj.uniform_rods(2.0, friction=LAW)
+    options = {"max_windows": 1, "escape": 1e300, "max_steps": 10_000}
+    found = zj.settle(column, zj.State(omega=(0.0, rate)), **options)
+    failures = OUTCOME.not_finite, OUTCOME.step_vanished, OUTCOME.chattering
+    assert OUTCOME(int(found.outcome)) in failures
+    assert np.isnan(found.drift) and np.isnan(found.amplitude.rod).all()
+
+
 @pytest.mark.parametrize("order", [2, 8.0, True, "8"])
 def test_an_order_is_a_whole_number(order):
     with pytest.raises(ValueError, match="`order` of `Taylor` must be a whole number"):

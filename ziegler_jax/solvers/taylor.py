@@ -96,7 +96,8 @@ class Reached(StepControl):
         """Go on from where the step ended."""
         del t1, y0, y1_candidate, args, error_order
         signals, left = y_error, controller_state.left - 1
-        keep = signals.reached > t0
+        # diffrax puts infinity in place of NaN
+        keep = (signals.reached > t0) & jnp.isfinite(signals.reached)
         t = jnp.where(keep, signals.reached, t0)
         stop = jnp.where(keep, signals.stop, controller_state.stop)
         result = self.ending((left <= 0) | (keep & (signals.done > 0)), ~keep)
@@ -163,7 +164,8 @@ class TaylorSlip(AbstractObserved):
             """The step's length and end: an event is no earlier than can be told."""
             soonest = 16 * eps * jnp.maximum(jnp.abs(t0), eps)
             length = jnp.where(cut, jnp.maximum(found, soonest), s)
-            return length, jnp.where(cut | (s < t1 - t0), t0 + length, t1)
+            entire = (s >= t1 - t0) & ~cut  # not so where the series is not finite
+            return length, jnp.where(entire, t1, t0 + length)
 
         length, t_end = materialise(t0, span)
 
