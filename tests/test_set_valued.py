@@ -217,7 +217,7 @@ def test_friction_of_no_strength_is_none(tau, omega):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_step_far_too_long_is_not_cut_but_repeated(method):
+def test_rates_far_too_fast_for_the_first_step_are_followed(method):
     ts, tau = jnp.array([0.0, 0.01]), (0.03, 0.03)
     fast = (1e4, -1e4)
     found = history(2.0, tau, tau, (0.0, 0.0), fast, ts, 1e-9, "stick-first", method)

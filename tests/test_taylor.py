@@ -201,10 +201,11 @@ TOL = 1e-9
 @jax.vmap
 def ends(first, second, limits, slips):
     """The time looked over, the event's, and whose it is."""
-    joints = [(list(w), limits[i], slips[i]) for i, w in enumerate((first, second))]
+    rows = enumerate((first, second))
+    joints = [(list(w), limits[i], slips[i], TOL) for i, w in rows]
     at = first[0]
-    s, kinds = first_look(joints, jnp.ones_like(at), TOL, at)
-    found, mine = first_event(joints, kinds, s, TOL, at)
+    s, kinds = first_look(joints, jnp.ones_like(at), at)
+    found, mine = first_event(joints, kinds, s, at)
     return s, found, mine
 
 
@@ -251,14 +252,36 @@ def test_the_first_end_of_a_mode_is_found_among_random_polynomials():
         j = int(mine2[i])
         p = Polynomial(w[i, j])
         guard = p(found[i]) if slips[i, j] else limits[i, j] - abs(p(found[i]))
-        assert abs(guard) < 1.5 * TOL or found[i] == 0, (i, guard)
-        assert found[i] < first + 1e-6, (i, found[i], first)
-        others = [
-            first_low(w[i, k], limits[i, k], slips[i, k], found[i]) for k in (0, 1)
-        ]
-        assert min(others) >= found[i] - 1e-6, (i, found[i], others)
+        if found[i] > 0:
+            assert abs(guard) < 2 * TOL, (i, guard)  # worst: 0.52
+        assert abs(found[i] - first) < 1e-5, (i, found[i], first)  # worst: 6e-7
     assert events.sum() > count / 3
     assert 0 < halved < count / 10  # most are told at first sight
+
+
+@pytest.mark.parametrize("depth", [1e-8, 1e-6, 1e-4, 1e-2])
+def test_an_excursion_is_seen_however_short_it_is(depth):
+    """A torque that passes its limit by `depth` at `place`, and comes back."""
+    places = np.geomspace(1e-3, 0.99, 200)
+    w = np.zeros((2, places.size, ORDER + 1))
+    w[0, :, :3] = np.stack([1 + depth - places**2, 2 * places, -1 + 0 * places], -1)
+    w[1, :, 0] = 0.5  # the other one has room
+    limits, slips = np.ones((places.size, 2)), np.zeros((places.size, 2), bool)
+    start, past, seen = np.zeros(places.size), np.zeros(places.size, bool), 0
+    for _ in range(60):  # steps until all are seen, or passed unseen
+        moved = np.array([Polynomial(row)(Polynomial([t, 1])).coef for row, t in zip(
+            w[0], start, strict=True)])  # fmt: skip
+        moved = np.pad(moved, ((0, 0), (0, ORDER + 1 - moved.shape[1])))
+        lanes = map(jnp.asarray, (moved, w[1], limits, slips))
+        s, found, (mine, _) = (jax.tree.map(np.asarray, x) for x in ends(*lanes))
+        event = np.where(past, False, mine)
+        here = (start + found)[event]
+        expected = (places - np.sqrt(depth))[event]
+        np.testing.assert_allclose(here, np.maximum(expected, 0), rtol=0, atol=1e-4)
+        seen += event.sum()
+        start = start + s
+        past |= event | (start > places + np.sqrt(depth))
+    assert seen == places.size
 
 
 # Whole motions ------------------------------------------------------------------------
@@ -317,6 +340,30 @@ def test_a_runge_kutta_method_sees_the_same_motion_and_events(release):
         )
         np.testing.assert_allclose(one.phi, other.phi, rtol=0, atol=1e-7)
     assert events > 100
+
+
+@pytest.mark.parametrize("tol, depth", [(1e-9, 1e-7), (1e-9, 1e-9), (1e-11, 1e-10)])
+def test_a_torque_that_hardly_passes_its_limit_sets_its_joint_free(tol, depth):
+    """Whatever the output times: joint 2's torque has its peak at t = 1.39427."""
+    peak = 0.4140674450214528
+
+    @jax.jit
+    def motion(k):
+        ts = jnp.stack([0.0 * k, 0.05 + 0.11 * k, 3.0 + 0.0 * k])
+        law = zj.SetValuedCoulomb(
+            (0.001, peak - depth),
+            (0.001, 0.3 * (peak - depth)),
+            pin_radius=1.0,
+            load=zj.ConstantLoad(1.0),
+        )
+        column = zj.uniform_rods(0.5, damping=zj.Viscous(0.8, 0.0), friction=law)
+        start = zj.State(omega=(1.0, 1.0))
+        return zj.trajectory(column, start, ts, rtol=tol, atol=tol)
+
+    for k in range(6):
+        found = motion(float(k))
+        assert int(found.events.count) == 4
+        assert float(found.phi[-1, 1]) == pytest.approx(1.3922, abs=1e-3)
 
 
 def test_the_method_is_in_the_record():

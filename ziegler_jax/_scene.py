@@ -15,6 +15,7 @@ from ._choice import AUTO, kind_of
 from ._override import overridden_tolerances
 from ._types import Scalar, Vector4, is_concrete, number
 from .column import Column, State
+from .damping import is_polynomial
 from .friction import JointReaction
 from .observers import AbstractObserver, Amplitude
 from .outcome import OUTCOME, SOLVER
@@ -77,8 +78,9 @@ def explicit_method(solver: Any, otherwise: Explicit) -> Explicit:
 def has_series(column: Column) -> bool:
     """Whether `Taylor` can follow this column."""
     law = column.friction
-    known = isinstance(law, SetValuedCoulomb)
-    return known and not isinstance(law.load_law(), JointReaction)
+    if not isinstance(law, SetValuedCoulomb) or not is_polynomial(column.damping):
+        return False
+    return not isinstance(law.load_law(), JointReaction)
 
 
 def method_of(
@@ -98,7 +100,8 @@ def method_of(
         if not has_series(column):
             raise ValueError(
                 "Argument `solver` may be `Taylor(...)` with `SetValuedCoulomb` "
-                "friction alone, and not with the load `JointReaction()`, but is "
+                "friction alone, and not with the load `JointReaction()` or a damping "
+                "law of one's own, but is "
                 f"{solver.name}."
             )
         return solver, None

@@ -109,6 +109,10 @@ class Series:
 
     __rmul__ = __mul__
 
+    def __truediv__(self, other: Any) -> "Series":
+        """Over a number."""
+        return self * (1 / other)
+
 
 def cauchy(x: Series, y: Series, order: int, first: int = 0) -> Any:
     r"""$\sum_j x_j y_{k-j}$ over j from `first` to k; at least one term."""

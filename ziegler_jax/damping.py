@@ -14,7 +14,10 @@ class AbstractDamping(eqx.Module):
 
     @abc.abstractmethod
     def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
-        """The rows of C at the given cosine of phi1 - phi2 (1 for linear maps)."""
+        """The rows of C at the given cosine of phi1 - phi2 (1 for linear maps).
+
+        Sums and products of it alone, where `is_polynomial` says so.
+        """
 
     @abc.abstractmethod
     def valid(self) -> Any:
@@ -131,6 +134,13 @@ def joint_matrix(law: AbstractDamping) -> tuple[Scalar, Scalar, Scalar, Scalar]:
         return g11, g12, g21, g22
     (c11, c12), (c21, c22) = law.matrix(1.0)
     return (c11 + c12) + (c21 + c22), c12 + c22, c21 + c22, c22
+
+
+def is_polynomial(law: AbstractDamping | None) -> bool:
+    """Whether the law can be given a power series for the cosine."""
+    if isinstance(law, Sum):
+        return is_polynomial(law.first) and is_polynomial(law.second)
+    return law is None or isinstance(law, Viscous | Air)
 
 
 def lengths(law: AbstractDamping | None) -> list[Any]:

@@ -54,7 +54,8 @@ def work_precision(
 
     - `point`, `where`, `threads`, `axes`, `named_axes`: as in `sweep`.
     - `tolerances`: positive numbers.
-    - `solvers`: names and solvers; None is Tsit5 and Dopri8.
+    - `solvers`: names and solvers; None is Tsit5 and Dopri8. With set-valued friction
+        name them, e.g. `{"Taylor8": Taylor()}`, and the reference.
     - `sample`: how many of the map's points, drawn at random with `seed`.
     - `repeats`: how often each run is timed, solvers in turns; the median counts.
     - `reference`, `reference_tolerance`: the solver and tolerance that errors are held

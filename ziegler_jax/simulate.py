@@ -151,8 +151,8 @@ def settle(
         known or in a `sweep`, and tells in `solver_kind`; None is Tsit5, with friction
         the cheapest down to what the default tolerances give, an error of 4e-5 after
         100 time units (`benchmarks/b0_work_precision.py`); from there Calvo7 is, and
-        Dopri8 from 1e-9 on. With set-valued friction None is `Taylor()`, but Tsit5 with
-        the load `JointReaction()`.
+        Dopri8 from 1e-9 on. With set-valued friction None and "auto" are
+        `Taylor()`, but Tsit5 with the load `JointReaction()`.
     - `escape`: a rod's angle beyond which the lane ends as `escaped`.
     - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
         (`v_smooth`; with set-valued friction what sticks rests); without friction 1e-6.

@@ -8,7 +8,7 @@ step, or that it ends there once. Where they tell neither, the step is halved un
 do; then the first end is a root, found by Newton's method.
 
 `joints`: for both the coefficients of w, the limit ($\tau_s$, or 0 where the joint
-slips) and whether it slips.
+slips), whether it slips, and how closely the limit is to be met.
 """
 
 import math
@@ -21,11 +21,13 @@ from .._materialise import if_any_lane, materialise
 from .._series import sum_of, value, value_and_slope
 
 IN_DOUBT, MORE_DOUBT = 2.0, 3.0
-HALVINGS = 6
+# Halved so often, what may hide between coefficients, which goes with the square of the
+# time, is below rounding.
+HALVINGS = 26
 NEWTON_STEPS, MOST_ROUNDS = 3, 20  # of them
 
 
-def _look(watched: list, limit: Any, slips: Any, s: Any, tol: Any) -> Any:
+def _look(watched: list, limit: Any, slips: Any, tol: Any, s: Any) -> Any:
     """Whether a joint's mode holds over the time s, by its Bernstein coefficients.
 
     **Returns:** 0 if it does. Else, with the sign of the side on which the torque
@@ -55,11 +57,11 @@ def _look(watched: list, limit: Any, slips: Any, s: Any, tol: Any) -> Any:
     return jnp.where(jnp.where(was, up, above), kind, -kind)
 
 
-def first_look(joints: list, s: Any, tol: Any, at: Any) -> tuple[Any, list]:
+def first_look(joints: list, s: Any, at: Any) -> tuple[Any, list]:
     """A time over which both joints' ends are plain, and which they are."""
 
     def look(s):
-        return [_look(w, limit, slips, s, tol) for w, limit, slips in joints]
+        return [_look(w, limit, slips, tol, s) for w, limit, slips, tol in joints]
 
     def doubtful(state):
         _, (one, two), count = state
@@ -72,18 +74,18 @@ def first_look(joints: list, s: Any, tol: Any, at: Any) -> tuple[Any, list]:
 
     begin = s, materialise(at, look, s), jnp.zeros((), jnp.int32)
     s, ends, _ = lax.while_loop(doubtful, halve, begin)
-    # what is still in doubt grazes: it counts as an end where the mode is left for good
+    # what is still in doubt counts as an end where the mode is left for good
     return s, [jnp.where(jnp.abs(e) > IN_DOUBT, 0.0, e) for e in ends]
 
 
-def first_event(joints: list, ends: list, s: Any, tol: Any, at: Any) -> Any:
+def first_event(joints: list, ends: list, s: Any, at: Any) -> Any:
     """When the first joint's mode ends, and which joint it is."""
     first, second = (e != 0 for e in ends)
 
     def guard(which):
         """Of one of the joints: limit - side x watched."""
         rows = []
-        for (watched, limit, _), e in zip(joints, ends, strict=True):
+        for (watched, limit, *_), e in zip(joints, ends, strict=True):
             side = jnp.sign(e)
             rows.append((limit * jnp.abs(side), [-side * c for c in watched]))
         (limit1, row1), (limit2, row2) = rows
@@ -94,16 +96,19 @@ def first_event(joints: list, ends: list, s: Any, tol: Any, at: Any) -> Any:
     about1, about2 = (jnp.abs(e) - 1 for e in ends)
     which = second & (~first | (about2 < about1))
     about = jnp.where(asked, s * jnp.clip(jnp.where(which, about2, about1), 0, 1), 0.0)
-    found = _root(lambda: guard(which), -0.5 * tol, about, s, asked, at)
+    level = -0.5 * jnp.where(which, joints[1][3], joints[0][3])
+    found = _root(lambda: guard(which), level, about, s, asked, at)
+
+    other = -0.5 * jnp.where(which, joints[0][3], joints[1][3])
 
     def late():
-        return first & second & (value(guard(~which), found) < -tol)
+        return first & second & (value(guard(~which), found) < 2 * other)
 
     sooner = materialise(at, late)
 
     def correct(found):
-        other = _root(lambda: guard(~which), -0.5 * tol, 0.5 * found, s, sooner, at)
-        return jnp.where(sooner, other, found)
+        new = _root(lambda: guard(~which), other, 0.5 * found, s, sooner, at)
+        return jnp.where(sooner, new, found)
 
     found = if_any_lane(sooner, correct, found)
     which = which ^ sooner
@@ -142,9 +147,9 @@ def _root(guard: Any, level: Any, about: Any, s: Any, asked: Any, at: Any) -> An
     return x
 
 
-def ends_here(joint: Any, s: Any, mine: Any, tol: Any) -> Any:
-    """Whether a joint's mode ends at s: as found, or as near as can be told."""
-    watched, limit, slips = joint
+def ends_here(joint: Any, s: Any, mine: Any) -> Any:
+    """Whether a joint's mode ends at s: as found, or within its tolerance by chance."""
+    watched, limit, slips, tol = joint
     now, slope = value_and_slope(watched, s)
     guard = jnp.where(slips, now, limit - jnp.abs(now))
     falls = jnp.where(slips, slope, jnp.where(now > 0, -slope, slope)) < 0

@@ -23,7 +23,15 @@ from .expansion import allowed, expand
 from .explicit import OKAY, dense
 from .mode_ends import ends_here, first_event, first_look
 from .observed import AbstractFold, AbstractObserved, Step
-from .stickslip import SAME_TIME, at_rest, chattering, chosen, event_tolerance, in_modes
+from .stickslip import (
+    FINEST,
+    SAME_TIME,
+    at_rest,
+    chattering,
+    chosen,
+    event_tolerance,
+    in_modes,
+)
 
 NODES = 5  # of Gauss' rule for integrals over a step
 
@@ -155,16 +163,19 @@ class TaylorSlip(AbstractObserved):
         limits = tuple(
             jnp.where(s, 0.0, most) for s, most in zip(slips, law.static, strict=True)
         )
-        joints = list(zip(motion.watched, limits, slips, strict=True))
-        s, ends = first_look(joints, whole, tol, t0)
-        found, mine = first_event(joints, ends, s, tol, t0)
+        # a torque cannot be met more closely than it is known
+        tols = tuple(tol + FINEST * eps * limit for limit in limits)
+        joints = list(zip(motion.watched, limits, slips, tols, strict=True))
+        s, ends = first_look(joints, whole, t0)
+        found, mine = first_event(joints, ends, s, t0)
         cut = mine[0] | mine[1]
 
         def span():
             """The step's length and end: an event is no earlier than can be told."""
             soonest = 16 * eps * jnp.maximum(jnp.abs(t0), eps)
             length = jnp.where(cut, jnp.maximum(found, soonest), s)
-            entire = (s >= t1 - t0) & ~cut  # not so where the series is not finite
+            entire = length >= t1 - t0  # not so where the series is not finite
+            length = jnp.where(entire, t1 - t0, length)
             return length, jnp.where(entire, t1, t0 + length)
 
         length, t_end = materialise(t0, span)
@@ -179,7 +190,7 @@ class TaylorSlip(AbstractObserved):
         ended = materialise(
             t0,
             lambda: [
-                ends_here(joint, length, here, tol)
+                ends_here(joint, length, here)
                 for joint, here in zip(joints, mine, strict=True)
             ],
         )
@@ -192,7 +203,7 @@ class TaylorSlip(AbstractObserved):
 
         def change(modes):
             balance = joint_balance(column, y)
-            new = chosen(law, balance, rest, ended, (tol, tol))
+            new = chosen(law, balance, rest, ended, tols)
             pairs = zip(new, modes, strict=True)
             return tuple(jnp.where(asked, a, b) for a, b in pairs)
 
@@ -200,11 +211,10 @@ class TaylorSlip(AbstractObserved):
         # the state itself has the last word on a torque, whose series is the shortest
         rows = zip(ended, slips, after, strict=True)
         ended = [here & (m | (new != 0)) for here, m, new in rows]
-        event = ended[0] | ended[1]
         last_event, at_once = solver_state.last_event, solver_state.at_once
         same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
-        at_once = jnp.where(event, jnp.where(same, at_once + 1.0, 0.0), at_once)
-        last_event = jnp.where(event, t_end, last_event)
+        at_once = jnp.where(asked, jnp.where(same, at_once + 1.0, 0.0), at_once)
+        last_event = jnp.where(asked, t_end, last_event)
         joint = jnp.where(ended[0], 1, 0) + jnp.where(ended[1], 2, 0)
         integrals = _integrals(self.fold.integrand(column), motion.y, length, t0)
         seen = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, after))
