@@ -78,7 +78,9 @@ def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:
 def allowed(motion: Motion, rtol: Scalar, atol: Scalar) -> Any:
     """How long a step may be by the last two terms of its series."""
     order = len(motion.y[0]) - 1
-    weights = [1 / (atol + rtol * jnp.abs(c[0])) for c in motion.y]
+    # one digit would do, and a float32's reciprocal is cheap
+    scales = [jnp.minimum(atol + rtol * jnp.abs(c[0]), 1e37) for c in motion.y]
+    weights = [(1 / x.astype(jnp.float32)).astype(x.dtype) for x in scales]
     shortest = None
     for k in (order - 1, order):
         sizes = [jnp.abs(c[k]) * w for c, w in zip(motion.y, weights, strict=True)]

@@ -80,11 +80,15 @@ class TaylorState(NamedTuple):
     """Where a solve is."""
 
     y: Vector4
-    slope: Vector4  # the right-hand side at y, in the modes that led there
     folded: Any
     modes: Pair
     last_event: Scalar
-    at_once: Scalar  # how many events have followed each other without time between
+    at_once: Scalar  # how many ends have followed each other without time between
+
+    @property
+    def slope(self) -> Vector4:
+        """What is not finite where the motion is not: here the state itself."""
+        return self.y
 
 
 class Reached(StepControl):
@@ -130,17 +134,15 @@ class TaylorSlip(AbstractObserved):
 
     def init(self, terms, t0, t1, y0, args):
         """The modes of the start, and the fold's."""
-        del t1
+        del terms, t1
         tol, zero = event_tolerance(self.atol, y0[0]), 0.0 * y0[0]
         rest = jnp.abs(y0[2]) <= tol, jnp.abs(y0[3] - y0[2]) <= tol
         y = at_rest(y0, rest)
         u = y[2], y[3] - y[2]
         modes = args.friction.begin(joint_balance(args, y), u, rest)
         modes = tuple(m + zero for m in modes)
-        column = in_modes(args, modes)
-        slope = terms.vf(t0, y, column)
-        folded = self.fold.init(column, t0, y)
-        return TaylorState(y, slope, folded, modes, t0 - 1.0 + zero, zero)
+        folded = self.fold.init(in_modes(args, modes), t0, y)
+        return TaylorState(y, folded, modes, t0 - 1.0 + zero, zero)
 
     def chatters(self, state: TaylorState) -> Any:
         """Whether the lane cannot go on, because events follow without time between."""
@@ -219,10 +221,10 @@ class TaylorSlip(AbstractObserved):
         integrals = _integrals(self.fold.integrand(column), motion.y, length, t0)
         seen = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, after))
         folded, stop, done = self.fold.step(column, folded, seen)
-        state = TaylorState(y, f_end, folded, after, last_event, at_once)
+        state = TaylorState(y, folded, after, last_event, at_once)
         done = done | self.chatters(state)
         dtype = jnp.result_type(t1)
-        signals = Signals(y, jnp.asarray(stop, dtype), jnp.asarray(done, dtype), t_end)
+        signals = Signals((), jnp.asarray(stop, dtype), jnp.asarray(done, dtype), t_end)
         return y, signals, dense(t0, t_end, y0, y, f0, f_end), state, OKAY
 
 
