@@ -15,6 +15,7 @@ from ziegler_jax._scene import prepared
 from ziegler_jax._series import Series, value, value_and_slope
 from ziegler_jax._sincos import sincos
 from ziegler_jax.column import joint_balance, vector_field
+from ziegler_jax.damping import AbstractDamping
 from ziegler_jax.outcome import OUTCOME
 from ziegler_jax.solvers.expansion import _log2, allowed, expand
 from ziegler_jax.solvers.mode_ends import first_event, first_look
@@ -372,9 +373,31 @@ def test_the_method_is_in_the_record():
 
 
 def settled(q, **options):
-    column = zj.uniform_rods(q, friction=LAW)
+    return settled_column(zj.uniform_rods(q, friction=LAW), **options)
+
+
+def settled_column(column, **options):
     options = {"transient": 5.0, "window": 5.0, "max_windows": 1, **options}
     return zj.settle(column, zj.State(omega=(0.0, 0.3)), **options)
+
+
+class Squared(AbstractDamping):
+    """What no power series is known of."""
+
+    def matrix(self, cos_d):
+        return (0.1 * jnp.asarray(cos_d) ** 2, 0.0), (0.0, 0.1)
+
+    def valid(self):
+        return True
+
+
+def test_a_damping_law_of_ones_own_is_left_to_another_method():
+    column = zj.uniform_rods(2.0, friction=LAW, damping=Squared())
+    found = settled_column(column)
+    assert found.attributes()["solver"] == "Tsit5"
+    assert OUTCOME(int(found.outcome)) in (OUTCOME.unsettled, OUTCOME.stuck)
+    with pytest.raises(ValueError, match="damping law of one's own"):
+        settled_column(column, solver=zj.Taylor())
 
 
 @pytest.mark.parametrize("rate", [1e20, 1e100, 1e200])
