@@ -309,7 +309,10 @@ def random_scenes(count):
     ]
 
 
-@pytest.mark.parametrize("release", ["stick-first", "stribeck-limit"])
+@pytest.mark.parametrize(
+    "release",
+    ["stick-first", pytest.param("stribeck-limit", marks=pytest.mark.slow)],
+)
 def test_a_runge_kutta_method_sees_the_same_motion_and_events(release):
     ts = jnp.linspace(0.0, 15.0, 31)
 
