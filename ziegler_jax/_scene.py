@@ -83,6 +83,11 @@ def has_series(column: Column) -> bool:
     return not isinstance(law.load_law(), JointReaction)
 
 
+def usual_method(column: Column) -> Taylor | Explicit:
+    """The method where none is named: Taylor's if there are series, else Tsit5."""
+    return Taylor() if has_series(column) else Explicit()
+
+
 def method_of(
     solver: Any, column: Column, rtol: Any, otherwise: Any
 ) -> tuple[Any, jax.Array | None]:

@@ -8,6 +8,7 @@ Jorba, M. Zou, Experimental Mathematics 14 (2005) 99-117).
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from ._materialise import materialise
@@ -61,7 +62,7 @@ class Series:
             part.ready(order)
         while self.kept and self.rule is not None and len(self.known) <= order:
             k = len(self.known)
-            self.known.append(materialise(self.at, lambda k=k: self.rule(k)))  # pyright: ignore
+            self.known.append(materialise(self.at, partial(self.rule, k)))
 
     def as_factor(self) -> "Series":
         """The same, its coefficients kept."""

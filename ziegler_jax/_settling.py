@@ -8,10 +8,10 @@ from ._scene import (
     budget,
     check_scene,
     float_state,
-    has_series,
     method_of,
     rate_cut_of,
     tolerances,
+    usual_method,
     valid_scene,
     with_amplitude,
 )
@@ -20,7 +20,6 @@ from ._windows import Windows
 from .column import Column, State
 from .observers import AbstractObserver
 from .set_valued import SetValuedCoulomb
-from .solvers import Explicit, Taylor
 
 
 class Settling(Motion):
@@ -49,7 +48,7 @@ class Settling(Motion):
         y0 = float_state(start)
         rtol, atol = tolerances(rtol, atol)
         solver = overridden_solver(solver)
-        usual = Taylor() if has_series(column) else Explicit()
+        usual = usual_method(column)
         method, self.kind = method_of(solver, column, rtol, usual)
         self.watch = watch = Windows(
             transient=number("transient", transient, "nonnegative"),

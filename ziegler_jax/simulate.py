@@ -13,7 +13,6 @@ from ._override import overridden_solver
 from ._scene import (
     check_scene,
     float_state,
-    has_series,
     increasing_times,
     layer_of,
     method_of,
@@ -22,6 +21,7 @@ from ._scene import (
     prepared,
     recorded,
     tolerances,
+    usual_method,
     valid_scene,
     whole_number,
 )
@@ -247,8 +247,7 @@ def trajectory(
     y0 = nan_where(~good, y0)
     limit = whole_number("max_steps", max_steps)
     if isinstance(column.friction, SetValuedCoulomb):
-        usual = Taylor() if has_series(column) else Explicit()
-        method, _ = method_of(solver, column, rtol, usual)
+        method, _ = method_of(solver, column, rtol, usual_method(column))
         return _stick_slip(column, y0, ts, good, rtol, atol, method, limit, max_events)
     method, _ = method_of(solver, column, rtol, Explicit(dfx.Dopri8.tableau))
     control = StepControl(rtol, atol, layer_of(column, method))  # pyright: ignore

@@ -24,9 +24,8 @@ class Motion(NamedTuple):
 
     y: tuple[list, list, list, list]
     accelerations: tuple[list, list]
-    watched: tuple[
-        list, list
-    ]  # a sliding joint's rate forwards, a sticking one's torque
+    # of each joint: its rate in its direction where it slides, its torque where not
+    watched: tuple[list, list]
 
 
 def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:

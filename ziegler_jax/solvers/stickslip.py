@@ -73,10 +73,7 @@ class StickSlip(AbstractObserved):
         """The modes of the start, and the fold's."""
         del terms, t1
         tol, zero = event_tolerance(self.tolerance, y0[0]), 0.0 * y0[0]
-        rest = tuple(jnp.abs(u) <= tol for u in _rates(y0))
-        y = at_rest(y0, rest)
-        modes = args.friction.begin(joint_balance(args, y), _rates(y), rest)
-        modes = tuple(m + zero for m in modes)
+        y, modes = begun(args, y0, tol)
         column = in_modes(args, modes)
         slope = vector_field(t0, y, column)
         spare, easing = _holding(column, y, slope, tol)
@@ -174,10 +171,8 @@ class StickSlip(AbstractObserved):
 
     def _tolerances(self, t: Any, modes: Pair, slope: Vector4, easing: Pair) -> Pair:
         """How closely each guard can be met: no more than a time can be told."""
-        least, eps = (
-            event_tolerance(self.tolerance, t),
-            jnp.finfo(jnp.result_type(t)).eps,
-        )
+        least = event_tolerance(self.tolerance, t)
+        eps = jnp.finfo(jnp.result_type(t)).eps
         speeds = [
             jnp.where(m == 0, e, f)
             for m, e, f in zip(modes, easing, _rates(slope), strict=True)
@@ -278,6 +273,15 @@ def event_tolerance(tolerance: Scalar, x: Any) -> Any:
     """How closely events are met: a share of a step's tolerance, above rounding."""
     least = FINEST * jnp.finfo(jnp.result_type(x)).eps
     return jnp.maximum(EVENT_SHARE * tolerance, least)
+
+
+def begun(column: Any, y0: Vector4, tol: Scalar) -> tuple[Vector4, Pair]:
+    """The start, with the rates of resting joints exactly zero, and its modes."""
+    rest = tuple(jnp.abs(u) <= tol for u in _rates(y0))
+    y = at_rest(y0, rest)
+    m1, m2 = column.friction.begin(joint_balance(column, y), _rates(y), rest)
+    zero = 0.0 * y0[0]
+    return y, (m1 + zero, m2 + zero)
 
 
 def chattering(at_once: Any) -> Any:

@@ -27,6 +27,7 @@ from .stickslip import (
     FINEST,
     SAME_TIME,
     at_rest,
+    begun,
     chattering,
     chosen,
     event_tolerance,
@@ -143,12 +144,8 @@ class TaylorSlip(AbstractObserved):
     def init(self, terms, t0, t1, y0, args):
         """The modes of the start, and the fold's."""
         del terms, t1
-        tol, zero = event_tolerance(self.atol, y0[0]), 0.0 * y0[0]
-        rest = jnp.abs(y0[2]) <= tol, jnp.abs(y0[3] - y0[2]) <= tol
-        y = at_rest(y0, rest)
-        u = y[2], y[3] - y[2]
-        modes = args.friction.begin(joint_balance(args, y), u, rest)
-        modes = tuple(m + zero for m in modes)
+        y, modes = begun(args, y0, event_tolerance(self.atol, y0[0]))
+        zero = 0.0 * y0[0]
         folded = self.fold.init(in_modes(args, modes), t0, y)
         return TaylorState(y, folded, modes, t0 - 1.0 + zero, zero)
 
