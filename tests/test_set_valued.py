@@ -13,7 +13,6 @@ from ziegler_jax._layer import layer_limit
 from ziegler_jax.column import joint_balance
 from ziegler_jax.outcome import OUTCOME
 from ziegler_jax.set_valued import Balance, stick_first
-from ziegler_jax.solvers.crossing import Course, place, plainly_falls, rough_place
 
 CASES = ("c02", "c03", "c06", "c11", "c18", "c18_layerrule")
 RULES = ("stick-first", "stribeck-limit")
@@ -370,35 +369,6 @@ def test_forward_derivatives_pass_through_events(ratio):
     ways = [jnp.zeros(3).at[i].set(step) for i in range(3)]
     differences = jnp.stack([(run(at + d) - run(at - d)) / (2 * step) for d in ways], 1)
     np.testing.assert_allclose(exact, differences, rtol=0, atol=2e-4)
-
-
-def course(coefficients):
-    """A quartic on [0, 1] as the solver holds it."""
-    g = np.polynomial.Polynomial(coefficients)
-    d = g.deriv()
-    return Course(g(0.0), g(1.0), d(0.0), d(1.0), g.coef[4])
-
-
-def test_a_guard_that_dips_within_a_step_is_seen_and_found(rng):
-    """Random quartics, grazing ones too, against all their roots."""
-    tol, seen = 1e-9, 0
-    for _ in range(2000):
-        c = rng.normal(size=5)
-        c[0] = abs(c[0])
-        g = course(c)
-        p = np.polynomial.Polynomial(c)
-        x = np.linspace(0, 1, 2001)
-        first = np.flatnonzero(p(x) < -tol)
-        plain, falls = plainly_falls(g, tol)
-        if plain:  # it may not be, but then it must be right
-            assert bool(falls) == bool(first.size)
-            if falls:
-                about = rough_place(g, 0.0, 1.0)
-                found = float(place(g, -tol / 2, about, 0.0, 1.0))
-                seen += 1
-                # a bracketed Newton method of four steps: within 0.02 at worst
-                assert abs(found - x[first[0]]) < 0.05
-    assert seen > 200
 
 
 def test_a_method_without_an_interpolant_is_refused(refuses):
