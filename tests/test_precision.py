@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax._override import Override, current_override, overriding
+from ziegler_jax._context import Context, current_context, within
 
 matplotlib.use("agg")
 
@@ -78,7 +78,7 @@ def test_an_audit_is_a_share(refuses, share):
 
 
 def solved(tolerance, solver=None):
-    with overriding(Override(tolerance=tolerance, solver=solver)):
+    with within(Context(tolerance=tolerance, solver=solver)):
         return zj.sweep(end, q=Q, progress=False)
 
 
@@ -98,11 +98,11 @@ def test_an_override_is_what_the_scene_could_have_said(audited, inside):
     np.testing.assert_allclose(inside.phi1.sel(atol=1e-6), outside.phi1, rtol=1e-9)
     again = zj.sweep(end, q=Q, progress=False)
     assert np.array_equal(again.phi1, audited.phi1)
-    assert current_override() == Override()
+    assert current_context() == Context()
 
 
 def test_atol_keeps_its_ratio_to_rtol_and_tracers_obey(inside):
-    with overriding(Override(tolerance=1e-6)):
+    with within(Context(tolerance=1e-6)):
         scaled = zj.sweep(end, tol=[1e-3], atol=[1e-2], q=Q, progress=False)
     # 1e-2 (1e-6 / 1e-3) is 1e-5 to rounding; measured 2e-15
     found = scaled.phi1.squeeze(("tol", "atol"))
@@ -136,7 +136,7 @@ def test_errors_fall_with_the_tolerance(precise, exact):
 @pytest.mark.slow
 def test_the_errors_are_those_of_the_sampled_points(precise, exact):
     """All points bound a sample's quantiles."""
-    with overriding(Override(tolerance=1e-6, solver=BOSH3)):
+    with within(Context(tolerance=1e-6, solver=BOSH3)):
         plain = zj.sweep(end, q=Q, progress=False)
     error = np.abs(plain.phi1.values - exact)
     found = precise.phi1_error.sel(solver="Bosh3", rtol=1e-6)

@@ -2,6 +2,7 @@
 
 import functools
 
+import jax.numpy as jnp
 import pytest
 import xarray as xr
 import zarr
@@ -9,6 +10,7 @@ from stored import MU, Q, lines, same, settled, sweep
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME, _store
+from ziegler_jax._variables import Variable
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
 
@@ -24,13 +26,7 @@ def test_a_stored_sweep_is_the_one_in_memory(path):
         assert set(plain.data_vars) == set(found.data_vars)
 
 
-@pytest.fixture
-def one_program(monkeypatch):
-    """In memory and with a store the same: else each would compile its own."""
-    monkeypatch.setitem(zj.sweep.__globals__, "_digest", lambda *_: "")
-
-
-def test_lanes_in_legs_and_their_outcomes_are_stored(path, tmp_path, one_program):
+def test_lanes_in_legs_and_their_outcomes_are_stored(path, tmp_path):
     run = functools.partial(
         zj.sweep, settled, q=Q, mu=MU, where=lambda q, mu: q * mu < 0.5, batch_size=8,
         progress=False,
@@ -92,17 +88,41 @@ def test_a_reader_sees_what_is_finished(path):
     assert counts == [ds.attrs["points_done"] for ds in seen] == [10, 20, 30, 40]
 
 
-def test_codes_are_written_last(path, one_program):
+def test_codes_are_written_last(path):
     run = functools.partial(zj.sweep, settled, q=Q[:2], mu=MU, batch_size=8)
     run(store=path, progress=False)
-    names = list(_store.Store(path).arrays)
+    names = _store.Store(path)._codes_last()
     assert names[-1] == "outcome" and len(names) > 3
 
 
 def test_two_sweeps_do_not_write_to_one_store(path, refuses):
     sweep(store=path)
-    first = _store.Store(path)
-    first.claim()
-    refuses(lambda: sweep(store=path, resume="overwrite"), "`store`", "another sweep")
-    first.release()
-    assert same(sweep(store=path, resume="overwrite"), sweep())
+    with _store.Store(path):
+        refuses(lambda: sweep(store=path, overwrite=True), "`store`", "another sweep")
+    assert same(sweep(store=path, overwrite=True), sweep())
+
+
+class Labelled:
+    """A result with a dimension of words and one of numbers."""
+
+    def __init__(self, x):
+        self.value = jnp.stack([x, 2 * x])
+
+    def variables(self):
+        return {
+            "up_and_down": Variable(self.value, "both", "1", ("branch",)),
+            "both_joints": Variable(self.value, "both", "1", ("joint",)),
+        }
+
+    def coordinates(self):
+        return {"branch": ("up", "down")}
+
+
+def test_labels_come_back_as_they_were(path):
+    run = functools.partial(zj.sweep, Labelled, x=[1.0, 2.0], progress=False)
+    found = run(store=path)
+    assert found.branch.values.tolist() == ["up", "down"]
+    assert found.joint.dtype == int and same(found, run())
+    assert found.up_and_down.sel(branch="down").values.tolist() == [2.0, 4.0]
+    (path / "joint" / "c" / "0").unlink()
+    assert same(run(store=path), run())

@@ -12,33 +12,32 @@ import time
 import jax
 import numpy as np
 import pytest
-import zarr
 from stored import X, Y, lines, same, sweep
 
 import ziegler_jax as zj
-from ziegler_jax import _blocks, _store
+from ziegler_jax import _blocks, _store, _store_creation
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
 
 
 @pytest.mark.parametrize("written", ["sum", "marker"])
 def test_a_full_disk_loses_nothing_and_names_the_block(path, monkeypatch, written):
-    put, write = zarr.Array.__setitem__, _store._write
-    full = {"now": False}
+    put, mark = _store.write, _store.write_record
 
     def no_space(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    def fill(array, region, values):
-        full["now"] |= array.name == "/sum" and region[0].start == 4
-        (no_space if full["now"] and written == "sum" else put)(array, region, values)
+    def fill(at, content, parts):
+        full = written == "sum" and at.as_posix().endswith("sum/c/2/0")
+        (no_space if full else put)(at, content, parts)
 
-    def mark(at, content):
-        (no_space if full["now"] and at.parent.name == "blocks" else write)(at, content)
+    def record(at, content, parts):
+        full = written == "marker" and at.name == "2"
+        (no_space if full else mark)(at, content, parts)
 
     with monkeypatch.context() as patch:
-        patch.setattr(zarr.Array, "__setitem__", fill)
-        patch.setattr(_store, "_write", mark)
+        patch.setattr(_store, "write", fill)
+        patch.setattr(_store, "write_record", record)
         with pytest.raises(OSError, match="No space left") as caught:
             sweep(store=path, threads=1)
     note = " ".join(caught.value.__notes__)
@@ -50,11 +49,11 @@ def test_a_full_disk_loses_nothing_and_names_the_block(path, monkeypatch, writte
 def test_a_replaced_store_takes_nothing_more_from_its_former_sweep(path, refuses):
     """As from a cluster's worker that still computes for a sweep that was stopped."""
     whole = sweep(store=path).load()
-    former = _store.Store(path, "r+")
+    former = _store.Store(path)
     block = _blocks.Blocks({"x": X, "y": Y}).block(0)
     wrong = {name: np.zeros_like(whole[name][:4]) for name in whole}
     tally = _blocks.Tally(10, 0.0, 0, {})
-    sweep(store=path, resume="overwrite")
+    sweep(store=path, overwrite=True)
     refuses(lambda: former.keep(block, wrong, tally), "`store`", "another")
     assert same(zj.open_sweep(path), whole)
 
@@ -66,12 +65,12 @@ def test_a_deletion_that_is_killed_leaves_no_store_behind(path, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(_store.shutil, "rmtree", killed)
+        patch.setattr(_store_creation.shutil, "rmtree", killed)
         with pytest.raises(KeyboardInterrupt):
-            sweep(store=path, resume="overwrite")
+            sweep(store=path, overwrite=True)
     assert not path.exists()
     assert same(sweep(store=path), whole)
-    sweep(store=path, resume="overwrite")
+    sweep(store=path, overwrite=True)
     assert [left.name for left in path.parent.iterdir()] == [path.name]
 
 
@@ -104,7 +103,7 @@ def test_a_small_disk_that_is_full(tmp_path):
         with pytest.raises(OSError, match="Read-only"):
             sweep(store=disk / "other.zarr")
         with pytest.raises(OSError, match="Read-only"):
-            sweep(store=disk / "map.zarr", resume="overwrite")
+            sweep(store=disk / "map.zarr", overwrite=True)
         assert same(zj.open_sweep(disk / "map.zarr"), found)
     finally:
         subprocess.run(["umount", str(disk)], check=True)

@@ -11,7 +11,7 @@ import xarray as xr
 from jax import lax
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME, _lanes, _progress
+from ziegler_jax import OUTCOME, _program, _progress, _scheduler
 
 # A small scene with a loop: lanes of very unlike length, and one batch of eight.
 
@@ -152,7 +152,7 @@ def third(x):
 def test_float64_whatever_jax_is_set_to():
     x = np.linspace(0, 7, 11)
     wide = zj.sweep(third, x=x, progress=False)
-    _lanes._kept.cache_clear()
+    _program._kept.clear()
     with jax.enable_x64(False):
         narrow = zj.sweep(third, x=x, progress=False)
     assert narrow.sine.dtype == np.float64 and same(wide, narrow)
@@ -174,10 +174,23 @@ def test_the_number_of_threads_changes_no_bit(whole, threads):
 
 
 def test_batch_mates_and_places_change_no_bit(whole):
-    rng = np.random.default_rng(3)
-    i, j = rng.permutation(Q.size), rng.permutation(MU.size)
-    shuffled = sweep(q=Q[i], mu=MU[j]).sel(q=Q, mu=MU)
-    assert same(shuffled, whole)
+    scene = _program.traced(point, ("q", "mu"), True, 8)
+    program, found = _program.compiled(scene), {}
+
+    def put(points, results, steps):
+        for lane, place in enumerate(points.tolist()):
+            found[place] = [r[..., lane].copy() for r in results]
+
+    order = np.random.default_rng(3).permutation(Q.size * MU.size)
+    _scheduler.run_lanes(
+        program, {"q": Q, "mu": MU}, iter([order]), put, threads=2,
+        on_batch=lambda *_: None,
+    )  # fmt: skip
+    for number, name in enumerate(scene.variables):
+        values = whole[name].values.reshape(order.size, -1)
+        for place, results in found.items():
+            shuffled = np.asarray(results[number], values.dtype).ravel()
+            assert shuffled.tobytes() == values[place].tobytes(), name
     assert same(sweep(q=Q[2:7], mu=MU[1:]), whole.isel(q=slice(2, 7), mu=slice(1, 3)))
 
 
@@ -191,16 +204,16 @@ def test_a_point_alone_is_the_same_bit_for_bit(whole, at):
 def test_the_length_of_legs_changes_no_bit(whole, monkeypatch, legs):
     """Down to three steps a leg, up to all in one."""
     for name, steps in zip(("FIRST", "SHORTEST", "LONGEST"), legs, strict=True):
-        monkeypatch.setattr(_lanes, f"{name}_LEG", steps)
+        monkeypatch.setattr(_scheduler, f"{name}_LEG", steps)
     assert same(sweep(q=Q, mu=MU), whole)
 
 
 @pytest.mark.parametrize("alike, stragglers", [(0.0, 0.0), (0.0, 0.5), (2.0, 0.05)])
 def test_when_lanes_are_replaced_changes_no_bit(whole, monkeypatch, alike, stragglers):
     """All at once, when half have ended, or each when its leg ends."""
-    monkeypatch.setattr(_lanes, "ALIKE", alike)
-    monkeypatch.setattr(_lanes, "STRAGGLERS", stragglers)
-    monkeypatch.setattr(_lanes, "LONGEST_RUN", 50)
+    monkeypatch.setattr(_scheduler, "ALIKE", alike)
+    monkeypatch.setattr(_scheduler, "STRAGGLERS", stragglers)
+    monkeypatch.setattr(_scheduler, "LONGEST_RUN", 50)
     found = sweep(q=Q, mu=MU)
     assert same(found, whole)
     assert 0 < found.attrs["useful_step_fraction"] <= 1
@@ -208,9 +221,8 @@ def test_when_lanes_are_replaced_changes_no_bit(whole, monkeypatch, alike, strag
 
 def test_lanes_run_in_legs_at_all(whole):
     """Else the tests above would say nothing of legs."""
-    program = _lanes.compiled(point, ("q", "mu"), 8, True)
-    assert program.carry is not None
-    assert whole.steps.max() > 2 * _lanes.FIRST_LEG
+    assert _program.traced(point, ("q", "mu"), True, 8).carry is not None
+    assert whole.steps.max() > 2 * _scheduler.FIRST_LEG
 
 
 def direct(scene, **columns):
@@ -233,8 +245,7 @@ def test_a_sweep_is_what_vmap_gives(whole):
 
 def test_lanes_that_fail_do_not_touch_the_others(whole):
     """Negative friction and loads that overflow, between the good ones."""
-    q = np.insert(Q, [0, 4, 9], [1e308, -1e200, 1e18])
-    mu = np.insert(MU, 1, -0.1)
+    q, mu = np.array([-1e200, *Q, 1e18, 1e308]), np.array([-0.1, *MU])
     found = sweep(q=q, mu=mu)
     assert same(found.sel(q=Q, mu=MU), whole)
     assert (found.outcome.sel(mu=-0.1) == OUTCOME.invalid).all()
@@ -273,7 +284,7 @@ def with_jvp(q):
 def test_scenes_that_cannot_run_in_legs_agree_with_direct_calls(scene):
     q = np.linspace(1.0, 3.0, 5)
     found = zj.sweep(scene, q=q, batch_size=4, progress=False)
-    assert _lanes.compiled(scene, ("q",), 4, True).carry is None
+    assert _program.traced(scene, ("q",), True, 4).carry is None
     expected = direct(scene, q=q)
     if not isinstance(expected, dict):
         expected = {"value": expected}
@@ -323,3 +334,43 @@ def test_left_out_points_are_nan_for_whole_and_complex_numbers():
 def test_useful_steps_are_not_invented_where_no_lane_runs_in_legs():
     found = zj.sweep(third, x=[1.0], progress=False)
     assert np.isnan(found.attrs["useful_step_fraction"])
+
+
+# Batches that are computed twice ------------------------------------------------------
+
+
+def test_some_batches_are_computed_twice_and_give_the_same_bits(monkeypatch):
+    monkeypatch.setattr(_scheduler, "CANARY", 3)
+    found = sweep(q=Q, mu=MU)
+    assert found.attrs["canary_checks"] > 0 == found.attrs["canary_mismatches"]
+
+
+def test_a_batch_that_gives_other_bits_the_second_time_is_told(monkeypatch):
+    """As from a processor, or a compiled program, that is wrong now and then."""
+    monkeypatch.setattr(_scheduler, "CANARY", 3)
+    run, calls = _scheduler._Work._run, []
+
+    def wrong_now_and_then(self, points, *arguments):
+        found = run(self, points, *arguments)
+        calls.append(points)
+        if len(calls) != 4:
+            return found
+        return jax.tree.map(lambda a: np.asarray(a) + 1, found)
+
+    monkeypatch.setattr(_scheduler._Work, "_run", wrong_now_and_then)
+    with pytest.warns(UserWarning, match="1 of .* computed twice gave other numbers"):
+        found = sweep(q=Q, mu=MU, threads=1)
+    assert found.attrs["canary_mismatches"] == 1
+
+
+def test_a_lane_that_takes_no_step_is_told_by_name(monkeypatch):
+    run = _scheduler._Work._run
+
+    def stuck(self, points, quota, fresh, values, carried):
+        packed, left, running, steps = run(self, points, quota, fresh, values, carried)
+        at = np.asarray(values[0]) == Q[3]
+        return packed, left, np.asarray(running) | at, np.where(at, 0, steps)
+
+    monkeypatch.setattr(_scheduler._Work, "_run", stuck)
+    with pytest.raises(RuntimeError, match="no step .* at 2.25 <= q <= 2.25"):
+        sweep(q=Q, mu=MU, threads=1)

@@ -1,12 +1,16 @@
 """A sweep refuses by name, value and rule, in a scene as outside."""
 
 import functools
+import time
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
 import ziegler_jax as zj
+from ziegler_jax import _memory
 
 SHORT = {"transient": 5.0, "window": 5.0, "max_windows": 2, "rtol": 1e-4, "atol": 1e-4}
 
@@ -33,8 +37,11 @@ quiet = functools.partial(zj.sweep, square, progress=False)
         (lambda: quiet(x=[np.inf]), ("`x`", "inf", "finite", "index 0")),
         (lambda: quiet(x=[]), ("`x`", "empty")),
         (lambda: quiet(x=np.ones((2, 2))), ("`x`", "(2, 2)", "one dimension")),
-        (lambda: quiet(x=1.0), ("`x`", "()", "one dimension")),
+        (lambda: quiet(x=1.0), ("`x`", "number 1", "`x=[1]`")),
         (lambda: quiet(x=["a"]), ("`x`", "'a'", "numbers")),
+        (lambda: quiet(x=[1.0, 1.0]), ("`x`", "increase", "1 and then 1", "unique")),
+        (lambda: quiet(x=[2.0, 1.0]), ("`x`", "increase", "2 and then 1", "index 1")),
+        (lambda: quiet(x=[1.0], batchsize=3), ("`batchsize`", "mean `batch_size`")),
         (lambda: quiet(), ("at least one axis",)),
         (lambda: quiet(y=[1.0]), ("`y`", "`point`", "takes x")),
         (lambda: quiet(x=[1.0], y=[1.0]), ("`y`", "`point`", "takes x")),
@@ -62,7 +69,7 @@ quiet = functools.partial(zj.sweep, square, progress=False)
         (lambda: zj.sweep(square, axes=3), ("`axes`", "map names", "3")),
         (
             lambda: zj.sweep(lambda **n: 1.0, axes={1: [1.0]}),
-            ("`axes`", "strings", "1"),
+            ("Axis 1", "letters"),
         ),
         (lambda: zj.sweep(lambda x: {}, x=[1.0]), ("`point`", "empty")),
         (
@@ -105,3 +112,120 @@ def test_a_values_rule_breaks_inside_a_scene_as_outside(refuses):
         return zj.settle(zj.uniform_rods(q), zj.State(), **SHORT | {"rtol": 0.0})
 
     refuses(lambda: zj.sweep(coarse, q=[1.0]), "`rtol`", "0", "positive")
+
+
+# Names --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["a/b", "", "zarr.json", "x.partial", "a\0", "a" * 300, "2x", "sweep-record"],
+)
+@pytest.mark.parametrize("stored", [False, True], ids=["memory", "store"])
+def test_there_is_one_rule_for_names(name, stored, path, refuses):
+    options = {"store": path} if stored else {}
+    rule = "letters, digits and underscores"
+    axes = {name: [1.0, 2.0], "y": [1.0]}
+    refuses(
+        lambda: zj.sweep(lambda **k: sum(k.values()), axes=axes, **options),
+        "Axis", repr(name), rule,
+    )  # fmt: skip
+    refuses(
+        lambda: zj.sweep(lambda y: {name: y}, y=[1.0], **options),
+        "Result", repr(name), rule,
+    )  # fmt: skip
+    assert not path.exists()
+
+
+def test_names_of_any_script_and_of_options_are_stored(path):
+    axes = {"φ": [0.5, 1.0], "progress": [1.0, 2.0], "c": [3.0]}
+    found = zj.sweep(lambda **k: {"blocks": sum(k.values())}, axes=axes, store=path)
+    assert found["φ"].values.tolist() == [0.5, 1.0]
+    assert zj.open_sweep(path)["blocks"].values[1, 1, 0] == 6.0
+
+
+def test_axes_that_share_a_dimension_are_refused(refuses):
+    x = xr.DataArray([1.0, 2.0], dims="sample")
+    refuses(
+        lambda: zj.sweep(of_two, q=x, mu=x + 1), "`mu`", "`sample`", "`q`", "tables"
+    )
+
+
+# Room ---------------------------------------------------------------------------------
+
+
+def test_what_would_not_fit_into_memory_is_refused_at_once(refuses, monkeypatch):
+    many = np.arange(1e6)
+    start = time.perf_counter()
+    parts = "`store`", "GB", "free memory", 'store="map.zarr"'
+    refuses(lambda: zj.sweep(of_two, q=many, mu=many[:1000] + 1), *parts)
+    refuses(
+        lambda: zj.sweep(of_two, where=lambda q, mu: q > mu, q=many, mu=many),
+        "`where`", *parts,
+    )  # fmt: skip
+    assert time.perf_counter() - start < 5  # before anything is compiled
+    monkeypatch.setattr(_memory, "free_memory", lambda: 1000)
+    refuses(lambda: quiet(x=np.arange(100.0)), "`store`", "800 bytes", "1000 bytes")
+    monkeypatch.setattr(_memory, "free_memory", lambda: None)  # not known: go on
+    assert quiet(x=np.arange(100.0)).value[99] == 99.0**2
+
+
+def test_results_count_with_all_their_numbers(refuses, monkeypatch):
+    def scene(x):
+        return {name: x for name in "abcd"}
+
+    monkeypatch.setattr(_memory, "free_memory", lambda: 5000)
+    refuses(lambda: zj.sweep(scene, x=np.arange(100.0)), "results", "3200 bytes")
+
+
+# Where JAX cannot trace ---------------------------------------------------------------
+
+
+def branches(q):
+    return q if q > 1.5 else -q
+
+
+def gives_numpy(q):
+    return np.sin(q)
+
+
+def makes_float(q):
+    return 2 * float(q)
+
+
+def takes_from_list(q):
+    return [1.0, 2.0][q.astype(int)]
+
+
+@pytest.mark.parametrize(
+    "scene, line, cure",
+    [
+        (branches, "return q if q > 1.5 else -q", "jnp.where"),
+        (gives_numpy, "return np.sin(q)", "jnp.sin"),
+        (makes_float, "return 2 * float(q)", "leave `float(...)` out"),
+        (takes_from_list, "return [1.0, 2.0][q.astype(int)]", "jnp.asarray(table)[i]"),
+    ],
+)
+def test_what_jax_cannot_trace_is_refused_with_its_line_and_a_cure(
+    refuses, scene, line, cure
+):
+    refuses(lambda: zj.sweep(scene, q=[1.0]), "`point`", "of q", line, cure)
+
+
+def test_a_sweep_inside_a_transformation_or_a_sweep_is_refused(refuses):
+    def inner(x):
+        return zj.sweep(square, x=[1.0], progress=False).value.values[0] * x
+
+    parts = "outside of JAX's transformations", "another sweep"
+    refuses(lambda: zj.sweep(inner, x=[1.0]), *parts)
+    refuses(lambda: jax.jit(inner)(1.0), *parts)
+    refuses(lambda: jax.vmap(inner)(jnp.ones(2)), *parts)
+    refuses(lambda: jax.jvp(inner, (1.0,), (1.0,)), *parts)
+
+
+def test_a_points_own_type_error_is_its_own():
+    def scene(x):
+        raise TypeError("unhashable type: 'my own'")
+
+    with pytest.raises(TypeError, match="my own"):
+        zj.sweep(scene, x=[1.0])

@@ -62,6 +62,11 @@ class Blocks:
         self.count = self.along * int(np.prod(self.shape[: self.axis]))
         self._decide()
 
+    @property
+    def points(self) -> int:
+        """How many points are to be computed."""
+        return int(self.sizes.sum())
+
     def _decide(self) -> None:
         """How many points each block has to compute, and a digest of which."""
         if self.where is None:
@@ -154,6 +159,8 @@ def asked(where: Any, box: dict[str, np.ndarray]) -> np.ndarray:
     try:
         chosen = np.asarray(where(**dict(zip(box, mesh, strict=True))))
         valid = np.broadcast_to(chosen, shape)
+    except MemoryError:
+        raise
     except Exception as error:
         raise ValueError(
             "Argument `where` must work on arrays that broadcast (use `&`, not `and`), "
@@ -193,28 +200,16 @@ class Desk:
         """`keep` is told a whole block, its arrays and its tally, by any thread."""
         self.blocks, self.variables, self.keep = blocks, variables, keep
         self.open: dict[int, _Open] = {}
-        self.failures = 0
         self.lock = threading.Lock()
 
-    def hand_out(
-        self, work: Iterable[tuple[Block, np.ndarray, Any]]
-    ) -> Iterator[np.ndarray]:
-        """The points to compute, as places in the grid, a block at a time.
-
-        **Arguments:** `work`: a block, which of its points, and what is known of the
-        others (None: nothing).
-        """
-        for block, chosen, known in work:
-            if known is None:
-                shape = chosen.shape
-                known = {n: empty(v, shape).copy() for n, v in self.variables.items()}
-            points = np.flatnonzero(chosen)
-            opened = _Open(block, points, known)
-            if not points.size:
-                self.keep(block, known, opened.tally(self.variables))
-                continue
+    def hand_out(self, blocks: Iterable[Block]) -> Iterator[np.ndarray]:
+        """The points to compute, as places in the grid, a block at a time."""
+        for block in blocks:
+            points = np.flatnonzero(block.chosen)
+            shape = block.chosen.shape
+            arrays = {n: empty(v, shape).copy() for n, v in self.variables.items()}
             with self.lock:
-                self.open[block.number] = opened
+                self.open[block.number] = _Open(block, points, arrays)
             yield points + self.blocks.first(block.number)
 
     def put(self, points: np.ndarray, found: list[Any], steps: np.ndarray) -> None:
@@ -235,7 +230,6 @@ class Desk:
                     del self.open[number]
             if whole:
                 tally = opened.tally(self.variables)
-                self.failures += tally.failures
                 self.keep(opened.block, opened.arrays, tally)
 
 

@@ -27,13 +27,14 @@ import time
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from itertools import islice
+from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import uuid4
 
 from ._blocks import Block, Blocks, Desk, Tally
 from ._cpu import compiles_whole_loops, configure_cpu
-from ._fingerprint import scene_hash
-from ._lanes import Effort, Program, compiled, run_lanes
+from ._program import Program, Scene, compiled, traced
+from ._scheduler import Effort, run_lanes, warn_of
 from ._store import Store
 
 _TASKS_A_THREAD = 3  # on their way, so that no worker waits for the next
@@ -53,18 +54,47 @@ class Recipe(NamedTuple):
     token: str  # this sweep's: a store may have been replaced since the last
 
     @staticmethod
-    def of(point: Callable, program: Program, names: tuple, **parts: Any) -> "Recipe":
-        """What there is to know."""
+    def of(scene: Scene, **parts: Any) -> "Recipe":
+        """What there is to know.
+
+        **Raises:** `ValueError` if `point` cannot be sent.
+        """
         import cloudpickle
 
+        try:
+            point = cloudpickle.dumps(scene.point)
+        except Exception as error:  # pickle's, of many kinds
+            raise ValueError(
+                "Argument `point` must be a function that can be sent to the workers "
+                f"of `client`, but {type(error).__name__}: {error}. What it refers to "
+                "(an open file, a lock, a client) must be made inside it."
+            ) from error
         return Recipe(
-            cloudpickle.dumps(point),
-            names,
-            program.batch_size,
-            program.wide,
+            point,
+            scene.names,
+            scene.batch_size,
+            scene.wide,
+            scene.digest,
             whole_loops=compiles_whole_loops(),
             token=uuid4().hex,
             **parts,
+        )
+
+
+def check_client(client: Any) -> None:
+    """Refuse what is no client, or one that is closed.
+
+    **Raises:** `ValueError`.
+    """
+    if not hasattr(client, "submit"):
+        raise ValueError(
+            f"Argument `client` must be a `dask.distributed.Client`, not {client!r}."
+        )
+    status = getattr(client, "status", "running")
+    if status != "running":
+        raise ValueError(
+            f"Argument `client` must be a client that runs, but its status is "
+            f"{status!r}: connect a new one."
         )
 
 
@@ -86,7 +116,7 @@ def run_blocks(
     started = time.perf_counter()
     waiting = iter(missing)
     flying = as_completed()
-    own = ran = 0
+    done = own = ran = checks = mismatches = 0
 
     def submit() -> None:
         room = _TASKS_A_THREAD * max(1, sum(client.nthreads().values()))
@@ -98,34 +128,62 @@ def run_blocks(
     try:
         submit()
         for future in flying:
-            number, arrays, tally, effort = future.result()
+            number, arrays, tally, effort = _result(future)
             keep(blocks.block(number), arrays, tally)
+            done += 1
             own, ran = own + effort.own_steps, ran + effort.all_steps
+            checks += effort.canary_checks
+            mismatches += effort.canary_mismatches
             on_batch(missing[number], own / ran if ran else float("nan"))
             submit()
+    except Exception as error:
+        where = "nothing is stored" if recipe.store is None else (
+            f"they are in {recipe.store}, and the same sweep goes on from there"
+        )  # fmt: skip
+        error.add_note(f"Of {len(missing)} blocks {done} were finished: {where}.")
+        raise
     finally:
-        client.cancel(list(flying.futures))
-    return Effort(time.perf_counter() - started, own, ran)
+        if client.status == "running":
+            client.cancel(list(flying.futures))
+    if mismatches:
+        warn_of(mismatches, checks)
+    seconds = time.perf_counter() - started
+    return Effort(seconds, own, ran, checks, mismatches)
+
+
+def _result(future: Any) -> Any:
+    """What a task gave.
+
+    **Raises:** `RuntimeError` if it was cancelled or the cluster is gone.
+    """
+    from concurrent.futures import CancelledError as Cancelled
+
+    from distributed import CancelledError
+
+    try:
+        return future.result()
+    except (CancelledError, Cancelled) as error:
+        raise RuntimeError(
+            "A block was cancelled before it was finished: the client was closed, or "
+            "someone cancelled its task."
+        ) from error
 
 
 def _compute(recipe: Recipe, block: Block) -> tuple[int, Any, Tally, Effort]:
     """A task."""
     with _PREPARING:
-        program = _program(*recipe[:6])
+        scene, program = _program(*recipe[:6])
         store = None if recipe.store is None else _store(recipe.store, recipe.token)
-    chosen, known = block.chosen, None
-    if store is not None:
-        if store.holds(block):  # its writer died before it could say so
-            return block.number, None, Tally(0, 0.0, 0, {}), Effort(0.0, 0, 0)
-        _, chosen, known = store.work(block)
+    if store is not None and store.holds(block):
+        # its writer died before it could say so
+        return block.number, None, Tally(0, 0.0, 0, {}), Effort(0.0, 0, 0, 0, 0)
     whole: list[Any] = []
-    part = Blocks(block.axes, points_a_block=chosen.size)
-    desk = Desk(part, program.variables, lambda *found: whole.extend(found))
-    points = desk.hand_out([(part.block(0), chosen, known)])
+    part = Blocks(block.axes, block.chosen, points_a_block=block.chosen.size)
+    desk = Desk(part, scene.variables, lambda *found: whole.extend(found))
     effort = run_lanes(
         program,
         block.axes,
-        points,
+        desk.hand_out([part.block(0)]),
         desk.put,
         threads=recipe.threads,
         on_batch=lambda *_: None,
@@ -148,7 +206,7 @@ def _program(
     wide: bool,
     digest: str,
     whole_loops: bool,
-) -> Program:
+) -> tuple[Scene, Program]:
     import cloudpickle
 
     if whole_loops and not compiles_whole_loops():
@@ -159,15 +217,16 @@ def _program(
             "Argument `client` must have workers that compile loops as this process "
             "does, but one of them cannot: see `configure_cpu`."
         )
-    if scene_hash(point, names, wide) != digest:
+    scene = traced(point, names, wide, batch_size)
+    if scene.digest != digest:
         raise ValueError(
             "Argument `client` must have workers with the same scene, but to one of "
             "them `point` is another program: its modules or versions differ."
         )
-    return compiled(point, names, batch_size, wide, digest=digest)
+    return scene, compiled(scene)
 
 
 @lru_cache(maxsize=8)
 def _store(path: str, token: str) -> Store:
     del token
-    return Store(path, "r+")
+    return Store(Path(path))

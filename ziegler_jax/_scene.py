@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._choice import AUTO, kind_of
-from ._override import overridden_tolerances
+from ._context import overridden_tolerances
 from ._types import Scalar, Vector4, is_concrete, number
 from .column import Column, State
 from .damping import is_polynomial

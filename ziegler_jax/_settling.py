@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from ._context import overridden_solver
 from ._motion import Motion
-from ._override import overridden_solver
 from ._scene import (
     budget,
     check_scene,

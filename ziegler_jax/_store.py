@@ -1,42 +1,52 @@
 """A sweep's store: a Zarr group that grows block by block and outlives its writer.
 
-- `map.zarr/`: the Dataset. A chunk of each variable is a block; a chunk that is not
-  there reads as NaN, and as 0 (`not_computed`) for codes.
-- `map.zarr/progress/`: `sweep.json` with the sweep's fingerprint, and in `blocks/` a
-  file for each finished block, its commit marker.
+- `map.zarr/`: the Dataset. A chunk of each variable is a block, with a checksum that
+  Zarr itself writes and reads (crc32c); a chunk that is not there reads as NaN, and as
+  0 (`not_computed`) for codes.
+- `map.zarr/sweep-record/`: `sweep.json` and its copy, which say what the sweep is and
+  hold the text of all Zarr metadata; `run.json`, what the last run cost; `blocks/`, a
+  marker for each finished block, with length and checksum of its chunks; `parts/`,
+  files that are being written. Every record carries a checksum of its own.
 
-A block's chunks are written first, codes after numbers, its marker last. Each file
-appears whole, by a rename: a reader never sees half of one. What has no marker is
-computed again.
+A block's chunks are written first, codes after numbers, and are on the disk before its
+marker is. Each file appears whole, by a rename: a reader never sees half of one. A
+block without a marker, or with one that its chunks do not bear out, is computed again.
 """
 
-import json
 import os
-import shutil
+import warnings
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
-from uuid import uuid4
+from typing import Any
 
 import numpy as np
 import xarray as xr
 import zarr
+from zarr.storage import MemoryStore
 
 from ._blocks import Block, Blocks, Tally
-from ._fingerprint import difference, only_budgets_grew
-from .outcome import OUTCOME
-
-Resume = Literal["same", "unsettled", "overwrite"]
-_AGAIN = (OUTCOME.unsettled, OUTCOME.budget_spent)  # what a larger budget may change
-_MEANINGS = " ".join(code.name for code in OUTCOME)
+from ._files import write, write_record
+from ._identity import difference, digest_of
+from ._store_creation import create, place, remove
+from ._store_layout import (
+    RECORD,
+    RECORDS,
+    layout,
+    locked_store,
+    read_or_none,
+    recorded,
+    says,
+    sum_of,
+)
 
 
 def prepared(
     path: str | os.PathLike,
     template: xr.Dataset,
     blocks: Blocks,
-    fingerprint: Mapping[str, Any],
-    resume: Resume,
+    identity: Mapping[str, Any],
+    overwrite: bool,
 ) -> "Store":
     """The store to go on with, made if need be.
 
@@ -44,35 +54,30 @@ def prepared(
 
     **Raises:** `ValueError` if what is there is another sweep's, or no store at all.
     """
-    path = Path(path).absolute()
+    path = place(path)
+    if overwrite and path.is_dir() and any(path.iterdir()):
+        remove(path)
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        return Store.create(path, template, blocks, fingerprint)
-    if resume == "overwrite":
-        _remove(path)
-        return Store.create(path, template, blocks, fingerprint)
-    store = Store(path)
-    there = store.record["fingerprint"]
-    other = difference(there, fingerprint)
-    if other is None:
-        return store
-    if resume == "unsettled":
-        other = only_budgets_grew(there, fingerprint)
-        if other is None and not store.outcomes():
-            other = "has no `outcome` that says which points are unsettled"
-        if other is None:
-            store.begin_again(fingerprint)
-            return store
-    raise ValueError(
-        f"Argument `store` must be this sweep's, but {str(path)!r} {other}. "
-        '`resume="overwrite"` replaces it.'
-    )
+        made, lock = create(path, template, blocks, identity)
+        if made:
+            return Store(path, lock)
+    store = Store(path)  # made by another, now or long ago
+    other = difference(store.record["identity"], identity)
+    if other is not None:
+        raise ValueError(
+            f"Argument `store` must be this sweep's, but {str(path)!r} {other}. "
+            "`overwrite=True` replaces it."
+        )
+    return store
 
 
 def open_sweep(path: str | os.PathLike) -> xr.Dataset:
     """The Dataset of a sweep's store, finished or not, read where it is looked at.
 
     What has not been computed yet is NaN and its `outcome` is `not_computed`. It may be
-    called while the sweep is running, and sees what was finished then.
+    called while the sweep is running, and sees what was finished then. Every chunk has
+    a checksum: one that was damaged since raises where it is read, and never gives a
+    number.
 
     **Arguments:** `path`: what `sweep` was given as `store`.
 
@@ -80,121 +85,56 @@ def open_sweep(path: str | os.PathLike) -> xr.Dataset:
     sweep wrote, its attributes hold `points` and `points_done`, `blocks` and
     `blocks_done`.
 
-    **Raises:** `ValueError` if the folder is no sweep's store.
+    **Raises:** `ValueError` if the folder is no sweep's store, or a file that it cannot
+    be read without is damaged. It warns of blocks whose chunks are gone or too short.
     """
-    store = Store(path)
+    return opened(Store(place(path)))
+
+
+def opened(store: "Store") -> xr.Dataset:
+    """The Dataset of a store."""
+    damaged = store.damaged_metadata() or store.damaged_coordinates()
+    if damaged:
+        raise ValueError(
+            f"Argument `store` must be whole, but {damaged[0]!r} in {str(store.path)!r}"
+            " is damaged. The same sweep mends it."
+        )
     # chunks=None: without Dask; Zarr 3 has no consolidated metadata
     ds = xr.open_zarr(store.path, consolidated=False, chunks=None)
-    run = store.record["runs"][-1]
-    marks = [mark for mark in store.marks().values() if mark["run"] == run]
+    labels = store.record["labels"]
+    coords = {name: (name, values) for name, values in labels.items()}
+    ds = ds[store.record["names"]].assign_coords(coords)
+    marks = store.marks()
+    gone = [number for number, mark in marks.items() if not store.seems_intact(mark)]
+    if gone:
+        warnings.warn(
+            f"Of the store {str(store.path)!r} these blocks are damaged, and count as "
+            f"not computed: {', '.join(map(str, sorted(gone)))}. The same sweep "
+            "computes them again.",
+            stacklevel=3,
+        )
+    done = [mark for number, mark in marks.items() if number not in gone]
     progress = {
         "points": store.record["points"],
-        "points_done": sum(mark["points"] for mark in marks),
+        "points_done": sum(mark["points"] for mark in done),
         "blocks": store.record["blocks"],
-        "blocks_done": len(marks),
+        "blocks_done": len(done),
     }
-    return ds[store.record["names"]].assign_attrs(progress)
-
-
-class Memory:
-    """Keeps blocks in arrays of the whole grid."""
-
-    def __init__(self, template: xr.Dataset):
-        """`template`: the Dataset with nothing computed."""
-        self.template = template
-        self.arrays = {str(n): v.values.copy() for n, v in template.data_vars.items()}
-
-    def __enter__(self) -> "Memory":
-        """Nothing to open."""
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        """Nothing to close."""
-
-    def missing(self, blocks: Blocks) -> dict[int, int]:
-        """How many points are still to be computed, by block."""
-        return {n: int(blocks.sizes[n]) for n in np.flatnonzero(blocks.sizes).tolist()}
-
-    def work(self, block: Block) -> tuple[Block, np.ndarray, Any]:
-        """A block, which of its points to compute, and what is known of the others."""
-        known = {name: a[block.region].copy() for name, a in self.arrays.items()}
-        return block, block.chosen, known
-
-    def keep(self, block: Block, arrays: Mapping[str, Any], tally: Tally) -> None:
-        """Take a whole block."""
-        del tally
-        for name, values in arrays.items():
-            self.arrays[name][block.region] = values
-
-    def dataset(self, attributes: Mapping[str, Any]) -> xr.Dataset:
-        """The sweep's result."""
-        data = {
-            n: (v.dims, self.arrays[str(n)], v.attrs)
-            for n, v in self.template.data_vars.items()
-        }
-        return xr.Dataset(data, self.template.coords, attributes)
+    run = read_or_none(store.folder / "run.json") or {}
+    return ds.assign_attrs({**run, **progress})
 
 
 class Store:
     """Keeps blocks on a disk."""
 
-    def __init__(self, path: str | os.PathLike, mode: Literal["r", "r+"] = "r"):
-        """Open a store that is there.
+    def __init__(self, path: Path, lock: int | None = None):
+        """Open a store that is there; `lock`: of one that was just made.
 
         **Raises:** `ValueError` if none is.
         """
-        self.path = Path(path).absolute()
-        self.progress = self.path / "progress"
-        self.lock: int | None = None
-        self.record = _recorded(self.path)
-        self._open(mode)
-
-    def _open(self, mode: Literal["r", "r+"]) -> None:
-        self.root = zarr.open_group(self.path, mode=mode)
-        arrays: list[Any] = [(name, self.root[name]) for name in self.record["names"]]
-        # codes last: where there is an outcome, there are its numbers
-        self.arrays = dict(sorted(arrays, key=lambda a: "flag_values" in a[1].attrs))
-
-    @classmethod
-    def create(
-        cls,
-        path: Path,
-        template: xr.Dataset,
-        blocks: Blocks,
-        fingerprint: Mapping[str, Any],
-    ) -> "Store":
-        """Make a store with nothing computed; it is there as a whole or not at all."""
-        new = path.with_name(f".{path.name}.new")
-        shutil.rmtree(new, ignore_errors=True)
-        root = zarr.open_group(new, mode="w-", attributes=dict(template.attrs))
-        for name, variable in template.variables.items():
-            shape, fill, chunks = variable.shape, 0, variable.shape
-            if name in template.data_vars:
-                chunks = (*blocks.chunk, *shape[len(blocks.chunk) :])
-                fill = variable.values[(0,) * len(shape)]
-            array = root.create_array(
-                str(name),
-                shape=shape,
-                dtype=variable.dtype,
-                chunks=chunks,
-                fill_value=fill,
-                dimension_names=[str(dim) for dim in variable.dims],
-                attributes=dict(variable.attrs),
-            )
-            if name in template.coords:
-                array[:] = variable.values
-        root.create_group("progress")
-        (new / "progress" / "blocks").mkdir()
-        record = {
-            "names": [str(name) for name in template.data_vars],
-            "points": int(blocks.sizes.sum()),
-            "blocks": int(np.count_nonzero(blocks.sizes)),
-            "runs": [uuid4().hex],  # the marker of a stranger's block is none
-            "fingerprint": fingerprint,
-        }
-        _write(new / "progress" / "sweep.json", record)
-        os.replace(new, path)
-        return cls(path)
+        self.path, self.folder, self.lock = path, path / RECORD, lock
+        self.record = recorded(path)
+        self._encoders: dict[str, tuple[Any, dict]] = {}
 
     def __enter__(self) -> "Store":
         """Write to it."""
@@ -203,87 +143,105 @@ class Store:
 
     def __exit__(self, *_: Any) -> None:
         """Let others write to it."""
-        self.release()
-
-    def claim(self) -> None:
-        """Open the store to write to it, alone on this machine.
-
-        **Raises:** `ValueError` if another sweep has; `OSError` if nothing can be
-        written there.
-        """
-        if self.lock is None:
-            self.lock = _locked(self.progress / "lock")
-        self._open("r+")
-        for torn in self.path.rglob("*.partial"):  # of a writer that was killed
-            torn.unlink(missing_ok=True)
-
-    def release(self) -> None:
-        """Let others write."""
         if self.lock is not None:
             os.close(self.lock)
             self.lock = None
 
-    def begin_again(self, fingerprint: Mapping[str, Any]) -> None:
-        """Larger budgets: what was unsettled is to be computed again."""
-        self.claim()
-        runs = [*self.record["runs"], uuid4().hex]
-        self.record |= {"runs": runs, "fingerprint": fingerprint}
-        _write(self.progress / "sweep.json", self.record)
+    def claim(self) -> None:
+        """Be the only one on this machine who writes to it.
 
-    def marks(self) -> dict[int, dict[str, Any]]:
-        """The commit markers, by block."""
-        paths = (self.progress / "blocks").iterdir()
-        return {int(p.name): _read(p) for p in paths if p.name.isdigit()}
+        **Raises:** `ValueError` if another sweep writes to it; `OSError` if nothing can
+        be written there.
+        """
+        if self.lock is None:
+            self.lock = locked_store(self.path)
+        self._check_that_it_is_ours()
+        for part in (self.folder / "parts").iterdir():  # of a writer that was killed
+            part.unlink(missing_ok=True)
+
+    def damaged_metadata(self) -> list[str]:
+        """The files of Zarr's metadata that are not as they were written."""
+        metadata = self.record["metadata"].items()
+        return [name for name, text in metadata if not says(self.path / name, text)]
+
+    def damaged_coordinates(self) -> list[str]:
+        """The coordinates whose values are not those of the sweep."""
+        damaged = []
+        for name, digest in self._coordinates().items():
+            try:
+                array: Any = zarr.open_array(self.path / name, mode="r")
+                whole = digest_of(np.asarray(array[:])) == digest
+            except Exception:  # Zarr's, of many kinds: each of them is damage
+                whole = False
+            if not whole:
+                damaged.append(name)
+        return damaged
+
+    def damaged(self) -> list[str]:
+        """What is damaged beside blocks, and can be mended without computing."""
+        records = [read_or_none(self.folder / name) for name in RECORDS]
+        torn = [n for n, r in zip(RECORDS, records, strict=True) if r != self.record]
+        return torn + (self.damaged_metadata() or self.damaged_coordinates())
+
+    def mend(self, axes: Mapping[str, np.ndarray]) -> None:
+        """Write again what is damaged beside blocks, once the store is claimed."""
+        for name in RECORDS:
+            if read_or_none(self.folder / name) != self.record:
+                self._write(self.folder / name, self.record)
+        for name in self.damaged_metadata():
+            text = self.record["metadata"][name]
+            write(self.path / name, text.encode(), self.folder / "parts")
+        for name in self.damaged_coordinates():
+            values = axes[name] if name in axes else self.record["labels"][name]
+            values = np.asarray(values, np.float64)
+            for key, content in self._encoded(name, (), values).items():
+                write(self.path / name / key, content, self.folder / "parts")
 
     def missing(self, blocks: Blocks) -> dict[int, int]:
-        """How many points are still to be computed, by block."""
-        *earlier, run = self.record["runs"]
-        marks, missing = self.marks(), {}
-        for number in np.flatnonzero(blocks.sizes).tolist():
-            of = marks[number]["run"] if number in marks else None
-            if of in earlier:
-                missing[number] = int(self.work(blocks.block(number))[1].sum())
-            elif of != run:
-                missing[number] = int(blocks.sizes[number])
-        return missing
+        """How many points are still to be computed, by block.
 
-    def work(self, block: Block) -> tuple[Block, np.ndarray, Any]:
-        """A block, which of its points to compute, and what is known of the others."""
-        chosen = block.chosen
-        if self._run_of(block) not in self.record["runs"]:
-            return block, chosen, None
-        region = (*block.region, ...)
-        known = {n: np.array(self.arrays[n][region]) for n in self.record["names"]}
-        for name in self.outcomes():
-            chosen = chosen & np.isin(known[name], _AGAIN)
-        return block, chosen, known
-
-    def outcomes(self) -> list[str]:
-        """The variables that say how points ended."""
-        attrs = {name: array.attrs for name, array in self.arrays.items()}
-        return [n for n, a in attrs.items() if a.get("flag_meanings") == _MEANINGS]
+        Every chunk of every finished block is read and compared with its checksum: of
+        10^7 points, 0.8 GB in 5000 files, in some two seconds.
+        """
+        marks = self.marks()
+        sizes = blocks.sizes
+        return {
+            number: int(sizes[number])
+            for number in np.flatnonzero(sizes).tolist()
+            if number not in marks or not self._intact(marks[number])
+        }
 
     def holds(self, block: Block) -> bool:
-        """Whether the block is finished."""
-        return self._run_of(block) == self.record["runs"][-1]
+        """Whether the block is finished and undamaged."""
+        mark = self._mark(block.number)
+        return mark is not None and self._intact(mark)
+
+    def marks(self) -> dict[int, dict[str, Any]]:
+        """The commit markers, by block; damaged and foreign ones do not count."""
+        names = [path.name for path in (self.folder / "blocks").iterdir()]
+        numbers = [int(name) for name in names if name.isascii() and name.isdigit()]
+        found = ((number, self._mark(number)) for number in numbers)
+        return {number: mark for number, mark in found if mark is not None}
 
     def keep(self, block: Block, arrays: Mapping[str, Any], tally: Tally) -> None:
         """Write a whole block: its chunks, then its marker.
 
         **Raises:** `ValueError` if the store has been replaced: a worker may still be
-        computing for a sweep that was stopped.
+        computing for a sweep that was stopped; `OSError` if it cannot be written to.
         """
-        run = self.record["runs"][-1]
-        if _recorded(self.path)["runs"][-1] != run:
-            raise ValueError(
-                f"Argument `store` must stay this sweep's, but {str(self.path)!r} has "
-                "been taken over by another."
-            )
         try:
-            for name, array in self.arrays.items():
-                array[(*block.region, ...)] = arrays[name]
+            self._check_that_it_is_ours()
+            chunks = {}
+            for name in self._codes_last():
+                for key, content in self._encoded(
+                    name, block.region, arrays[name]
+                ).items():
+                    file = f"{name}/{key}"
+                    write(self.path / file, content, self.folder / "parts")
+                    chunks[file] = [len(content), zlib.crc32(content)]
             mark = {**tally._asdict(), "points": int(block.chosen.sum())}
-            _write(self._mark(block), {**mark, "run": run})
+            mark |= {"block": block.number, "run": self.record["run"], "chunks": chunks}
+            self._write(self.folder / "blocks" / str(block.number), mark)
         except OSError as error:
             error.add_note(
                 f"It was writing {block}. What was finished before is in {self.path}, "
@@ -294,68 +252,79 @@ class Store:
     def dataset(self, attributes: Mapping[str, Any]) -> xr.Dataset:
         """The sweep's result."""
         if self.lock is not None:
-            self.root.attrs.update(attributes)
-        return open_sweep(self.path)
+            self._write(self.folder / "run.json", dict(attributes))
+        return opened(self)
 
-    def _mark(self, block: Block) -> Path:
-        return self.progress / "blocks" / str(block.number)
+    def _write(self, path: Path, record: Mapping[str, Any]) -> None:
+        write_record(path, record, self.folder / "parts")
 
-    def _run_of(self, block: Block) -> str | None:
-        """The run that finished a block."""
-        try:
-            return _read(self._mark(block))["run"]
-        except FileNotFoundError:
+    def _check_that_it_is_ours(self) -> None:
+        if not self.folder.is_dir():
+            raise FileNotFoundError(
+                f"The store {str(self.path)!r} is gone: it was moved or deleted while "
+                "the sweep was running."
+            )
+        if recorded(self.path)["run"] != self.record["run"]:
+            raise ValueError(
+                f"Argument `store` must stay this sweep's, but {str(self.path)!r} has "
+                "been taken over by another."
+            )
+
+    def _coordinates(self) -> dict[str, str]:
+        """The coordinates that Zarr holds, with hashes of their values."""
+        axes = self.record["identity"]["axes"].items()
+        found = {name: digest for name, (*_, digest) in axes}
+        for name, values in self.record["labels"].items():
+            if f"{name}/zarr.json" in self.record["metadata"]:
+                found[name] = digest_of(np.asarray(values, np.float64))
+        return found
+
+    def _mark(self, number: int) -> dict[str, Any] | None:
+        """The marker of a block; None: it has none that counts."""
+        mark = read_or_none(self.folder / "blocks" / str(number))
+        if mark is None or mark.get("run") != self.record["run"]:
             return None
+        return mark if mark.get("block") == number else None
 
+    def _intact(self, mark: Mapping[str, Any]) -> bool:
+        """Whether a block's chunks are those that were written."""
+        try:
+            return all(
+                sum_of(self.path / file) == tuple(written)
+                for file, written in mark["chunks"].items()
+            )
+        except OSError:
+            return False
 
-def _recorded(path: Path) -> dict[str, Any]:
-    """What the store says of its sweep."""
-    try:
-        return _read(path / "progress" / "sweep.json")
-    except (FileNotFoundError, NotADirectoryError):
-        raise ValueError(
-            f"Argument `store` must be a sweep's store, but {str(path)!r} is none."
-        ) from None
+    def seems_intact(self, mark: Mapping[str, Any]) -> bool:
+        """Whether a block's chunks are there and as long as they should be."""
+        try:
+            return all(
+                (self.path / file).stat().st_size == length
+                for file, (length, _) in mark["chunks"].items()
+            )
+        except OSError:
+            return False
 
+    def _codes_last(self) -> list[str]:
+        """The variables, so that where there is an outcome, there are its numbers."""
+        return sorted(self.record["names"], key=lambda n: n in self.record["codes"])
 
-def _remove(path: Path) -> None:
-    """Delete a store, and nothing else: at once for whoever looks at its path."""
-    _recorded(path)
-    lock = _locked(path / "progress" / "lock")
-    try:
-        for left in path.parent.glob(f".{path.name}.*.old"):  # by one that was killed
-            shutil.rmtree(left, ignore_errors=True)
-        old = path.with_name(f".{path.name}.{uuid4().hex}.old")
-        os.rename(path, old)
-        shutil.rmtree(old)
-    finally:
-        os.close(lock)
-
-
-def _read(path: Path) -> dict[str, Any]:
-    return json.loads(path.read_text())
-
-
-def _write(path: Path, content: Mapping[str, Any]) -> None:
-    """A whole file or none."""
-    part = path.with_name(f"{path.name}.{uuid4().hex}.partial")
-    part.write_text(json.dumps(content))
-    os.replace(part, path)
-
-
-def _locked(path: Path) -> int:
-    """Hold a lock that ends with the process, however it ends."""
-    file = os.open(path, os.O_RDWR | os.O_CREAT)
-    try:
-        import fcntl
-    except ImportError:  # Windows: two sweeps would compute the same twice
-        return file
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(file)
-        raise ValueError(
-            f"Argument `store` must not be written to by another sweep, but "
-            f"{str(path.parents[1])!r} is."
-        ) from None
-    return file
+    def _encoded(self, name: str, region: tuple, values: Any) -> dict[str, bytes]:
+        """The chunk files that hold these values, by their keys: Zarr's own bytes."""
+        if name not in self._encoders:
+            like: Any = zarr.open_array(self.path / name, mode="r")
+            files: dict[str, Any] = {}
+            array = zarr.create_array(
+                MemoryStore(files),
+                shape=like.shape,
+                dtype=like.dtype,
+                **layout(like.chunks, like.fill_value),
+            )
+            self._encoders[name] = array, files
+        array, files = self._encoders[name]
+        array[(*region, ...)] = values
+        where = [s.start // c for s, c in zip(region, array.chunks, strict=False)]
+        where += [0] * (array.ndim - len(where))
+        key = "/".join(["c", *map(str, where)])
+        return {key: files.pop(key).to_bytes()}

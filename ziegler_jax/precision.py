@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from ._audit import QUANTILES, changed, differences, drawn, measured, quantiles
-from ._override import Override, overriding
+from ._context import Context, within
 from .solvers import Explicit
 from .sweep import sweep
 
@@ -98,7 +98,7 @@ def work_precision(
         return chosen["mask"]
 
     def run(solver: Any, tolerance: float) -> xr.Dataset:
-        with overriding(Override(tolerance=tolerance, solver=solver)):
+        with within(Context(tolerance=tolerance, solver=solver)):
             return sweep(
                 point,
                 where=some,

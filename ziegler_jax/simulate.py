@@ -7,9 +7,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from ._context import overridden_solver
 from ._events import Events, Record
 from ._motion import FIRST_STEP, Run, follow, machine, unless_chattering
-from ._override import overridden_solver
 from ._scene import (
     check_scene,
     float_state,

@@ -1,30 +1,29 @@
 """A sweep: any function of named numbers, over named axes, as a labelled dataset."""
 
-import functools
 import inspect
-import json
+import math
 import os
-import platform
 from collections.abc import Callable, Mapping
-from importlib import metadata
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from ._audit import audit_attributes, checked_share, drawn
+from ._axes import check_signature, checked_axes
 from ._blocks import Block, Blocks, Desk, Tally, asked
-from ._choice import Undecided, stiff_points
-from ._cluster import Recipe, run_blocks
+from ._cluster import Recipe, check_client, run_blocks
+from ._context import Context, is_traced, within
 from ._cpu import all_cores
-from ._fingerprint import fingerprint, scene_hash
-from ._lanes import Effort, Program, compiled, run_lanes, together
-from ._override import Override, overriding
+from ._identity import identity
+from ._memory import Memory, check_room
+from ._program import Scene, compiled, traced
 from ._progress import Progress
-from ._store import Memory, Resume, prepared
-from ._surroundings import constants
-from ._variables import AXES, empty
-from .outcome import SOLVER, flag_attributes
+from ._provenance import check_names, provenance, template
+from ._scheduler import Effort, run_lanes
+from ._store import Store, prepared
+
+FINER = 0.01  # the audit's tolerances, against the point's own
 
 
 def sweep(
@@ -38,7 +37,7 @@ def sweep(
     audit: float | None = None,
     axes: Mapping[str, Any] | None = None,
     store: str | os.PathLike | None = None,
-    resume: Resume = "same",
+    overwrite: bool = False,
     client: Any = None,
     log: str | os.PathLike | None = None,
     **named_axes: Any,
@@ -58,19 +57,18 @@ def sweep(
 
     - `point`: a function of named scalars that JAX can trace. It returns a scalar, a
         dict of scalars, or a result of the library, which knows its dimensions and
-        units. It is compiled once for a batch of lanes and kept for the next sweep of
-        the same function, as long as the numbers that it takes from around it stay the
-        same. Where it runs one `settle`, lanes run in legs and are refilled as they
-        end; whatever else it computes is then computed anew in each leg.
+        units. It is traced anew at each sweep, so that whatever it reads is read
+        again, but compiled only if that changed its program. (A function that you give
+        to `jax.jit` yourself and call on plain numbers is JAX's to remember.) Where it
+        runs one `settle`, lanes run in legs and are refilled as they end; whatever else
+        it computes is then computed anew in each leg.
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
     - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
         else 128, or 384 where `configure_cpu()` was needed and not called. A lane's
         result does not depend on its batch mates; another batch size is another
-        program, equal to rounding. With `solver="auto"` lanes of a kind share programs
-        and batches; with `store` or `client` the solver must be named, unless the
-        numbers that "auto" asks for are constants of the scene.
+        program, equal to rounding.
     - `threads`: None uses every core that the process may use.
     - `progress`: a bar with points per second; None shows it on a terminal only.
     - `precision`: of the computation, whatever JAX's own setting.
@@ -83,130 +81,91 @@ def sweep(
         `rtol_settle`. Not with `store` or `client`.
     - `store`: a folder, e.g. `"map.zarr"`, into which every block of about 16 000
         points goes as soon as it is finished; in memory are the blocks that are not.
-        The same sweep with the same store computes only what is missing, also after it
-        was killed, and ends in the same numbers to the last bit (on the same kind of
-        processor). A store of another scene, other axes, tolerances, precision or
-        versions is refused. The scene is known by its lowered program, which does not
-        show what a host callback does. `open_sweep` reads the store at any time.
-    - `resume`: `"overwrite"` replaces the store's sweep; `"unsettled"` goes on with one
-        whose `max_windows` and `max_steps` were smaller, and computes its points that
-        are `unsettled` or `budget_spent` anew; else it must be `"same"`.
+        The same sweep with the same store computes only what is missing or damaged,
+        also after it was killed, and ends in the same numbers to the last bit (on the
+        same kind of processor). A store of another scene, other axes, tolerances,
+        precision or versions is refused. The scene is known by its lowered program,
+        which does not show what a host callback does. `open_sweep` reads the store at
+        any time.
+    - `overwrite`: replace the sweep that is in the store.
     - `client`: a `dask.distributed.Client`: blocks become tasks of its cluster, one a
         worker's thread at a time. Its workers must be able to import the package and
         what `point` needs, and to write to `store` where there is one.
     - `log`: a file to which a line of JSON is added for every finished block: where
         it lies, its points, seconds, steps and outcomes.
-    - `named_axes`, `axes`: each a one-dimensional array of finite numbers. An axis that
-        is named like an option goes into `axes`.
+    - `named_axes`, `axes`: each a one-dimensional array of finite numbers that
+        increase. An axis that is named like an option goes into `axes`. Names are of
+        letters, digits and underscores, as those of results are.
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
     or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
     hold versions, precision, the scene's source with the numbers that it takes from
-    around it, and what the run cost (the share of useful steps where lanes run in
-    legs, else NaN). With `store`, its arrays stay on the disk until they are looked at.
+    around it, and what this run cost: seconds, the share of useful steps (NaN where
+    lanes do not run in legs), and how many of the batches that were computed a second
+    time, one of 256, gave other bits (`canary_mismatches`, of `canary_checks`; it warns
+    where there are any). With `store`, its arrays stay on the disk until they are
+    looked at.
 
-    **Raises:** `ValueError` that names the argument, its value and the rule; what
-    `point` raises while it runs, with a note of the batch's values; `OSError` where
+    **Raises:** `ValueError` that names the argument, its value and the rule; a
+    sweep in memory that would take more than half of what is free; what `point` raises
+    while it runs, with a note of the batch's values; `OSError` where
     the store cannot be written; `KeyboardInterrupt` after Ctrl-C, as soon as JAX has
     compiled (after a second one at once). What was finished before stays in the store.
     """
-    if axes is not None and not isinstance(axes, Mapping):
-        raise ValueError(f"Argument `axes` must map names to values, but is {axes!r}.")
-    grid = _axes(point, dict(axes or {}), named_axes)
-    names = tuple(grid)
+    if is_traced():
+        raise ValueError(
+            "A sweep must be called outside of JAX's transformations, but is inside "
+            "one (`jit`, `vmap`, a derivative, another sweep): it compiles and runs "
+            "programs of its own. Give the other sweep one more axis instead."
+        )
+    grid = checked_axes(point, axes, named_axes, inspect.signature(sweep).parameters)
     if where is not None:
         if not callable(where):
             raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
-        _check_signature(where, list(grid), "where")
-    whole = where is not None and store is None
-    blocks = Blocks(grid, asked(where, grid) if whole else where)
-    if threads is not None:
-        threads = _count("threads", threads)
-    if batch_size is not None:
-        batch_size = _count("batch_size", batch_size)
+        check_signature(where, list(grid), "where")
+    batch_size = None if batch_size is None else _count("batch_size", batch_size)
+    threads = None if threads is None else _count("threads", threads)
     if precision not in ("float64", "float32"):
         raise ValueError(
             f"Argument `precision` must be float64 or float32, but is {precision!r}."
         )
     share = None if audit is None else checked_share(audit)
-    if resume not in get_args(Resume):
+    if share is not None and (store is not None or client is not None):
         raise ValueError(
-            "Argument `resume` must be same, unsettled or overwrite, but is "
-            f"{resume!r}."
+            "Argument `audit` must be left out with `store` or `client`, but is "
+            f"{audit!r}: audit a smaller sweep of the same scene in memory."
         )
-    if store is None and resume != "same":
-        raise ValueError("Argument `resume` must come with `store`, but that is None.")
-    if client is not None and not hasattr(client, "submit"):
+    if overwrite and store is None:
         raise ValueError(
-            f"Argument `client` must be a `dask.distributed.Client`, not {client!r}."
+            "Argument `overwrite` must come with `store`, but that is None."
         )
-    wide = precision == "float64"
-    scene = point, names, batch_size, wide
-    digest = ""
-    if store is None and client is None:
-        groups = _groups(scene, blocks)
+    if client is not None:
+        check_client(client)
+    size = math.prod(values.size for values in grid.values())
+    if where is not None and store is None:
+        check_room(f"which of {size} points `where` chooses", size)
+        blocks = Blocks(grid, asked(where, grid))
     else:
-        if audit is not None:
-            raise ValueError(
-                "Argument `audit` must be left out with `store` or `client`, but is "
-                f"{audit!r}: audit a smaller sweep of the same scene in memory."
-            )
-        digest = _digest(point, names, wide)
-        groups = [(compiled(*scene, digest=digest), blocks)]
-    program = groups[0][0]
-    _check_names(names, program)
+        if store is None:
+            check_room(f"one number at each of {size} points", 8 * size)
+        blocks = Blocks(grid, where)
+    scene = traced(point, tuple(grid), precision == "float64", batch_size)
+    check_names(scene)
+    if store is None:
+        check_room(f"the results of {size} points", scene.bytes_a_point * size)
     if threads is None:  # a cluster's worker runs as many blocks as it has threads
         threads = all_cores() if client is None else 1
-    total = int(blocks.sizes.sum())
-    seconds = sum(part.compile_seconds for part, _ in groups)
-    attributes = _provenance(point, program, threads, total, seconds)
-    template = _template(grid, program, blocks.shape, attributes)
+    run = _Run(scene, blocks, threads, client, store)
+    origin = provenance(scene, blocks.points)
+    nothing = template(grid, scene, blocks.shape, origin)
     if store is None:
-        shelf = Memory(template)
+        shelf: Memory | Store = Memory(nothing)
     else:
-        here = fingerprint(
-            point, blocks, scene=digest, settings=program.attributes,
-            batch_size=program.batch_size, wide=wide,
-        )  # fmt: skip
-        shelf = prepared(store, template, blocks, here, resume)
-    missing = shelf.missing(blocks)
-    left = sum(missing.values())
-    if not missing:
-        return shelf.dataset({})
-    with shelf, Progress(total - left, total, progress, log) as told:
-
-        def keep(block: Block, arrays: Any, tally: Tally) -> None:
-            if arrays is not None:  # else a worker has written them
-                shelf.keep(block, arrays, tally)
-            told.finished(block, tally)
-
-        if client is not None:
-            recipe = Recipe.of(
-                point, program, names, digest=digest, threads=threads,
-                store=None if store is None else os.path.abspath(store),
-            )  # fmt: skip
-            effort = run_blocks(client, recipe, blocks, missing, keep, told.advance)
-        else:
-            efforts = []
-            for part, some in groups:
-                desk = Desk(some, part.variables, keep)
-                work = (shelf.work(some.block(n)) for n in shelf.missing(some))
-                points = desk.hand_out(work)
-                efforts.append(
-                    run_lanes(
-                        part,
-                        grid,
-                        points,
-                        desk.put,
-                        threads=threads,
-                        on_batch=told.advance,
-                    )  # fmt: skip
-                )
-            effort = together(efforts)
-        found = shelf.dataset({**attributes, **_cost(effort, left)})
+        shelf = prepared(store, nothing, blocks, identity(scene, blocks), overwrite)
+    found = _filled(run, shelf, progress, log)
     if share is not None:
-        sample = drawn(blocks.chosen(), round(share * total))
-        with overriding(Override(factor=FINER)):
+        sample = drawn(blocks.chosen(), round(share * blocks.points))
+        with within(Context(factor=FINER)):
             finer = sweep(
                 point,
                 where=lambda **_: sample,
@@ -219,113 +178,65 @@ def sweep(
     return found
 
 
-FINER = 0.01  # the audit's tolerances, against the point's own
+class _Run(NamedTuple):
+    """What is to be computed, and by whom."""
+
+    scene: Scene
+    blocks: Blocks
+    threads: int
+    client: Any
+    store: str | os.PathLike | None
 
 
-def _groups(scene: Any, blocks: Blocks) -> list[tuple[Program, Blocks]]:
-    """Programs, each with the points it is for: two where "auto" finds two kinds."""
-    try:
-        return [(compiled(*scene), blocks)]
-    except Undecided:
-        point, _, _, wide = scene
-        chosen = blocks.chosen()
-        stiff = stiff_points(point, blocks.grid, chosen, wide)
-        kinds = (SOLVER.explicit, chosen & ~stiff), (SOLVER.stiff, chosen & stiff)
-        return [
-            (compiled(*scene, kind=kind), Blocks(blocks.grid, some))
-            for kind, some in kinds
-            if some.any()
-        ]
+def _filled(run: _Run, shelf: Any, show: bool | None, log: Any) -> xr.Dataset:
+    """The dataset, after what is missing of it has been computed."""
+    scene, blocks = run.scene, run.blocks
+    missing = shelf.missing(blocks)
+    if not missing and not shelf.damaged():
+        return shelf.dataset({})
+    left = sum(missing.values())
+    seconds = scene.seconds
+    with shelf, Progress(blocks.points - left, blocks.points, show, log) as progress:
 
+        def keep(block: Block, arrays: Any, tally: Tally) -> None:
+            if arrays is not None:  # else a worker has written them
+                shelf.keep(block, arrays, tally)
+            progress.finished(block, tally)
 
-def _digest(point: Callable, names: tuple[str, ...], wide: bool) -> str:
-    try:
-        return scene_hash(point, names, wide)
-    except Undecided:
-        raise ValueError(
-            "Argument `solver` must be named in a sweep with `store` or `client`, but "
-            "is 'auto', and its points may be of both kinds: a block is computed by "
-            "one program. Give `Explicit()` or `Rosenbrock()`."
-        ) from None
-
-
-def _axes(point: Callable, extra: dict, named: dict) -> dict[str, np.ndarray]:
-    """The axes by name, checked against the function and the rules."""
-    if not callable(point):
-        raise ValueError(f"Argument `point` must be a function, but is {point!r}.")
-    twice = set(extra) & set(named)
-    if twice:
-        raise ValueError(
-            f"Axis `{twice.pop()}` must be given once, but is given twice."
-        )
-    grid = {}
-    for name, values in {**named, **extra}.items():
-        if not isinstance(name, str):
-            raise ValueError(
-                f"Argument `axes` must have strings as names, not {name!r}."
+        shelf.mend(blocks.grid)
+        if not missing:
+            return shelf.dataset({})
+        if run.client is None:
+            program = compiled(scene)
+            seconds += program.compile_seconds
+            desk = Desk(blocks, scene.variables, keep)
+            effort = run_lanes(
+                program,
+                blocks.grid,
+                desk.hand_out(map(blocks.block, missing)),
+                desk.put,
+                threads=run.threads,
+                on_batch=progress.advance,
             )
-        try:
-            kind = np.asarray(values).dtype.kind
-            if kind not in "iuf" or np.ma.isMaskedArray(values):
-                raise TypeError
-            values = np.asarray(values, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ValueError(
-                f"Axis `{name}` must be real numbers, but is {values!r}."
-            ) from None
-        if values.ndim != 1:
-            raise ValueError(
-                f"Axis `{name}` must have one dimension, but has shape {values.shape}."
+        else:
+            place = None if run.store is None else os.path.realpath(run.store)
+            recipe = Recipe.of(scene, threads=run.threads, store=place)
+            effort = run_blocks(
+                run.client, recipe, blocks, missing, keep, progress.advance
             )
-        if values.size == 0:
-            raise ValueError(f"Axis `{name}` must have values, but is empty.")
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise ValueError(
-                f"Axis `{name}` must be finite, but is {values[bad[0]]} at index "
-                f"{bad[0]}."
-            )
-        grid[name] = values
-    if not grid:
-        raise ValueError("A sweep must have at least one axis, but has none.")
-    _check_signature(point, list(grid), "point")
-    return grid
+        return shelf.dataset({**_cost(effort, left, seconds), "threads": run.threads})
 
 
-def _check_signature(function: Callable, names: list[str], what: str) -> None:
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        return  # a callable that hides its parameters: the call itself will tell
-    takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters)
-    by_name = [
-        p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
-    ]
-    known = {p.name for p in by_name}
-    for name in names:
-        if name not in known and not takes_any:
-            raise ValueError(
-                f"Axis `{name}` must be a parameter of `{what}`, which takes "
-                f"{', '.join(sorted(known)) or 'no parameters by name'}."
-            )
-    for p in by_name:
-        if p.default is p.empty and p.name not in names:
-            raise ValueError(
-                f"Parameter `{p.name}` of `{what}` must be an axis of the sweep, whose "
-                f"axes are {', '.join(names)}."
-            )
-
-
-def _check_names(names: tuple[str, ...], program: Program) -> None:
-    taken = set(program.variables)
-    for variable in program.variables.values():
-        taken |= set(variable.dims)
-    for name in names:
-        if name in taken:
-            raise ValueError(
-                f"Axis `{name}` must be named unlike a result or its dimensions, which "
-                f"are {', '.join(sorted(taken))}."
-            )
+def _cost(effort: Effort, points: int, seconds: float) -> dict[str, float]:
+    """What this run cost, and how many points it computed."""
+    return {
+        "compile_seconds": round(seconds, 3),
+        "run_seconds": round(effort.seconds, 3),
+        "points_per_second": round(points / max(effort.seconds, 1e-9), 1),
+        "useful_step_fraction": round(effort.useful_steps, 4),
+        "canary_checks": effort.canary_checks,
+        "canary_mismatches": effort.canary_mismatches,
+    }
 
 
 def _count(name: str, x: Any) -> int:
@@ -334,63 +245,3 @@ def _count(name: str, x: Any) -> int:
             f"Argument `{name}` must be a whole number of at least 1, but is {x!r}."
         )
     return int(x)
-
-
-def _template(
-    grid: dict, program: Program, shape: tuple, attributes: dict
-) -> xr.Dataset:
-    """The dataset with nothing computed."""
-    data, used, coords = {}, {}, {}
-    for name, variable in program.variables.items():
-        attrs: dict[str, Any] = {
-            "long_name": variable.long_name,
-            "units": variable.units,
-        }
-        if variable.codes is not None:
-            attrs = {"long_name": variable.long_name, **flag_attributes(variable.codes)}
-        data[name] = (tuple(grid) + variable.dims, empty(variable, shape), attrs)
-        used |= {dim: program.coordinates[dim] for dim in variable.dims}
-    for name, values in {**used, **grid}.items():
-        if name in used and name not in AXES:  # rods, joints, branches
-            coords[name] = list(values)
-            continue
-        meaning, units, symbol = AXES.get(name, (name, "1", name))
-        attrs = {"long_name": meaning, "units": units, "symbol": symbol}
-        coords[name] = (name, np.asarray(values), attrs)
-    return xr.Dataset(data, coords, attributes)
-
-
-def _provenance(
-    point: Callable, program: Program, threads: int, points: int, seconds: float
-) -> dict[str, Any]:
-    try:
-        scene = inspect.getsource(point)
-    except (OSError, TypeError):
-        scene = repr(point)
-    return {
-        **_versions(),
-        "scene": scene,
-        "scene_constants": json.dumps(constants(point)),
-        **program.attributes,
-        "precision": "float64" if program.wide else "float32",
-        "batch_size": program.batch_size,
-        "threads": threads,
-        "points": points,
-        "compile_seconds": round(seconds, 3),
-    }
-
-
-@functools.cache  # reading them takes 25 ms
-def _versions() -> dict[str, str]:
-    packages = ("ziegler_jax", "jax", "jaxlib", "diffrax", "numpy")
-    versions = {f"{package}_version": metadata.version(package) for package in packages}
-    return {**versions, "python_version": platform.python_version()}
-
-
-def _cost(effort: Effort, points: int) -> dict[str, float]:
-    """What the last run cost, and how many points it computed."""
-    return {
-        "run_seconds": round(effort.seconds, 3),
-        "points_per_second": round(points / max(effort.seconds, 1e-9), 1),
-        "useful_step_fraction": round(effort.useful_steps, 4),
-    }

@@ -2,31 +2,16 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from contextlib import nullcontext
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
-from ._choice import lanes_of
-from ._cpu import compiles_whole_loops
-from ._interrupt import held_interrupts
-from ._legs import Legs, in_legs
-from ._override import Override, current_override, overriding
-from ._packing import Packing
-from ._surroundings import surroundings
-from ._variables import DIMENSIONS, Variable, named_variables
-from .outcome import SOLVER
+from ._program import Program
 
-# A loop's working set stays in the first caches; where XLA makes many kernels of it,
-# each must have enough to do.
-BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 384
-BATCH_WITHOUT = 8192
 # A leg costs its dispatch, and half a leg of idling per lane at its end: measured best
 # at about a sixth of a lane's steps.
 LEGS_A_LANE = 6
@@ -34,149 +19,10 @@ SHORTEST_LEG, FIRST_LEG, LONGEST_LEG = 64, 128, 1024
 # Where neighbours cost alike, a leg is a lane's whole run: none idles for long, and
 # calls are few. A few stragglers go on beside the next lanes.
 ALIKE, STRAGGLERS, OVERDUE, LONGEST_RUN = 0.8, 0.05, 1.5, 16384
-# 256 bits is XLA's default; nothing changes where the processor has no AVX-512
-_CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
-
-
-class Program(NamedTuple):
-    """One batch of a scene, compiled."""
-
-    run: Callable[..., Any]
-    results: Packing
-    carry: Packing | None  # None: the lanes do not run in legs
-    variables: dict[str, Variable]  # values are shapes and dtypes
-    attributes: dict[str, Any]
-    coordinates: dict[str, Any]  # of the dimensions of results
-    batch_size: int
-    wide: bool  # float64
-    compile_seconds: float
-    override: Override  # that it was traced in
-
-
-@held_interrupts()
-def compiled(
-    point: Callable,
-    names: tuple[str, ...],
-    batch_size: int | None,
-    wide: bool,
-    kind: SOLVER | None = None,
-    digest: str = "",
-) -> Program:
-    """`point` for one batch of lanes; kept for the next call where it can be.
-
-    **Arguments:** `kind`: that of all lanes, where `solver="auto"` has asked for it;
-    `digest`: that of the scene's program where it is known: it sees what
-    `surroundings` cannot.
-    """
-    around = digest, surroundings(point), current_override()
-    try:
-        return _kept(point, names, batch_size, wide, kind, around)
-    except TypeError as error:
-        if "unhashable" not in str(error):
-            raise
-        with lanes_of(kind):
-            return compile_point(point, names, batch_size, wide)
-
-
-@lru_cache(maxsize=32)
-def _kept(point, names, batch_size, wide, kind, around) -> Program:
-    del around  # a part of the key: a changed global or option is another scene
-    with lanes_of(kind):
-        return compile_point(point, names, batch_size, wide)
-
-
-def compile_point(
-    point: Callable, names: tuple[str, ...], batch_size: int | None, wide: bool
-) -> Program:
-    """Trace and compile `point` for one batch of lanes."""
-    dtype = np.dtype(np.float64 if wide else np.float32)
-    scalar = jax.ShapeDtypeStruct((), dtype)
-    flag = jax.ShapeDtypeStruct((), bool)
-    count = jax.ShapeDtypeStruct((), np.int32)
-
-    described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
-
-    def leaves(values):
-        result = point(**dict(zip(names, values, strict=True)))
-        variables = named_variables(result)
-        described["variables"] = variables
-        attributes = getattr(result, "attributes", dict)
-        described["attributes"] = attributes()
-        own = getattr(result, "coordinates", dict)()
-        described["coordinates"] = {**DIMENSIONS, **own}
-        return [jnp.asarray(v.value) for v in variables.values()]
-
-    def find_legs(quota, fresh, values):
-        with in_legs(Legs(quota, fresh, None)) as legs:
-            leaves(values)
-        described["solves"] = legs.refused or legs.calls > 0
-        return legs.left if legs.calls == 1 else None
-
-    def whole_run(values):
-        return results.pack(leaves(values))
-
-    def batched(function, in_axes):
-        options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
-        function = jax.vmap(function, in_axes=in_axes, out_axes=-1)
-        return jax.jit(function, compiler_options=options)
-
-    with jax.enable_x64(wide):
-        values = [scalar] * len(names)
-        started = time.perf_counter()
-        shapes = jax.eval_shape(leaves, values)
-        variables = {
-            name: variable._replace(value=shape)
-            for (name, variable), shape in zip(
-                described["variables"].items(), shapes, strict=True
-            )
-        }
-        results = Packing(shapes)
-        carried = jax.eval_shape(find_legs, count, flag, values)
-        whole = compiles_whole_loops()
-        small = BATCH_OF_ONE_KERNEL if whole else BATCH_OF_MANY
-        if carried is None:
-            carry = None
-            size = batch_size or (small if described["solves"] else BATCH_WITHOUT)
-            lanes = [jax.ShapeDtypeStruct((size,), dtype)] * len(names)
-            run = batched(whole_run, (0,)).lower(lanes).compile()
-        else:
-            carry = Packing(carried)
-            size = batch_size or small
-
-            def leg(quota, fresh, values, carried):
-                with in_legs(Legs(quota, fresh, carry.unpack(carried))) as legs:
-                    found = leaves(values)
-                left = carry.pack(legs.left)
-                return results.pack(found), left, legs.running, legs.steps
-
-            def one_kernel(quota, *arguments):
-                """A loop of one turn: XLA makes all that is in it a single kernel."""
-                shapes = jax.eval_shape(leg, quota, *arguments)
-                nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
-                return lax.while_loop(
-                    lambda state: state[0] > 0,  # the compiler cannot count this
-                    lambda state: (0 * state[0], leg(quota, *arguments)),
-                    (quota, nothing),
-                )[1]
-
-            run = batched(one_kernel if whole else leg, (None, 0, 0, -1))
-            # one step of no lane in particular: a call of a jitted function costs half
-            # of what calling its compiled form does
-            begun = [np.ones(size, dtype)] * len(names)
-            run(np.int32(1), np.ones(size, bool), begun, carry.empty(size))
-        seconds = time.perf_counter() - started
-    return Program(
-        run,
-        results,
-        carry,
-        variables,
-        described["attributes"],
-        described["coordinates"],
-        size,
-        wide,
-        seconds,
-        current_override(),
-    )
+# A lane makes no step in a leg where a motion of its sequence ends as it begins.
+STALLED = 8
+# Every so many calls one is made twice: it costs 0.4 % and must give the same bits.
+CANARY = 256
 
 
 class Effort(NamedTuple):
@@ -185,16 +31,13 @@ class Effort(NamedTuple):
     seconds: float
     own_steps: int  # of the lanes
     all_steps: int  # that their batches ran
+    canary_checks: int  # calls that were made twice
+    canary_mismatches: int  # and gave other numbers the second time
 
     @property
     def useful_steps(self) -> float:
         """The share of the lanes' own steps; NaN where they do not run in legs."""
         return self.own_steps / self.all_steps if self.all_steps else float("nan")
-
-
-def together(efforts: Sequence[Effort]) -> Effort:
-    """What several runs cost, one after the other."""
-    return Effort(*map(sum, zip(*efforts, strict=True)))
 
 
 def run_lanes(
@@ -230,7 +73,20 @@ def run_lanes(
         # Ctrl-C and errors: a batch in flight ends its leg, nothing more is begun
         queue.close()
         pool.shutdown(wait=True)
-    return Effort(time.perf_counter() - started, work.own_steps, work.all_steps)
+    seconds = time.perf_counter() - started
+    if work.mismatches:
+        warn_of(work.mismatches, work.checks)
+    return Effort(seconds, work.own_steps, work.all_steps, work.checks, work.mismatches)
+
+
+def warn_of(mismatches: int, checks: int) -> None:
+    """Say that the same program has given different numbers."""
+    warnings.warn(
+        f"{mismatches} of {checks} batches that were computed twice gave other numbers "
+        "the second time: this processor, or JAX on it, is not to be trusted with "
+        "threads. Sweep with `threads=1` and compare.",
+        stacklevel=2,
+    )
 
 
 class _Queue:
@@ -271,6 +127,7 @@ class _Work:
         self.lock = threading.Lock()
         self.finished = self.reported = 0
         self.own_steps = self.all_steps = 0
+        self.calls = self.checks = self.mismatches = 0
 
     def values(self, points: np.ndarray) -> list[np.ndarray]:
         places = np.unravel_index(points, self.shape)
@@ -278,20 +135,31 @@ class _Work:
         return [axis[place].astype(self.dtype) for axis, place in pairs]
 
     def call(self, points: np.ndarray, *arguments: Any) -> Any:
-        """Run the program and wait for it; what it raises says at which points."""
-        override = self.program.override
-        # a context that is entered slows every call, so none without need
-        usual = override == Override()
-        context = nullcontext() if usual else overriding(override)
+        """Run the program and wait for it; now and then a second time, to compare."""
+        found = self._run(points, *arguments)
+        with self.lock:
+            self.calls += 1
+            check = self.calls % CANARY == 0
+        if check:
+            same = _same_bits(found, self._run(points, *arguments))
+            with self.lock:
+                self.checks += 1
+                self.mismatches += not same
+        return found
+
+    def _run(self, points: np.ndarray, *arguments: Any) -> Any:
+        """One call; what it raises says at which points."""
         try:
-            # both settings are local to a thread
-            with jax.enable_x64(self.program.wide), context:
+            with jax.enable_x64(self.program.wide):  # local to a thread
                 return jax.block_until_ready(self.program.run(*arguments))
         except Exception as error:
-            pairs = list(zip(self.names, self.values(points), strict=True))
-            spans = [f"{v.min():.17g} <= {n} <= {v.max():.17g}" for n, v in pairs]
-            error.add_note(f"In a batch of points with {', '.join(spans)}.")
+            error.add_note(f"In a batch of points with {self.spans(points)}.")
             raise
+
+    def spans(self, points: np.ndarray) -> str:
+        """Where these points lie."""
+        pairs = zip(self.names, self.values(points), strict=True)
+        return ", ".join(f"{v.min():.17g} <= {n} <= {v.max():.17g}" for n, v in pairs)
 
     def store(
         self, points: np.ndarray, lanes: Any, packed: Any, steps: np.ndarray, ran: int
@@ -335,7 +203,7 @@ def _run_in_legs(work: _Work, queue: _Queue) -> None:
     values = work.values(points)
     fresh = np.ones(size, bool)
     carried: Any = work.program.carry.empty(size)
-    before = np.zeros(size, np.int64)
+    before, stalled = np.zeros(size, np.int64), np.zeros(size, np.int64)
     recent = np.zeros(0, np.int64)  # the steps of the last lanes that ended
     quota = FIRST_LEG
     while busy.any():
@@ -344,6 +212,13 @@ def _run_in_legs(work: _Work, queue: _Queue) -> None:
         )
         steps, running = np.asarray(steps), np.asarray(running)
         ran = int((steps - before).max(where=busy, initial=0)) * size
+        stalled = np.where(busy & running & (steps == before), stalled + 1, 0)
+        if stalled.max() >= STALLED:
+            lane = stalled.argmax()
+            raise RuntimeError(
+                "A lane takes no step and comes to no end, after "
+                f"{steps[lane]} steps at {work.spans(points[[lane]])}."
+            )
         before, fresh = steps.copy(), np.zeros(size, bool)
         lanes = np.flatnonzero(busy & ~running)
         work.store(points[lanes], lanes, packed, steps[lanes], ran)
@@ -365,6 +240,11 @@ def _run_in_legs(work: _Work, queue: _Queue) -> None:
             values = work.values(points)
             fair = np.clip(typical // LEGS_A_LANE, SHORTEST_LEG, LONGEST_LEG)
             quota = min(slow, LONGEST_RUN) if alike else fair
+
+
+def _same_bits(one: Any, other: Any) -> bool:
+    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    return all(np.asarray(a).tobytes() == np.asarray(b).tobytes() for a, b in pairs)
 
 
 def _cost(steps: np.ndarray) -> tuple[int, int]:

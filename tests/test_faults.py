@@ -1,0 +1,269 @@
+"""Stores under attack: no committed number is lost, and no wrong one is ever read.
+
+A few attacks of each kind run with the other tests. All of them, every file operation,
+500 flipped bits, 100 cut and 100 deleted files, 60 races:
+
+    python -m pytest -m slow tests/test_faults.py
+"""
+
+import multiprocessing
+import shutil
+import warnings
+
+import numpy as np
+import pytest
+import xarray as xr
+from faults import Killed, cut, flip, stopped_before
+from stored import X, same, sweep
+
+import ziegler_jax as zj
+
+pytestmark = [
+    pytest.mark.usefixtures("small_blocks"),
+    # a killed process awaits nothing more
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return sweep(threads=1)
+
+
+@pytest.fixture
+def whole(tmp_path):
+    """A store that is complete, and one in which a block is missing."""
+    sweep(store=tmp_path / "whole.zarr", threads=1)
+    return tmp_path / "whole.zarr"
+
+
+def right_or_missing(found, truth):
+    """Whether every number that can be read is the right one; damage may raise."""
+    for name in truth.variables:
+        if name not in found.variables:
+            continue  # a label that only the record holds
+        try:
+            values = np.asarray(found[name].values, float)
+        except Exception:  # Zarr's, of many kinds
+            continue
+        if not (np.isnan(values) | (values == truth[name].values.astype(float))).all():
+            return False
+    return True
+
+
+def reads_right(path, truth):
+    """By the package's reader and by Zarr's own."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of damaged blocks
+        try:
+            assert right_or_missing(zj.open_sweep(path), truth)
+        except ValueError as refusal:
+            assert "`store`" in str(refusal)
+        try:
+            plain = xr.open_zarr(path, consolidated=False, chunks=None)
+        except Exception:  # Zarr's and xarray's
+            return
+        assert right_or_missing(plain, truth)
+
+
+# Stopped ------------------------------------------------------------------------------
+
+
+def stop_and_go_on(folder, truth, operation):
+    """Die before an operation, look at what is left, and start again."""
+    folder.mkdir()
+    path = folder / "map.zarr"
+    with stopped_before(operation, folder), pytest.raises(Killed):
+        sweep(store=path, threads=1)
+    if path.exists():
+        before = zj.open_sweep(path)
+        done = before.attrs["blocks_done"]
+        assert before["sum"].notnull().sum() >= 10 * done
+        reads_right(path, truth)
+    assert same(sweep(store=path, threads=1), truth)
+    shutil.rmtree(folder)
+
+
+def operations(folder):
+    folder.mkdir()
+    with stopped_before(None, folder) as watch:
+        sweep(store=folder / "map.zarr", threads=1)
+    return watch.count
+
+
+def test_a_sweep_stopped_before_some_file_operations_goes_on(tmp_path, truth):
+    count = operations(tmp_path / "count")
+    assert count > 50  # else they are not seen
+    for operation in range(1, count, count // 12):
+        stop_and_go_on(tmp_path / str(operation), truth, operation)
+
+
+@pytest.mark.slow
+def test_a_sweep_stopped_before_any_file_operation_goes_on(tmp_path, truth):
+    for operation in range(1, operations(tmp_path / "count") + 1):
+        stop_and_go_on(tmp_path / str(operation), truth, operation)
+
+
+def test_an_overwriting_sweep_stopped_on_the_way_leaves_the_old_one_or_none(
+    tmp_path, truth
+):
+    """Some operations of the replacement; the computing is tried above."""
+    path = tmp_path / "map.zarr"
+    for operation in (1, 3, 5, 8, 12, 20, 40, 100):
+        sweep(store=path, x=X[:5], overwrite=path.exists())
+        with stopped_before(operation, tmp_path), pytest.raises(Killed):
+            sweep(store=path, overwrite=True, threads=1)
+        if path.exists():
+            left = zj.open_sweep(path)
+            assert left.x.size == 5 or right_or_missing(left, truth)
+        assert same(sweep(store=path, overwrite=True), truth)
+
+
+# Damaged ------------------------------------------------------------------------------
+
+
+def files(path):
+    """All but the lock, which holds nothing."""
+    found = sorted(p for p in path.rglob("*") if p.is_file() and p.name != "lock")
+    kinds = {"sweep.json", "sweep.copy.json", "run.json", "zarr.json"}
+    assert kinds <= {p.name for p in found}
+    assert {p.parent.name for p in found} >= {"blocks", "c"}
+    return found
+
+
+def mended(path, truth, log):
+    """What the same sweep makes of it, and of what it made."""
+    found = sweep(store=path, threads=1)
+    assert same(found, truth) and same(zj.open_sweep(path), truth)
+    sweep(store=path, log=log)
+    assert not log.exists(), "a second run computed something"
+
+
+def damage(tmp_path, whole, truth, attack, times):
+    """Attack one file after the other, each time a complete store."""
+    rng = np.random.default_rng(7)
+    for number in range(times):
+        path = tmp_path / "damaged.zarr"
+        shutil.copytree(whole, path)
+        found = files(path)
+        victim = found[number % len(found)]
+        attack(victim, rng)
+        reads_right(path, truth)
+        mended(path, truth, tmp_path / "log")
+        shutil.rmtree(path)
+
+
+def flipped(path, rng):
+    flip(path, int(rng.integers(8 * path.stat().st_size)))
+
+
+def truncated(path, rng):
+    cut(path, int(rng.integers(path.stat().st_size)))
+
+
+def deleted(path, rng):
+    path.unlink()
+
+
+@pytest.mark.parametrize("attack", [flipped, truncated, deleted])
+def test_each_kind_of_file_may_be_damaged_once(tmp_path, whole, truth, attack):
+    damage(tmp_path, whole, truth, attack, len(files(whole)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "attack, times", [(flipped, 500), (truncated, 100), (deleted, 100)]
+)
+def test_any_file_may_be_damaged(tmp_path, whole, truth, attack, times):
+    damage(tmp_path, whole, truth, attack, times)
+
+
+def test_both_copies_of_the_record_damaged_are_refused_and_replaced(
+    whole, truth, refuses
+):
+    for name in ("sweep.json", "sweep.copy.json"):
+        (whole / "sweep-record" / name).write_bytes(b"")
+    parts = "`store`", "sweep.copy.json", "damaged", "overwrite=True"
+    refuses(lambda: zj.open_sweep(whole), *parts)
+    refuses(lambda: sweep(store=whole), *parts)
+    assert same(sweep(store=whole, overwrite=True), truth)
+
+
+def test_a_damaged_block_is_told_and_one_that_is_short_does_not_count(whole, truth):
+    chunk = whole / "sum" / "c" / "2" / "0"
+    cut(chunk, 10)
+    with pytest.warns(UserWarning, match="damaged.*: 2[.]"):
+        found = zj.open_sweep(whole)
+    assert found.attrs["blocks_done"] == 3 and found.attrs["points_done"] == 30
+    with pytest.raises(Exception, match="checksum|Checksum"):
+        found["sum"].values  # noqa: B018
+    assert same(sweep(store=whole), truth)
+
+
+def test_a_stray_marker_does_not_count(whole):
+    blocks = whole / "sweep-record" / "blocks"
+    shutil.copy(blocks / "1", blocks / "77")
+    (blocks / "notes.txt").write_text("mine")
+    (blocks / "²").write_text("{}")
+    found = zj.open_sweep(whole)
+    assert (found.attrs["points_done"], found.attrs["blocks_done"]) == (40, 4)
+
+
+# Two at once --------------------------------------------------------------------------
+
+
+def race(folder, barrier, results, times):
+    """Begin store after store at the same moment as the other process."""
+    race_sweep()  # compiled
+    for number in range(times):
+        barrier.wait(60)
+        try:
+            found = zj.sweep(
+                both,
+                x=RACE_X,
+                y=RACE_Y,
+                store=f"{folder}/{number}.zarr",
+                progress=False,
+            )
+            results.put((number, bool((found["sum"].values == RACE_SUM).all())))
+        except Exception as error:
+            results.put((number, f"{type(error).__name__}: {error}"))
+
+
+def both(x, y):
+    return {"sum": x + y}
+
+
+def race_sweep(**options):
+    return zj.sweep(both, x=RACE_X, y=RACE_Y, progress=False, **options)
+
+
+RACE_X, RACE_Y = np.linspace(0, 1, 12), np.linspace(1, 2, 5)
+RACE_SUM = RACE_X[:, None] + RACE_Y
+
+
+@pytest.mark.parametrize("times", [10, pytest.param(60, marks=pytest.mark.slow)])
+def test_of_two_that_begin_a_store_at_once_one_makes_it(tmp_path, times):
+    context = multiprocessing.get_context("spawn")
+    barrier, results = context.Barrier(2), context.Queue()
+    processes = [
+        context.Process(target=race, args=(tmp_path, barrier, results, times))
+        for _ in range(2)
+    ]
+    for process in processes:
+        process.start()
+    ends = [results.get(timeout=120) for _ in range(2 * times)]
+    for process in processes:
+        process.join(60)
+    lost = [end for _, end in ends if end is not True]
+    for number in range(times):
+        mine = [end for n, end in ends if n == number]
+        assert True in mine, mine
+        found = zj.open_sweep(tmp_path / f"{number}.zarr")
+        assert (found["sum"].values == RACE_SUM).all()
+        assert (found.x.values == RACE_X).all() and (found.y.values == RACE_Y).all()
+    for end in lost:
+        assert end.startswith("ValueError: Argument `store` must not be written to"), (
+            end
+        )
+    assert len(list(tmp_path.iterdir())) == times  # nothing is left beside them
