@@ -35,6 +35,7 @@ from .simulate import Settled, Trajectory, settle, trajectory
 from .solvers import Explicit, Rosenbrock, Taylor
 from .stabilise import stabilise
 from .sticking import StickingSet, sticking_set
+from .stiffness import is_stiff
 from .sweep import sweep
 from .verdict import Verdict, verdict
 
@@ -88,6 +89,7 @@ __all__ = [
     "cycle_fold",
     "energy",
     "flutter_onset",
+    "is_stiff",
     "linearise",
     "lyapunov_exponents",
     "open_sweep",

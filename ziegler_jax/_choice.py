@@ -28,9 +28,9 @@ from jax.core import Tracer
 from jax.extend.core import get_opaque_trace_state
 
 from ._interrupt import held_interrupts
-from ._types import Vector4
-from .column import Column, vector_field
+from .column import Column
 from .outcome import SOLVER
+from .stiffness import is_stiff
 
 AUTO = "auto"
 AT_ONCE = 8192  # points asked for in one call
@@ -64,25 +64,6 @@ def lanes_of(kind: SOLVER | None):
         yield
     finally:
         _KIND.reset(token)
-
-
-def is_stiff(column: Column, rtol: Any) -> jax.Array:
-    """Whether a lane is stiff, by the rule of this module; False for NaN."""
-    zero = jnp.zeros((), jnp.result_type(float))
-
-    def accelerations(y: Vector4) -> tuple:
-        return vector_field(0.0, y, column)[2:]
-
-    _, along = jax.linearize(accelerations, (zero,) * 4)
-    one = jnp.ones_like(zero)
-    columns = [
-        along(tuple(one if j == i else zero for j in range(4))) for i in range(4)
-    ]
-    square = zero
-    for change in columns[:2]:
-        square += change[0] ** 2 + change[1] ** 2
-    decay = -(columns[2][0] + columns[3][1])
-    return decay * jnp.asarray(rtol, zero.dtype) ** 0.2 > square**0.25
 
 
 def kind_of(column: Column, rtol: Any) -> SOLVER:
