@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from functools import lru_cache
@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ._choice import lanes_of
 from ._cpu import compiles_whole_loops
 from ._interrupt import held_interrupts
 from ._legs import Legs, in_legs
@@ -21,7 +20,6 @@ from ._override import Override, current_override, overriding
 from ._packing import Packing
 from ._surroundings import surroundings
 from ._variables import DIMENSIONS, Variable, named_variables
-from .outcome import SOLVER
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.
@@ -59,30 +57,26 @@ def compiled(
     names: tuple[str, ...],
     batch_size: int | None,
     wide: bool,
-    kind: SOLVER | None = None,
     digest: str = "",
 ) -> Program:
     """`point` for one batch of lanes; kept for the next call where it can be.
 
-    **Arguments:** `kind`: that of all lanes, where `solver="auto"` has asked for it;
-    `digest`: that of the scene's program where it is known: it sees what
-    `surroundings` cannot.
+    **Arguments:** `digest`: that of the scene's program where it is known: it sees
+    what `surroundings` cannot.
     """
     around = digest, surroundings(point), current_override()
     try:
-        return _kept(point, names, batch_size, wide, kind, around)
+        return _kept(point, names, batch_size, wide, around)
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
-        with lanes_of(kind):
-            return compile_point(point, names, batch_size, wide)
+        return compile_point(point, names, batch_size, wide)
 
 
 @lru_cache(maxsize=32)
-def _kept(point, names, batch_size, wide, kind, around) -> Program:
+def _kept(point, names, batch_size, wide, around) -> Program:
     del around  # a part of the key: a changed global or option is another scene
-    with lanes_of(kind):
-        return compile_point(point, names, batch_size, wide)
+    return compile_point(point, names, batch_size, wide)
 
 
 def compile_point(
@@ -190,11 +184,6 @@ class Effort(NamedTuple):
     def useful_steps(self) -> float:
         """The share of the lanes' own steps; NaN where they do not run in legs."""
         return self.own_steps / self.all_steps if self.all_steps else float("nan")
-
-
-def together(efforts: Sequence[Effort]) -> Effort:
-    """What several runs cost, one after the other."""
-    return Effort(*map(sum, zip(*efforts, strict=True)))
 
 
 def run_lanes(

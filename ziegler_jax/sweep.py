@@ -14,17 +14,16 @@ import xarray as xr
 
 from ._audit import audit_attributes, checked_share, drawn
 from ._blocks import Block, Blocks, Desk, Tally, asked
-from ._choice import Undecided, stiff_points
 from ._cluster import Recipe, run_blocks
 from ._cpu import all_cores
 from ._fingerprint import fingerprint, scene_hash
-from ._lanes import Effort, Program, compiled, run_lanes, together
+from ._lanes import Effort, Program, compiled, run_lanes
 from ._override import Override, overriding
 from ._progress import Progress
 from ._store import Memory, Resume, prepared
 from ._surroundings import constants
 from ._variables import AXES, empty
-from .outcome import SOLVER, flag_attributes
+from .outcome import flag_attributes
 
 
 def sweep(
@@ -68,9 +67,7 @@ def sweep(
     - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
         else 128, or 384 where `configure_cpu()` was needed and not called. A lane's
         result does not depend on its batch mates; another batch size is another
-        program, equal to rounding. With `solver="auto"` lanes of a kind share programs
-        and batches; with `store` or `client` the solver must be named, unless the
-        numbers that "auto" asks for are constants of the scene.
+        program, equal to rounding.
     - `threads`: None uses every core that the process may use.
     - `progress`: a bar with points per second; None shows it on a terminal only.
     - `precision`: of the computation, whatever JAX's own setting.
@@ -141,25 +138,20 @@ def sweep(
             f"Argument `client` must be a `dask.distributed.Client`, not {client!r}."
         )
     wide = precision == "float64"
-    scene = point, names, batch_size, wide
     digest = ""
-    if store is None and client is None:
-        groups = _groups(scene, blocks)
-    else:
+    if store is not None or client is not None:
         if audit is not None:
             raise ValueError(
                 "Argument `audit` must be left out with `store` or `client`, but is "
                 f"{audit!r}: audit a smaller sweep of the same scene in memory."
             )
-        digest = _digest(point, names, wide)
-        groups = [(compiled(*scene, digest=digest), blocks)]
-    program = groups[0][0]
+        digest = scene_hash(point, names, wide)
+    program = compiled(point, names, batch_size, wide, digest=digest)
     _check_names(names, program)
     if threads is None:  # a cluster's worker runs as many blocks as it has threads
         threads = all_cores() if client is None else 1
     total = int(blocks.sizes.sum())
-    seconds = sum(part.compile_seconds for part, _ in groups)
-    attributes = _provenance(point, program, threads, total, seconds)
+    attributes = _provenance(point, program, threads, total)
     template = _template(grid, program, blocks.shape, attributes)
     if store is None:
         shelf = Memory(template)
@@ -187,22 +179,12 @@ def sweep(
             )  # fmt: skip
             effort = run_blocks(client, recipe, blocks, missing, keep, told.advance)
         else:
-            efforts = []
-            for part, some in groups:
-                desk = Desk(some, part.variables, keep)
-                work = (shelf.work(some.block(n)) for n in shelf.missing(some))
-                points = desk.hand_out(work)
-                efforts.append(
-                    run_lanes(
-                        part,
-                        grid,
-                        points,
-                        desk.put,
-                        threads=threads,
-                        on_batch=told.advance,
-                    )  # fmt: skip
-                )
-            effort = together(efforts)
+            desk = Desk(blocks, program.variables, keep)
+            points = desk.hand_out(shelf.work(blocks.block(n)) for n in missing)
+            effort = run_lanes(
+                program, grid, points, desk.put,
+                threads=threads, on_batch=told.advance,
+            )  # fmt: skip
         found = shelf.dataset({**attributes, **_cost(effort, left)})
     if share is not None:
         sample = drawn(blocks.chosen(), round(share * total))
@@ -220,33 +202,6 @@ def sweep(
 
 
 FINER = 0.01  # the audit's tolerances, against the point's own
-
-
-def _groups(scene: Any, blocks: Blocks) -> list[tuple[Program, Blocks]]:
-    """Programs, each with the points it is for: two where "auto" finds two kinds."""
-    try:
-        return [(compiled(*scene), blocks)]
-    except Undecided:
-        point, _, _, wide = scene
-        chosen = blocks.chosen()
-        stiff = stiff_points(point, blocks.grid, chosen, wide)
-        kinds = (SOLVER.explicit, chosen & ~stiff), (SOLVER.stiff, chosen & stiff)
-        return [
-            (compiled(*scene, kind=kind), Blocks(blocks.grid, some))
-            for kind, some in kinds
-            if some.any()
-        ]
-
-
-def _digest(point: Callable, names: tuple[str, ...], wide: bool) -> str:
-    try:
-        return scene_hash(point, names, wide)
-    except Undecided:
-        raise ValueError(
-            "Argument `solver` must be named in a sweep with `store` or `client`, but "
-            "is 'auto', and its points may be of both kinds: a block is computed by "
-            "one program. Give `Explicit()` or `Rosenbrock()`."
-        ) from None
 
 
 def _axes(point: Callable, extra: dict, named: dict) -> dict[str, np.ndarray]:
@@ -361,7 +316,7 @@ def _template(
 
 
 def _provenance(
-    point: Callable, program: Program, threads: int, points: int, seconds: float
+    point: Callable, program: Program, threads: int, points: int
 ) -> dict[str, Any]:
     try:
         scene = inspect.getsource(point)
@@ -376,7 +331,7 @@ def _provenance(
         "batch_size": program.batch_size,
         "threads": threads,
         "points": points,
-        "compile_seconds": round(seconds, 3),
+        "compile_seconds": round(program.compile_seconds, 3),
     }
 
 
