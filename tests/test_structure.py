@@ -33,8 +33,7 @@ FLOORS = [
     + ["_materialise", "_series", "_sincos", "_exponential"],
     ["friction", "set_valued", "_modes", "_layer", "_reactions", "damping"],
     ["column", "_characteristic"],
-    ["linear", "sticking", "solvers", "observers", "_parameters", "stiffness"]
-    + ["_choice"],
+    ["linear", "sticking", "solvers", "observers", "_parameters", "stiffness"],
     ["critical", "_scene", "_events"],
     ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"],
     ["_settling", "_shooting"],
@@ -57,7 +56,6 @@ SAME_FLOOR = {
     ("_sincos", "_materialise"),
     ("_sincos", "_series"),
     ("observers", "solvers"),
-    ("_choice", "stiffness"),
     ("set_valued", "friction"),
     ("set_valued", "_layer"),
     ("set_valued", "_modes"),

@@ -24,7 +24,7 @@ from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_colu
 from .lyapunov import Exponents, lyapunov_exponents
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .onset import Onset, critical_kick, flutter_onset
-from .outcome import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SOLVER, SPECIAL, VERDICT
+from .outcome import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SPECIAL, VERDICT
 from .poincare import Section, poincare
 from .precision import work_precision
 from .quasi_static import UpDown, sweep_up_down
@@ -46,7 +46,6 @@ __all__ = [
     "OUTCOME",
     "REGIME",
     "SI",
-    "SOLVER",
     "SPECIAL",
     "VERDICT",
     "Air",

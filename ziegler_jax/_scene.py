@@ -11,14 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._choice import AUTO, kind_of
 from ._override import overridden_tolerances
 from ._types import Scalar, Vector4, is_concrete, number
 from .column import Column, State
 from .damping import is_polynomial
 from .friction import JointReaction
 from .observers import AbstractObserver, Amplitude
-from .outcome import OUTCOME, SOLVER
+from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
 from .solvers import Explicit, Rosenbrock, Taylor
 
@@ -88,19 +87,12 @@ def usual_method(column: Column) -> Taylor | Explicit:
     return Taylor() if has_series(column) else Explicit()
 
 
-def method_of(
-    solver: Any, column: Column, rtol: Any, otherwise: Any
-) -> tuple[Any, jax.Array | None]:
-    """The method for an argument `solver`, and its kind where that was to be chosen."""
+def method_of(solver: Any, column: Column, otherwise: Any) -> Any:
+    """The method for an argument `solver`."""
     if solver is None:
-        return otherwise, None
-    set_valued = isinstance(column.friction, SetValuedCoulomb)
-    if isinstance(solver, str) and solver == AUTO:
-        kind = SOLVER.explicit if set_valued else kind_of(column, rtol)
-        method = Rosenbrock() if kind == SOLVER.stiff else otherwise
-        return method, jnp.asarray(kind, jnp.int8)
+        return otherwise
     if isinstance(solver, Explicit):
-        return solver, None
+        return solver
     if isinstance(solver, Taylor):
         if not has_series(column):
             raise ValueError(
@@ -109,18 +101,18 @@ def method_of(
                 "law of one's own, but is "
                 f"{solver.name}."
             )
-        return solver, None
+        return solver
     if not isinstance(solver, Rosenbrock):
         raise ValueError(
-            "Argument `solver` must be `Explicit(...)`, `Rosenbrock()`, `Taylor()`, "
-            f"'auto' or None, but is {solver!r}."
+            "Argument `solver` must be `Explicit(...)`, `Rosenbrock()`, `Taylor()` or "
+            f"None, but is {solver!r}."
         )
-    if set_valued:
+    if isinstance(column.friction, SetValuedCoulomb):
         raise ValueError(
             "Argument `solver` must be `Taylor()` or `Explicit()` with "
             "`SetValuedCoulomb` friction, which is not stiff, but is `Rosenbrock()`."
         )
-    return solver, None
+    return solver
 
 
 def layer_of(column: Column, method: Any) -> Scalar | None:

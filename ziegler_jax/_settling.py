@@ -48,8 +48,7 @@ class Settling(Motion):
         y0 = float_state(start)
         rtol, atol = tolerances(rtol, atol)
         solver = overridden_solver(solver)
-        usual = usual_method(column)
-        method, self.kind = method_of(solver, column, rtol, usual)
+        method = method_of(solver, column, usual_method(column))
         self.watch = watch = Windows(
             transient=number("transient", transient, "nonnegative"),
             window=number("window", window, "positive"),
@@ -78,7 +77,7 @@ class Settling(Motion):
         """The options, for the record."""
         watch = self.watch
         return {
-            "solver": self.method.name if self.kind is None else "auto",
+            "solver": self.method.name,
             "rtol": self.rtol,
             "atol": self.atol,
             "transient": watch.transient,
