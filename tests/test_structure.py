@@ -46,7 +46,7 @@ FLOORS = [
     ["_store"],
     ["_cluster"],
     ["sweep"],
-    ["plot", "plot_linear", "plot_precision", "audit", "basin", "precision"],
+    ["plot", "plot_linear", "plot_precision", "audit", "precision"],
     ["__main__"],
 ]
 # Within a floor: a room that was divided, and what stands on the solvers.

@@ -4,7 +4,6 @@ from ._cache import configure_cache
 from ._cpu import configure_cpu
 from ._store import open_sweep
 from .audit import RegularisationError, regularisation_error
-from .basin import basin
 from .column import (
     Column,
     State,
@@ -79,7 +78,6 @@ __all__ = [
     "UpDown",
     "Verdict",
     "Viscous",
-    "basin",
     "configure_cache",
     "configure_cpu",
     "continue_cycle",
