@@ -31,7 +31,7 @@ FLOORS = [
         "_override",
     ]
     + ["_materialise", "_series", "_sincos", "_exponential"],
-    ["friction", "set_valued", "_modes", "_layer", "_reactions", "damping"],
+    ["friction", "set_valued", "_modes", "_release_layer", "_reactions", "damping"],
     ["column", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters", "stiffness"],
     ["critical", "_scene", "_events"],
@@ -57,7 +57,8 @@ SAME_FLOOR = {
     ("_sincos", "_series"),
     ("observers", "solvers"),
     ("set_valued", "friction"),
-    ("set_valued", "_layer"),
+    ("set_valued", "_release_layer"),
+    ("_release_layer", "_modes"),
     ("set_valued", "_modes"),
     ("set_valued", "_reactions"),
     ("_modes", "_reactions"),
