@@ -27,7 +27,6 @@ from measure import machine, rounded
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
-from ziegler_jax._choice import is_stiff
 from ziegler_jax.solvers.tableaus import CALVO7, VERN9
 
 RESULTS = Path(__file__).parent / "results"
@@ -206,7 +205,7 @@ def written(rows, chosen):
         "# Extreme cases",
         "",
         "Written by `python benchmarks/c0_extreme.py`, which says how. Errors are",
-        'of the end state, in tolerances; `auto` is what `solver="auto"` takes.',
+        "of the end state, in tolerances; `chosen` is what `is_stiff` says.",
         "`unsettled` is the end of the one window that each case is given.",
         "An error may be 100 tolerances for each unit by which the motion magnifies a",
         "change of its start, and a hundredth of the motion. Taylor8 and StickSlip are",
@@ -218,11 +217,11 @@ def written(rows, chosen):
     ]
     for r in rows:
         error = r["error_in_tolerances"]
-        auto = " (auto)" if chosen.get(r["case"]) == r["solver"] else ""
+        mark = " (chosen)" if chosen.get(r["case"]) == r["solver"] else ""
         cells = [
             r["case"], str(r["bits"]), r["expected"],
             "" if error is None else f"{r['bound']:.3g}",
-            r["solver"] + auto, r["outcome"], "" if error is None else f"{error:.2g}",
+            r["solver"] + mark, r["outcome"], "" if error is None else f"{error:.2g}",
             str(r["steps"]), f"{r['seconds']:.2g}",
             "as expected" if r["as_expected"] else "**not as expected**",
         ]  # fmt: skip
@@ -247,7 +246,7 @@ def main():
         ends = finite and {"unsettled", "stuck"} & set(case.outcomes)
         truths[case.name] = truth_of(case.numbers) if ends else None
         if finite and "invalid" not in case.outcomes:
-            stiff = is_stiff(column_of(case.numbers), case.numbers["tol"])
+            stiff = zj.is_stiff(column_of(case.numbers), case.numbers["tol"])
             chosen[case.name] = "Rodas5P" if stiff else "Tsit5"
         for name, run in runs.items():
             if name in STICK_SLIP and case.name.startswith(SMOOTH_ONLY):

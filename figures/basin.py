@@ -6,24 +6,32 @@ import onset_style as style
 
 import ziegler_jax as zj
 
+TAU = 0.05
+
+
+def point(phi2, omega2):
+    start = zj.State((0.0, phi2), (0.0, omega2))
+    return zj.settle(
+        style.dry(1.8, TAU), start, transient=0.0, rtol_settle=1e-3, max_windows=100
+    )
+
 
 def main():
-    tau, n = 0.05, 201
-    column = style.dry(1.8, tau)
-    axes = {"phi2": np.linspace(-1.0, 1.0, n), "omega2": np.linspace(-1.4, 1.4, n)}
-    ds = zj.basin(column, axes, transient=0.0, rtol_settle=1e-3, max_windows=100)
-    print(dict(zip(ds.reached.values, ds.fraction.values, strict=True)))
+    n = 201
+    ds = zj.sweep(point, phi2=np.linspace(-1, 1, n), omega2=np.linspace(-1.4, 1.4, n))
+    stuck = ds.outcome == zj.OUTCOME.stuck
+    share = float(stuck.mean())
+    print({"stuck": share, "cycle": float((ds.outcome == zj.OUTCOME.cycle).mean())})
     print(ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(7.5, 5))
-    held = ds.joint_amplitude.sel(joint=2).where(ds.outcome == zj.OUTCOME.stuck)
+    held = ds.joint_amplitude.sel(joint=2).where(stuck)
     mesh = ax.pcolormesh(ds.phi2, ds.omega2, held.T, cmap="cividis")
     figure.colorbar(
         mesh, ax=ax, label=r"joint angle held at rest $|\varphi_2 - \varphi_1|$ (rad)"
     )
     ax.set_facecolor("#D9E8F4")
-    share = ds.fraction.sel(reached="stuck").item()
     ax.set_title(
-        rf"q = 1.8, $\tau$ = {tau:g} k: {share:.0%} of these starts come to rest",
+        rf"q = 1.8, $\tau$ = {TAU:g} k: {share:.0%} of these starts come to rest",
         loc="left",
     )
     ax.text(-0.95, 1.2, "flutter cycle", color=style.BLUE)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax._layer import layer_limit
+from ziegler_jax._release_layer import ReleaseLayer
 from ziegler_jax.column import joint_balance
 from ziegler_jax.outcome import OUTCOME
 from ziegler_jax.set_valued import Balance, stick_first
@@ -307,9 +307,9 @@ def test_the_layer_ends_where_small_steps_end(rng):
     static = kinetic * rng.uniform(1.2, 4, (2, n))
     start = np.where(rng.random((2, n)) < 0.5, 12.0, rng.uniform(-1, 1, (2, n)))
     balance = Balance(np.full(n, 4 / 3), h, np.full(n, 1 / 3), r1, r2)
-    m1, m2, found = jax.vmap(layer_limit)(
-        balance, tuple(static), tuple(kinetic), tuple(start), np.ones(n, bool)
-    )
+    m1, m2, found = jax.vmap(
+        lambda start, *forces: ReleaseLayer(*forces).modes(start, jnp.array(True))
+    )(tuple(start), balance, tuple(static), tuple(kinetic))
     expected = layered(balance, static, kinetic, start)
     agree = (np.stack([m1, m2]) == expected).all(axis=0)
     assert found.mean() > 0.98 and agree[np.asarray(found)].mean() > 0.98

@@ -275,3 +275,21 @@ def test_the_noise_of_steps_at_rest_is_no_cycle():
     )
     assert float(ds.joint_amplitude.max()) < 1e-6
     assert (ds.outcome == int(OUTCOME.stuck)).all()
+
+
+def test_traced_invalid_numbers_end_a_trajectory_as_invalid():
+    def column(mu):
+        friction = zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.1)
+        return zj.uniform_rods(2.0, friction=friction)
+
+    kick = zj.State(omega=(0.0, 0.3))
+    run = jax.jit(
+        lambda mu, ts: zj.trajectory(column(mu), kick, ts, rtol=1e-4, atol=1e-4)
+    )
+    ts = np.linspace(0.0, 2.0, 3)
+    assert int(run(0.1, ts).outcome) == OUTCOME.complete
+    for bad in (np.nan, -1.0):
+        found = run(bad, ts)
+        assert int(found.outcome) == OUTCOME.invalid
+        assert np.isnan(found.phi).all() and int(found.steps) == 0
+        assert int(run(0.1, np.array([0.0, 2.0, bad])).outcome) == OUTCOME.invalid

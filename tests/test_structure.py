@@ -31,9 +31,9 @@ FLOORS = [
         "_files",
     ]
     + ["_materialise", "_series", "_sincos", "_exponential"],
-    ["friction", "set_valued", "_modes", "_layer", "_reactions", "damping"],
+    ["friction", "set_valued", "_modes", "_release_layer", "_reactions", "damping"],
     ["column", "_characteristic"],
-    ["linear", "sticking", "solvers", "observers", "_parameters", "_choice"],
+    ["linear", "sticking", "solvers", "observers", "_parameters", "stiffness"],
     ["critical", "_scene", "_events"],
     ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"],
     ["_settling", "_shooting"],
@@ -48,7 +48,7 @@ FLOORS = [
     ["_store"],
     ["_cluster"],
     ["sweep"],
-    ["plot", "plot_linear", "plot_precision", "audit", "basin", "precision"],
+    ["plot", "plot_linear", "plot_precision", "audit", "precision"],
     ["__main__"],
 ]
 # Within a floor: a room that was divided, and what stands on the solvers.
@@ -59,7 +59,8 @@ SAME_FLOOR = {
     ("_sincos", "_series"),
     ("observers", "solvers"),
     ("set_valued", "friction"),
-    ("set_valued", "_layer"),
+    ("set_valued", "_release_layer"),
+    ("_release_layer", "_modes"),
     ("set_valued", "_modes"),
     ("set_valued", "_reactions"),
     ("_modes", "_reactions"),

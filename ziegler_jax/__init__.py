@@ -4,7 +4,6 @@ from ._cache import configure_cache
 from ._cpu import configure_cpu
 from ._store import open_sweep
 from .audit import RegularisationError, regularisation_error
-from .basin import basin
 from .column import (
     Column,
     State,
@@ -24,7 +23,7 @@ from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_colu
 from .lyapunov import Exponents, lyapunov_exponents
 from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
 from .onset import Onset, critical_kick, flutter_onset
-from .outcome import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SOLVER, SPECIAL, VERDICT
+from .outcome import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SPECIAL, VERDICT
 from .poincare import Section, poincare
 from .precision import work_precision
 from .quasi_static import UpDown, sweep_up_down
@@ -35,6 +34,7 @@ from .simulate import Settled, Trajectory, settle, trajectory
 from .solvers import Explicit, Rosenbrock, Taylor
 from .stabilise import stabilise
 from .sticking import StickingSet, sticking_set
+from .stiffness import is_stiff
 from .sweep import sweep
 from .verdict import Verdict, verdict
 
@@ -45,7 +45,6 @@ __all__ = [
     "OUTCOME",
     "REGIME",
     "SI",
-    "SOLVER",
     "SPECIAL",
     "VERDICT",
     "Air",
@@ -79,7 +78,6 @@ __all__ = [
     "UpDown",
     "Verdict",
     "Viscous",
-    "basin",
     "configure_cache",
     "configure_cpu",
     "continue_cycle",
@@ -88,6 +86,7 @@ __all__ = [
     "cycle_fold",
     "energy",
     "flutter_onset",
+    "is_stiff",
     "linearise",
     "lyapunov_exponents",
     "open_sweep",

@@ -1,8 +1,6 @@
 """What `settle` and `trajectory` ask of a scene, and what they make of it."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable
 from typing import Any
 
 import diffrax as dfx
@@ -11,14 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._choice import AUTO, kind_of
 from ._context import overridden_tolerances
 from ._types import Scalar, Vector4, is_concrete, number
 from .column import Column, State
 from .damping import is_polynomial
 from .friction import JointReaction
 from .observers import AbstractObserver, Amplitude
-from .outcome import OUTCOME, SOLVER
+from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
 from .solvers import Explicit, Rosenbrock, Taylor
 
@@ -88,19 +85,12 @@ def usual_method(column: Column) -> Taylor | Explicit:
     return Taylor() if has_series(column) else Explicit()
 
 
-def method_of(
-    solver: Any, column: Column, rtol: Any, otherwise: Any
-) -> tuple[Any, jax.Array | None]:
-    """The method for an argument `solver`, and its kind where that was to be chosen."""
+def method_of(solver: Any, column: Column, otherwise: Any) -> Any:
+    """The method for an argument `solver`."""
     if solver is None:
-        return otherwise, None
-    set_valued = isinstance(column.friction, SetValuedCoulomb)
-    if isinstance(solver, str) and solver == AUTO:
-        kind = SOLVER.explicit if set_valued else kind_of(column, rtol)
-        method = Rosenbrock() if kind == SOLVER.stiff else otherwise
-        return method, jnp.asarray(kind, jnp.int8)
+        return otherwise
     if isinstance(solver, Explicit):
-        return solver, None
+        return solver
     if isinstance(solver, Taylor):
         if not has_series(column):
             raise ValueError(
@@ -109,18 +99,18 @@ def method_of(
                 "law of one's own, but is "
                 f"{solver.name}."
             )
-        return solver, None
+        return solver
     if not isinstance(solver, Rosenbrock):
         raise ValueError(
-            "Argument `solver` must be `Explicit(...)`, `Rosenbrock()`, `Taylor()`, "
-            f"'auto' or None, but is {solver!r}."
+            "Argument `solver` must be `Explicit(...)`, `Rosenbrock()`, `Taylor()` or "
+            f"None, but is {solver!r}."
         )
-    if set_valued:
+    if isinstance(column.friction, SetValuedCoulomb):
         raise ValueError(
             "Argument `solver` must be `Taylor()` or `Explicit()` with "
             "`SetValuedCoulomb` friction, which is not stiff, but is `Rosenbrock()`."
         )
-    return solver, None
+    return solver
 
 
 def layer_of(column: Column, method: Any) -> Scalar | None:
@@ -187,25 +177,6 @@ def whole_number(name: str, x: Any) -> int:
             f"but is {x!r}."
         )
     return int(x)
-
-
-_BUDGETS_APART: ContextVar[bool] = ContextVar("budgets apart", default=False)
-
-
-@contextmanager
-def budgets_apart() -> Iterator[None]:
-    """Trace scenes alike that differ in their budgets alone."""
-    token = _BUDGETS_APART.set(True)
-    try:
-        yield
-    finally:
-        _BUDGETS_APART.reset(token)
-
-
-def budget(name: str, x: Any) -> int:
-    """A whole number that bounds the work and, where it suffices, changes no result."""
-    x = whole_number(name, x)
-    return min(x, 2) if _BUDGETS_APART.get() else x  # one window is another program
 
 
 def increasing_times(ts: Any, dtype: Any) -> jax.Array:

@@ -5,7 +5,6 @@ from typing import Any
 from ._context import overridden_solver
 from ._motion import Motion
 from ._scene import (
-    budget,
     check_scene,
     float_state,
     method_of,
@@ -13,6 +12,7 @@ from ._scene import (
     tolerances,
     usual_method,
     valid_scene,
+    whole_number,
     with_amplitude,
 )
 from ._types import number
@@ -48,12 +48,11 @@ class Settling(Motion):
         y0 = float_state(start)
         rtol, atol = tolerances(rtol, atol)
         solver = overridden_solver(solver)
-        usual = usual_method(column)
-        method, self.kind = method_of(solver, column, rtol, usual)
+        method = method_of(solver, column, usual_method(column))
         self.watch = watch = Windows(
             transient=number("transient", transient, "nonnegative"),
             window=number("window", window, "positive"),
-            max_windows=budget("max_windows", max_windows),
+            max_windows=whole_number("max_windows", max_windows),
             rtol_settle=number("rtol_settle", rtol_settle, "positive"),
             escape=number("escape", escape, "positive"),
             rate_cut=rate_cut_of(column, rate_cut),
@@ -71,14 +70,14 @@ class Settling(Motion):
             valid=valid,
             first_stop=watch.first_stop(),
             end=watch.transient + watch.window * (watch.max_windows + 1),
-            max_steps=budget("max_steps", max_steps),
+            max_steps=whole_number("max_steps", max_steps),
         )
 
     def settings(self) -> dict[str, Any]:
         """The options, for the record."""
         watch = self.watch
         return {
-            "solver": self.method.name if self.kind is None else "auto",
+            "solver": self.method.name,
             "rtol": self.rtol,
             "atol": self.atol,
             "transient": watch.transient,

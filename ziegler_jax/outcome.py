@@ -127,14 +127,6 @@ class SPECIAL(Code):
     pitchfork = 4, "a multiplier is 1 and the branch goes on: symmetry breaks"
 
 
-class SOLVER(Code):
-    """Which kind of method `solver="auto"` chose for a lane."""
-
-    not_computed = 0, "the point was left out or has not been computed yet"
-    explicit = 1, "an explicit Runge-Kutta method"
-    stiff = 2, "a Rosenbrock method, for lanes whose rates decay fast"
-
-
 def flag_attributes(codes: type[Code]) -> dict[str, object]:
     """The CF-convention attributes that explain a variable of such codes."""
     return {

@@ -24,7 +24,6 @@ def work_precision(
     variable: str,
     *,
     ax: Axes | None = None,
-    cost: str = "seconds_a_point",
 ) -> Axes:
     """Draw error against run time, one line a solver, one marker a tolerance.
 
@@ -36,21 +35,19 @@ def work_precision(
     - `dataset`: from `zj.work_precision`.
     - `variable`: whose error, e.g. `joint_amplitude`.
     - `ax`: where to draw; None opens a figure.
-    - `cost`: `seconds_a_point`, or `steps`.
 
     **Returns:** the axes.
 
-    **Raises:** `ValueError` for a variable or cost that the dataset does not have.
+    **Raises:** `ValueError` for a variable whose error the dataset does not have.
     """
-    for argument, name in (("variable", f"{variable}_error"), ("cost", cost)):
-        if name not in dataset:
-            names = ", ".join(str(n) for n in dataset.data_vars)
-            raise ValueError(
-                f"Argument `{argument}` must name one of {names}, but `{name}` is not "
-                "there."
-            )
+    name = f"{variable}_error"
+    if name not in dataset:
+        names = ", ".join(str(n) for n in dataset.data_vars)
+        raise ValueError(
+            f"Argument `variable` must name one of {names}, but `{name}` is not there."
+        )
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
-    error, price = dataset[f"{variable}_error"], dataset[cost]
+    error, price = dataset[name], dataset["seconds_a_point"]
     for i, solver in enumerate(dataset.solver.values):
         colour, marker = _STYLES[i % len(_STYLES)]
         x = price.sel(solver=solver).values

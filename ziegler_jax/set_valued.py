@@ -20,9 +20,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ._layer import layer_limit
 from ._modes import Balance, Held, choose_modes, stick_first
 from ._reactions import solve_loads
+from ._release_layer import ReleaseLayer
 from ._types import Pair, Scalar, both, number_or_pair
 from .friction import (
     AbstractFriction,
@@ -314,9 +314,8 @@ class Torques(AbstractFriction):
         # with equal coefficients the law alone decides, and the layer has no slope
         falls = (self.static[0] > self.kinetic[0]) | (self.static[1] > self.kinetic[1])
         ask = rest[0] & rest[1] & falls & needed
-        first, second, found = layer_limit(
-            balance, self.static, self.kinetic, layer, ask
-        )
+        passage = ReleaseLayer(balance, self.static, self.kinetic)
+        first, second, found = passage.modes(layer, ask)
         # a passage that does not end, on the border between two ends, decides nothing
         ask &= found
         return jnp.where(ask, first, modes[0]), jnp.where(ask, second, modes[1])

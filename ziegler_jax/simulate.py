@@ -1,6 +1,6 @@
 """Motions of a column: a time history to look at, and the long run as numbers."""
 
-from typing import Any, Literal
+from typing import Any
 
 import diffrax as dfx
 import equinox as eqx
@@ -29,11 +29,11 @@ from ._settling import Settling
 from ._variables import Variable
 from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
-from .outcome import OUTCOME, SOLVER
+from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
 from .solvers import Explicit, Rosenbrock, StepControl, Taylor
 
-Solver = Explicit | Rosenbrock | Taylor | Literal["auto"] | None
+Solver = Explicit | Rosenbrock | Taylor | None
 
 
 class Settled(eqx.Module):
@@ -50,7 +50,6 @@ class Settled(eqx.Module):
     steps: Any  # attempted steps, rejected ones included
     windows: Any  # windows observed
     outcome: Any  # a code of OUTCOME
-    solver_kind: Any  # a code of SOLVER where `solver="auto"` chose; else None
     observers: tuple[AbstractObserver, ...]
     settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
 
@@ -69,7 +68,7 @@ class Settled(eqx.Module):
         named: dict[str, Variable] = {}
         for observer in self.observers:
             named |= observer.variables(self.observed[observer.name])
-        named |= {
+        return named | {
             "drift": Variable(
                 self.drift, "relative change of the amplitudes over the last window"
             ),
@@ -78,11 +77,6 @@ class Settled(eqx.Module):
             "windows": Variable(self.windows, "observed windows"),
             "outcome": Variable(self.outcome, "how the motion ended", codes=OUTCOME),
         }
-        if self.solver_kind is not None:
-            named["solver_kind"] = Variable(
-                self.solver_kind, "kind of method that was chosen", codes=SOLVER
-            )
-        return named
 
     def attributes(self) -> dict[str, Any]:
         """How it was computed: the options that are the same at every point."""
@@ -146,13 +140,12 @@ def settle(
     - `rtol`, `atol`: tolerances of each step. On friction cycles (q = 2.6,
         $\tau$ = 0.026, v_smooth from 0.3 to 0.003) 1e-6 leaves up to 7e-5 rad in an
         amplitude, 1e-7 6e-6 for 1.4 times the steps.
-    - `solver`: `Explicit(tableau)`; `Rosenbrock()` for stiff lanes; "auto" chooses by
-        the lane's own numbers (`ziegler_jax._choice` has the rule), where these are
-        known or in a `sweep`, and tells in `solver_kind`; None is Tsit5, with friction
-        the cheapest down to what the default tolerances give, an error of 4e-5 after
-        100 time units (`benchmarks/b0_work_precision.py`); from there Calvo7 is, and
-        Dopri8 from 1e-9 on. With set-valued friction None and "auto" are
-        `Taylor()`, but Tsit5 with the load `JointReaction()`.
+    - `solver`: `Explicit(tableau)`; `Rosenbrock()` for stiff lanes (`is_stiff` says
+        which are); None is Tsit5, with friction the cheapest down to what the default
+        tolerances give, an error of 4e-5 after 100 time units
+        (`benchmarks/b0_work_precision.py`); from there Calvo7 is, and Dopri8 from 1e-9
+        on. With set-valued friction None is `Taylor()`, but Tsit5 with the load
+        `JointReaction()`.
     - `escape`: a rod's angle beyond which the lane ends as `escaped`.
     - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
         (`v_smooth`; with set-valued friction what sticks rests); without friction 1e-6.
@@ -201,7 +194,6 @@ def settled(motion: Settling, run: Run) -> Settled:
         steps=run.steps,
         windows=watched.windows,
         outcome=run.outcome.astype(jnp.int8),
-        solver_kind=motion.kind,
         observers=watch.observers,
         settings=recorded(**motion.settings()),
     )
@@ -247,9 +239,9 @@ def trajectory(
     y0 = nan_where(~good, y0)
     limit = whole_number("max_steps", max_steps)
     if isinstance(column.friction, SetValuedCoulomb):
-        method, _ = method_of(solver, column, rtol, usual_method(column))
+        method = method_of(solver, column, usual_method(column))
         return _stick_slip(column, y0, ts, good, rtol, atol, method, limit, max_events)
-    method, _ = method_of(solver, column, rtol, Explicit(dfx.Dopri8.tableau))
+    method = method_of(solver, column, Explicit(dfx.Dopri8.tableau))
     control = StepControl(rtol, atol, layer_of(column, method))  # pyright: ignore
     solution = dfx.diffeqsolve(
         dfx.ODETerm(vector_field),

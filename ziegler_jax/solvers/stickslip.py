@@ -18,8 +18,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._layer import FAR
 from .._materialise import if_any_lane, materialise
+from .._release_layer import FAR
 from .._types import Pair, Scalar, Vector4
 from ..column import Column, joint_balance, vector_field
 from .control import Signals
