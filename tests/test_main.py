@@ -26,7 +26,7 @@ def written(tmp_path_factory):
         [*COMMAND, "--points", "200", "--out", str(folder)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=400,
     )
     assert done.returncode == 0, done.stderr
     return folder, done.stdout
@@ -95,7 +95,7 @@ def test_nonsense_gets_one_line_and_exit_code_2(arguments, named, capsys, monkey
 
 def test_nonsense_ends_the_process_with_exit_code_2():
     command = [*COMMAND, "--points", "0"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200)
     assert done.returncode == 2
     assert done.stdout == "" and len(done.stderr.splitlines()) == 1
 
@@ -116,7 +116,7 @@ def test_ctrl_c_gets_one_line_and_exit_code_130(tmp_path):
             process.stdout.readline()  # it is about to compute
             time.sleep(0.5)
             process.send_signal(signal.SIGINT)
-            _, stderr = process.communicate(timeout=60)
+            _, stderr = process.communicate(timeout=200)
         finally:
             process.kill()
     assert process.returncode == 130
@@ -149,7 +149,7 @@ def test_a_killed_map_goes_on_where_it_was_and_ends_in_the_same_bits(written, tm
         process.kill()
     before = marks(tmp_path)
     assert before and not (tmp_path / job.PICTURE).exists()
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400)
     assert done.returncode == 0, done.stderr
     after = marks(tmp_path)
     ds = zj.open_sweep(tmp_path / job.STORE)
