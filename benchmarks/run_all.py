@@ -1,4 +1,4 @@
-"""Run every benchmark, one process each, and keep what they print.
+"""Run every benchmark but the soak, one process each, and keep what they print.
 
     python benchmarks/run_all.py [--only b0 b2]
 

@@ -1,5 +1,7 @@
 """`python -m ziegler_jax` writes a map that can be read, or says why not."""
 
+import io
+import os
 import signal
 import subprocess
 import sys
@@ -24,7 +26,7 @@ def written(tmp_path_factory):
         [*COMMAND, "--points", "200", "--out", str(folder)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=400,
     )
     assert done.returncode == 0, done.stderr
     return folder, done.stdout
@@ -82,7 +84,7 @@ def test_the_summary_counts_every_outcome(written):
     ],
 )
 def test_nonsense_gets_one_line_and_exit_code_2(arguments, named, capsys, monkeypatch):
-    monkeypatch.setattr(job, "compute", lambda points: pytest.fail("it computes"))
+    monkeypatch.setattr(job, "compute", lambda *_: pytest.fail("it computes"))
     with pytest.raises(SystemExit) as end:
         job.main(arguments)
     assert end.value.code == 2
@@ -93,7 +95,7 @@ def test_nonsense_gets_one_line_and_exit_code_2(arguments, named, capsys, monkey
 
 def test_nonsense_ends_the_process_with_exit_code_2():
     command = [*COMMAND, "--points", "0"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200)
     assert done.returncode == 2
     assert done.stdout == "" and len(done.stderr.splitlines()) == 1
 
@@ -114,12 +116,134 @@ def test_ctrl_c_gets_one_line_and_exit_code_130(tmp_path):
             process.stdout.readline()  # it is about to compute
             time.sleep(0.5)
             process.send_signal(signal.SIGINT)
-            _, stderr = process.communicate(timeout=60)
+            _, stderr = process.communicate(timeout=200)
         finally:
             process.kill()
     assert process.returncode == 130
-    assert len(stderr.splitlines()) == 1 and "Stopped" in stderr
-    assert not list(tmp_path.iterdir())
+    (line,) = stderr.splitlines()
+    assert line.startswith("Stopped") and "same command goes on" in line
+    assert not (tmp_path / job.PICTURE).exists()
+
+
+IN_SMALL_BLOCKS = """
+import sys
+from ziegler_jax import __main__, _blocks
+_blocks.POINTS_A_BLOCK = 20
+sys.exit(__main__.main(sys.argv[1:]))
+"""
+
+
+def marks(folder):
+    """The finished blocks, and when each was written."""
+    found = (folder / job.STORE / "progress" / "blocks").glob("*[0-9]")
+    return {path.name: path.stat().st_mtime_ns for path in found}
+
+
+@pytest.mark.slow
+def test_a_killed_map_goes_on_where_it_was_and_ends_in_the_same_bits(written, tmp_path):
+    command = [sys.executable, "-W", "error", "-c", IN_SMALL_BLOCKS]
+    command += ["--points", "200", "--out", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        while process.poll() is None and not marks(tmp_path):
+            time.sleep(0.001)
+        process.kill()
+    before = marks(tmp_path)
+    assert before and not (tmp_path / job.PICTURE).exists()
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400)
+    assert done.returncode == 0, done.stderr
+    after = marks(tmp_path)
+    ds = zj.open_sweep(tmp_path / job.STORE)
+    assert len(before) < len(after) == ds.attrs["blocks"]
+    assert before.items() <= after.items()  # none was computed again
+    assert (tmp_path / job.PICTURE).read_bytes().startswith(PNG)
+    whole = zj.open_sweep(written[0] / job.STORE)
+    for name in whole.variables:
+        assert ds[name].values.tobytes() == whole[name].values.tobytes(), name
+
+
+@pytest.fixture
+def drawn_anew(written, monkeypatch):
+    """`main` finds a whole map, and only tells of it and draws it."""
+    monkeypatch.setattr(zj, "configure_cpu", lambda: "set")
+    whole = zj.open_sweep(written[0] / job.STORE)
+    monkeypatch.setattr(job, "compute", lambda *_: whole)
+
+
+CLOSED = """
+import sys
+import ziegler_jax as zj
+from ziegler_jax import __main__
+__main__.compute = lambda *_: zj.open_sweep(sys.argv[1])
+sys.exit(__main__.main(["--out", sys.argv[2]]))
+"""
+
+
+@pytest.mark.parametrize("closed", ["after a line", "from the start"])
+def test_a_closed_stdout_is_named_and_the_map_is_written(written, tmp_path, closed):
+    python = [sys.executable, "-W", "error", "-c", CLOSED, written[0] / job.STORE]
+    shell = ["sh", "-c", 'exec "$@" >&-', "sh"]  # no standard output at all
+    with subprocess.Popen(
+        [*(shell if closed == "from the start" else []), *python, tmp_path],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        (line,) = process.stderr.read().splitlines()
+    assert process.returncode == 3
+    assert line.startswith("Standard output is closed; written: ")
+    assert (tmp_path / job.PICTURE).read_bytes().startswith(PNG)
+
+
+def test_letters_that_stdout_lacks_are_written_as_their_codes(
+    drawn_anew, tmp_path, monkeypatch
+):
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding="ascii"))
+    folder = tmp_path / "F\u00f6hn"
+    assert job.main(["--out", str(folder)]) == 0
+    last = raw.getvalue().decode("ascii").splitlines()[-1]
+    assert last.startswith("written: ") and "F\\xf6hn" in last
+    assert (folder / job.PICTURE).exists()
+
+
+def test_a_disk_that_is_full_is_named_with_what_is_kept(
+    drawn_anew, tmp_path, monkeypatch, capsys
+):
+    def full(*_):
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr(job, "draw", full)
+    assert job.main(["--out", str(tmp_path)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(tmp_path) in line and "No space left" in line and "is kept" in line
+
+
+def test_another_map_is_refused_in_one_line_and_overwritten_when_asked(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(zj, "configure_cpu", lambda: "set")
+    there = ["--out", str(tmp_path)]
+    assert job.main(["--points", "20", *there]) == 0
+    picture = (tmp_path / job.PICTURE).read_bytes()
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as end:
+        job.main(["--points", "30", *there])
+    assert end.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--overwrite" in line and str(tmp_path / job.STORE) in line
+    assert zj.open_sweep(tmp_path / job.STORE).attrs["points"] == 20
+    assert (tmp_path / job.PICTURE).read_bytes() == picture
+    assert job.main(["--points", "30", "--overwrite", *there]) == 0
+    ds = zj.open_sweep(tmp_path / job.STORE)
+    assert ds.attrs["points"] == ds.attrs["points_done"] == 30
+    # once more: nothing is computed, the picture is drawn again
+    (tmp_path / job.PICTURE).unlink()
+    before = marks(tmp_path)
+    assert job.main(["--points", "30", *there]) == 0
+    assert marks(tmp_path) == before and (tmp_path / job.PICTURE).exists()
 
 
 def test_the_default_map_has_the_values_it_promises():

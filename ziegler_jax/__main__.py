@@ -1,7 +1,8 @@
 """The main job: where the column flutters, over the load and both frictions.
 
 `python -m ziegler_jax` kicks the column of two uniform rods once at every (q, mu_s,
-mu_k) with mu_k <= mu_s and follows it until its motion has settled.
+mu_k) with mu_k <= mu_s and follows it until its motion has settled. The map is the
+store of a sweep: the same command goes on with one that was stopped.
 """
 
 import argparse
@@ -37,7 +38,7 @@ Q_RANGE, MU_RANGE, MU_EXACT = (1.0, 4.0), (0.02, 0.4), (0.1, 0.12)
 Q_VALUES, MU_VALUES = 129, 40
 POINTS = Q_VALUES * MU_VALUES * (MU_VALUES + 1) // 2
 FEWEST, MOST = 20, 10_000_000  # four values of mu and two of q; about 2 GB
-STOPPED = "Stopped: nothing more was written."
+KEPT = "what was finished is kept, and the same command{} goes on from there"
 SECTIONS = (
     (1.0, r"$\mu_k = \mu_s$"),
     (1.2, r"$\mu_k \approx \mu_s / 1.2$"),
@@ -80,12 +81,13 @@ def grid(points: int) -> tuple[np.ndarray, np.ndarray]:
     return q, np.concatenate([[MU_RANGE[0]], *mu])
 
 
-def compute(points: int = POINTS) -> xr.Dataset:
-    """The map as a dataset over (q, mu_s, mu_k)."""
+def compute(points: int, store: Path, overwrite: bool = False) -> xr.Dataset:
+    """The map as a dataset over (q, mu_s, mu_k): what its store lacks is computed."""
     q, mu = grid(points)
     return zj.sweep(
-        point, where=lambda mu_s, mu_k, q: mu_k <= mu_s, q=q, mu_s=mu, mu_k=mu
-    )
+        point, where=lambda mu_s, mu_k, q: mu_k <= mu_s, q=q, mu_s=mu, mu_k=mu,
+        store=store, overwrite=overwrite,
+    )  # fmt: skip
 
 
 def section(ds: xr.Dataset, ratio: float) -> xr.Dataset:
@@ -156,8 +158,7 @@ def _draw_maps(figure: Any, axes: Any, planes: list[xr.Dataset]) -> None:
         plane["joint_amplitude"].where(plane["outcome"] == zj.OUTCOME.cycle)
         for plane in planes
     ]
-    style = {"vmin": 0, "vmax": max(float(a.max()) for a in settled)}
-    legend = {}
+    style, legend = {"vmin": 0, "vmax": max(float(a.max()) for a in settled)}, {}
     for ax, plane, (_, title) in zip(axes, planes, SECTIONS, strict=True):
         zj.plot.map(
             plane, "joint_amplitude", "q", "mu_s", ax=ax, colorbar=False, **style
@@ -237,13 +238,15 @@ def summary(ds: xr.Dataset) -> str:
     a = ds.attrs
     outcome = ds["outcome"].values
     counts = [(code, int((outcome == code).sum())) for code in zj.OUTCOME]
-    lines = [
-        f"{a['points']} points in {a['run_seconds']:.1f} s after "
-        f"{a['compile_seconds']:.1f} s of compilation: "
-        f"{a['points_per_second']:.0f} points per second on {a['threads']} threads",
-        f"share of useful steps: {a['useful_step_fraction']:.3f}",
-        "outcomes:",
-    ]
+    lines = [f"{a['points']} points"]
+    if "run_seconds" in a:  # not where the last run was killed after its last point
+        lines += [
+            f"the last run that computed any: {a['run_seconds']:.1f} s after "
+            f"{a['compile_seconds']:.1f} s of compilation, "
+            f"{a['points_per_second']:.0f} points per second on {a['threads']} threads",
+            f"share of useful steps: {a['useful_step_fraction']:.3f}",
+        ]
+    lines += ["outcomes:"]
     lines += [
         f"  {code.name:12s} {count:8d}  {code.sentence}" for code, count in counts
     ]
@@ -264,12 +267,79 @@ def summary(ds: xr.Dataset) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the main job; returns the exit code."""
+    """Run the main job; returns the exit status."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    store, picture = options.out / STORE, options.out / PICTURE
+    kept = KEPT.format(" without --overwrite" if options.overwrite else "")
+    try:
+        heard = _say(zj.configure_cpu())
+        with _ended_by_ctrl_c(f"Stopped: {kept}."):
+            try:
+                ds = compute(options.points, store, options.overwrite)
+            except ValueError as error:  # what is there is not this map
+                parser.error(f"{error} --overwrite replaces it, --out writes elsewhere")
+        heard &= _say(summary(ds))
+        draw(ds, picture)
+    except KeyboardInterrupt:
+        print(f"Stopped: {kept}.", file=sys.stderr)
+        return 130
+    except OSError as error:
+        print(f"Could not write to {options.out}: {error}; {kept}.", file=sys.stderr)
+        return 1
+    written = f"written: {store}, {picture}"
+    if heard and _say(written):
+        return 0
+    print(f"Standard output is closed; {written}", file=sys.stderr)
+    return 3
+
+
+def _say(text: str) -> bool:
+    """Print, in whatever letters standard output has; whether it took them."""
+    if sys.stdout is None:  # it was closed before Python began
+        return False
+    letters = sys.stdout.encoding or "utf-8"
+    try:
+        print(text.encode(letters, "backslashreplace").decode(letters), flush=True)
+    except OSError:
+        # else Python tries once more at its end, and complains
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def _ended_by_ctrl_c(sentence: str):
+    """Ctrl-C ends the process at once, as a kill would, which a store survives.
+
+    There is nothing to tidy, and an exception inside a compiler's callback can be lost.
+    """
+
+    def end(*_):
+        os.write(2, f"{sentence}\n".encode())
+        os._exit(130)
+
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield  # who ignores or handles it goes on
+        return
+    before = signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m ziegler_jax",
         description="Kick a column of two uniform rods at every follower load q in "
         "[1, 4] and friction 0.02 <= mu_k <= mu_s <= 0.4, follow it until its motion "
-        f"has settled, and write {STORE} and {PICTURE}, in place of those there.",
+        f"has settled, and write {STORE} and {PICTURE}. A map that was stopped is gone "
+        "on with: only what is missing is computed.",
+        epilog="Exit status: 0 written; 1 could not be written; 2 refused; 3 written, "
+        "but standard output was closed; 130 stopped by Ctrl-C.",
     )
     parser.add_argument(
         "--points",
@@ -285,45 +355,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="FOLDER",
         help="where to write, made if need be (default: the current folder)",
     )
-    options = parser.parse_args(arguments)
-    try:
-        setting = zj.configure_cpu()
-        print(setting, flush=True)
-        with _ended_by_ctrl_c():
-            ds = compute(options.points)
-        print(summary(ds), flush=True)
-        ds.to_zarr(options.out / STORE, mode="w", consolidated=False, zarr_format=3)
-        draw(ds, options.out / PICTURE)
-    except KeyboardInterrupt:
-        print(STOPPED, file=sys.stderr)
-        return 130
-    except OSError as error:
-        print(f"Could not write to {options.out}: {error}", file=sys.stderr)
-        return 1
-    print(f"written: {options.out / STORE}, {options.out / PICTURE}")
-    return 0
-
-
-@contextlib.contextmanager
-def _ended_by_ctrl_c():
-    """Ctrl-C ends the process at once, while nothing is being written.
-
-    There is nothing to tidy, and an exception inside a compiler's callback can be lost.
-    """
-
-    def end(*_):
-        os.write(2, f"{STOPPED}\n".encode())
-        os._exit(130)
-
-    before = signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler:  # who ignores or handles it goes on
-        yield
-        return
-    signal.signal(signal.SIGINT, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    anew = "begin anew, in place of the map that is there"
+    parser.add_argument("--overwrite", action="store_true", help=anew)
+    return parser
 
 
 class _Parser(argparse.ArgumentParser):
