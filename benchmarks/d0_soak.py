@@ -27,7 +27,7 @@ import numpy as np
 from measure import RESULTS, machine, ready, rounded
 
 import ziegler_jax as zj
-from ziegler_jax._lanes import compile_point
+from ziegler_jax._program import compiled, traced
 
 LANES, SECONDS_A_CALL = 128, 0.003
 LOADS = np.linspace(2.0, 2.5, LANES)
@@ -72,7 +72,7 @@ class Batch:
 
     def __init__(self, point, wide):
         """Compile it."""
-        self.program = compile_point(point, ("q",), LANES, wide)
+        self.program = compiled(traced(point, ("q",), wide, LANES))
         dtype = np.float64 if wide else np.float32
         self.input = (
             np.ones(LANES, bool),  # fresh lanes

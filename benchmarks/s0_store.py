@@ -73,7 +73,7 @@ print(a["points"], a["points_per_second"],
 
 def marks(store):
     """The committed blocks, and when each was written."""
-    found = (store / "progress" / "blocks").glob("*[0-9]")
+    found = (store / "sweep-record" / "blocks").glob("*[0-9]")
     return {int(path.name): path.stat().st_mtime_ns for path in found}
 
 
@@ -154,7 +154,7 @@ def overhead(folder, points, repeats):
         cpu[name].append(time.process_time() - before)
         return found.attrs["points"]
 
-    store = {"store": folder / "main.zarr", "resume": "overwrite"}
+    store = {"store": folder / "main.zarr", "overwrite": True}
     contestants = {
         "memory": lambda: run("memory"),
         "store": lambda: run("store", **store),

@@ -108,7 +108,7 @@ def main():
         seconds.setdefault(name, []).append(time.perf_counter() - start)
 
     with tempfile.TemporaryDirectory() as folder:
-        store = {"store": Path(folder) / "map.zarr", "resume": "overwrite"}
+        store = {"store": Path(folder) / "map.zarr", "overwrite": True}
         cluster = Cluster(folder, options.profile)
 
         def on_cluster(name, **more):

@@ -135,7 +135,7 @@ sys.exit(__main__.main(sys.argv[1:]))
 
 def marks(folder):
     """The finished blocks, and when each was written."""
-    found = (folder / job.STORE / "progress" / "blocks").glob("*[0-9]")
+    found = (folder / job.STORE / "sweep-record" / "blocks").glob("*[0-9]")
     return {path.name: path.stat().st_mtime_ns for path in found}
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 import xarray as xr
+from jax.core import Tracer
 
 from ._axes import check_name
 from ._program import Scene, is_the_users
@@ -152,9 +153,7 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, np.generic):
         return value.item()
-    if isinstance(value, np.ndarray | jax.Array) and not isinstance(
-        value, jax.core.Tracer
-    ):
+    if isinstance(value, np.ndarray | jax.Array) and not isinstance(value, Tracer):
         array = np.asarray(value)
         if array.dtype.kind not in "biuf":
             return None

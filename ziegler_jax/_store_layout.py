@@ -1,5 +1,6 @@
 """What lies where in a store, and what its small files say."""
 
+import json
 import zlib
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,13 @@ def recorded(path: Path) -> dict[str, Any]:
 def is_store(path: Path) -> bool:
     """Whether a sweep wrote this folder, damaged as it may be, and whatever version."""
     places = [path / RECORD / name for name in RECORDS]
-    return any(p.is_file() for p in (*places, path / "progress" / "sweep.json"))
+    if any(p.is_file() for p in (*places, path / "progress" / "sweep.json")):
+        return True
+    try:  # the map of version 0.1's command
+        attributes = json.loads((path / "zarr.json").read_bytes())["attributes"]
+        return "ziegler_jax_version" in attributes
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def locked_store(path: Path) -> int:
