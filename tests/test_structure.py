@@ -29,13 +29,16 @@ FLOORS = [
         "_packing",
         "_surroundings",
         "_override",
+        "_debug",
+        "_context",
     ]
     + ["_materialise", "_series", "_sincos", "_exponential"],
     ["friction", "set_valued", "_modes", "_layer", "_reactions", "damping"],
     ["column", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters", "_choice"],
     ["critical", "_scene", "_events"],
-    ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"],
+    ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"]
+    + ["_not_finite"],
     ["_settling", "_shooting"],
     ["_lanes", "_sequence", "simulate", "lyapunov", "poincare", "cycle"]
     + ["_threshold"],
@@ -52,6 +55,7 @@ FLOORS = [
 # Within a floor: a room that was divided, and what stands on the solvers.
 SAME_FLOOR = {
     ("_variables", "outcome"),
+    ("_context", "_debug"),
     ("_series", "_materialise"),
     ("_sincos", "_materialise"),
     ("_sincos", "_series"),

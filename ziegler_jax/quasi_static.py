@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._context import plain
 from ._motion import Run
 from ._scene import check_maker, check_scene, float_state, made, recorded
 from ._sequence import in_turn
@@ -66,6 +67,7 @@ class _Way(NamedTuple):
     found: Any
 
 
+@plain
 def sweep_up_down(
     make_column: Callable[[Any], Column],
     values: Any,

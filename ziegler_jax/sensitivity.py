@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from jax.core import Tracer
 
+from ._context import plain
 from ._parameters import Make, as_function
 from .column import Column
 from .critical import Kind, critical_load
@@ -16,6 +17,7 @@ from .linear import linearise
 from .outcome import CRITICAL
 
 
+@plain
 def sensitivity(
     column: Column | Make,
     kind: Kind = "flutter",

@@ -10,6 +10,7 @@ import numpy as np
 import optimistix as optx
 import xarray as xr
 
+from ._context import plain
 from ._parameters import Make, as_function
 from ._types import pair
 from .column import Column
@@ -33,6 +34,7 @@ class Stabilised(NamedTuple):
     history: xr.Dataset
 
 
+@plain
 def stabilise(
     column: Column | Make,
     parameters: Mapping[str, tuple[float, float]],
