@@ -37,9 +37,9 @@ FLOORS = [
     ["column", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters", "_choice"],
     ["critical", "_scene", "_events"],
-    ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"]
-    + ["_not_finite"],
+    ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"],
     ["_settling", "_shooting"],
+    ["_not_finite"],
     ["_lanes", "_sequence", "simulate", "lyapunov", "poincare", "cycle"]
     + ["_threshold"],
     ["onset", "quasi_static", "verdict", "si", "_audit", "_march"],

@@ -14,11 +14,15 @@ import numpy as np
 from jax.core import Tracer
 
 from ._context import Arguments, plain
+from ._debug import own_flags
+from ._motion import follow
 from ._scene import prepared
-from .column import Column, vector_field
+from ._settling import Settling
+from .column import Column, State, vector_field
 from .outcome import OUTCOME
 
 Result = TypeVar("Result")
+LONG = 1e4  # a motion is followed once more for so long
 # A step that meets NaN is made shorter until it vanishes in front of it.
 BEYOND = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
 
@@ -32,23 +36,24 @@ def motion(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]
     def watched(*args: Arguments.args, **options: Arguments.kwargs) -> Result:
         result = computed(*args, **options)
         if jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
-            look_for_nan(name, args[0] if args else options["column"], result)
+            scene = (*args, *(options[k] for k in ("column", "start") if k in options))
+            look_for_nan(name, scene[0], scene[1], result)
         return result
 
     return watched
 
 
-def look_for_nan(name: str, column: Any, result: Any) -> None:
+def look_for_nan(name: str, column: Any, start: Any, result: Any) -> None:
     """Raise where the motion ended because it, or what comes next, is not finite.
 
     **Raises:** `FloatingPointError` from what the column's field raises there.
     """
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves((column, result))):
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves((column, start, result))):
         return
     outcome = int(result.outcome)
     if outcome not in (OUTCOME.not_finite, OUTCOME.step_vanished):
         return
-    t, y = _last(result)
+    t, y = _last(column, start, result)
     at = ", ".join(f"{x:.9g}" for x in y)
     sentence = (
         f"The motion in `{name}` is not a finite number at t = {t:.9g}, where "
@@ -61,15 +66,29 @@ def look_for_nan(name: str, column: Any, result: Any) -> None:
         raise FloatingPointError(sentence)
 
 
-def _last(result: Any) -> tuple[float, list[float]]:
-    """The last time and state that are known."""
+def _last(column: Column, start: State, result: Any) -> tuple[float, list[float]]:
+    """The last time and state: the result's own, or found by following it once more."""
     if hasattr(result, "final"):
         return float(result.time), [float(x) for x in result.final.y]
-    rows = np.concatenate([result.phi, result.omega], axis=-1)
-    known = np.flatnonzero(np.all(np.isfinite(rows), axis=-1))
-    last = known[-1] if known.size else 0
-    times = result.ts if hasattr(result, "ts") else result.times
-    return float(times[last]), [float(x) for x in rows[last]]
+    again = Settling(
+        column,
+        start,
+        transient=LONG,
+        window=1.0,
+        max_windows=1,
+        rtol_settle=1.0,
+        observers=(),
+        rtol=1e-6,
+        atol=1e-6,
+        solver=None,
+        escape=1e300,
+        rate_cut=None,
+        max_steps=1_000_000,
+    )
+    with own_flags():
+        run = follow(again)
+    begun = float(np.asarray(result.ts)[0]) if hasattr(result, "ts") else 0.0
+    return begun + float(run.time), [float(x) for x in run.y]
 
 
 def _raised(column: Column, t: float, y: list[float]) -> FloatingPointError | None:

@@ -34,7 +34,7 @@ from ._types import check_options, is_concrete
 from ._variables import Variable
 from ._variational import Flow
 from .column import Column, State
-from .cycle import multipliers
+from .cycle import attracts, multipliers
 from .observers import TIME, Extent
 from .outcome import ORBIT, SPECIAL
 
@@ -60,7 +60,7 @@ class Points(eqx.Module):
     @property
     def stable(self) -> Any:
         """Whether the others lie inside the unit circle, (n,)."""
-        return jnp.all(jnp.abs(self.multipliers[..., 1:]) < 1, axis=-1)
+        return attracts(self.monodromy)
 
 
 class Branch(eqx.Module):

@@ -19,6 +19,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ._context import plain
+from ._debug import own_flags
 from ._scene import (
     check_scene,
     explicit_method,
@@ -84,7 +85,7 @@ class PeriodicOrbit(eqx.Module):
     @property
     def stable(self) -> Any:
         """Whether all multipliers but the first lie inside the unit circle."""
-        return jnp.all(jnp.abs(self.multipliers[..., 1:]) < 1, axis=-1)
+        return attracts(self.monodromy)
 
     def variables(self) -> dict[str, Variable]:
         """The numbers as a sweep labels them."""
@@ -213,7 +214,18 @@ def _moves(seen: Flow) -> Any:
 
 def multipliers(monodromy: Any) -> Any:
     """Eigenvalues (..., 4): the one nearest to 1, then by falling modulus."""
-    monodromy = undifferentiated(monodromy)
+    with own_flags():
+        return _multipliers(undifferentiated(monodromy))
+
+
+def attracts(monodromy: Any) -> Any:
+    """Whether all multipliers but the first lie inside the unit circle."""
+    with own_flags():
+        others = _multipliers(undifferentiated(monodromy))[..., 1:]
+        return jnp.all(jnp.abs(others) < 1, axis=-1)
+
+
+def _multipliers(monodromy: Any) -> Any:
     bad = ~jnp.all(jnp.isfinite(monodromy), axis=(-1, -2), keepdims=True)
     eye = jnp.broadcast_to(jnp.eye(4, dtype=monodromy.dtype), monodromy.shape)
     values = jnp.linalg.eigvals(jnp.where(bad, eye, monodromy))
