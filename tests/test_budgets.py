@@ -63,14 +63,15 @@ def test_windows_that_rounding_lengthens_end_unsettled():
         assert 390 <= int(found.windows) <= 400
 
 
+@pytest.mark.filterwarnings("ignore:overflow")  # lengths' bounds, in 32 bits
 def test_a_verdict_that_rounding_shortens_is_undecided():
     with jax.enable_x64(False), in_32_bits():
         found = jax.jit(
             lambda block: zj.verdict(
-                sliding(), KICK, transient=600.0, block=block, blocks=400,
+                rubbing(2.6), KICK, transient=1100.0, block=block, blocks=400,
                 rtol=1e-4, atol=1e-4, rtol_return=1e-30,
             )
-        )(jnp.float32(0.0041))  # fmt: skip
+        )(jnp.float32(0.0101))  # fmt: skip
         assert int(found.outcome) == OUTCOME.unsettled
         assert int(found.verdict) == VERDICT.undecided
 
