@@ -35,9 +35,9 @@ class KnownRoad(_march.Road):
         self.first = jnp.array([0.0, 1.0, 0.0, 1.0, 0.0])
         self.scale = jnp.ones(5)
         self.step, self.bounds, self.direction = jnp.asarray(1.2), (-1.0, 1.0), 1
-        self.valid = self.returned = jnp.asarray(True)
+        self.failure, self.left = jnp.asarray(0), jnp.asarray(1000)
 
-    def correct(self, x0, row):
+    def correct(self, x0, row, left):
         """The predicted point: the branch has no bends."""
         at = self.path[:, 0] + self.path[:, 1] * x0[4]
         moved = hidden(np.random.default_rng(1), *at)
@@ -45,7 +45,7 @@ class KnownRoad(_march.Road):
         tests = jnp.stack([tangent[4], *_march.products(moved)])
         none = jnp.zeros(3), moved, jnp.zeros((4, 5))
         point = _march.Kept(x0, tangent, *none, tests)
-        return point, jnp.asarray(True), jnp.asarray(1)
+        return point, jnp.asarray(True), jnp.asarray(1), left
 
 
 def test_special_points_are_found_where_multipliers_pass_the_unit_circle():

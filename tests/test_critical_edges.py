@@ -8,6 +8,7 @@ import pytest
 from test_critical import KINDS, column_of, kept, load, matrices, random_parameters
 
 import ziegler_jax as zj
+from ziegler_jax._context import Context, within
 from ziegler_jax.outcome import CRITICAL
 
 SQRT7 = np.sqrt(7.0)
@@ -302,7 +303,7 @@ def test_the_other_root_of_a_dead_loads_stiffness_is_no_loss():
 
 def test_single_precision_gives_single_precision():
     column = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), zj.uniform_rods())
-    with jax.enable_x64(False):
+    with jax.enable_x64(False), within(Context(narrow=True)):
         found = zj.critical_load(column)
     assert found.q.dtype == jnp.float32
     np.testing.assert_allclose(float(found.q), (18 - 2 * SQRT7) / 5, rtol=1e-6)

@@ -9,6 +9,7 @@ import pytest
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
+from ziegler_jax._context import Context, within
 
 # Largest |phi2 - phi1| at q = 2.6, tau = 0.026 against v_smooth, computed elsewhere.
 KNOWN = [(0.3, 0.64249), (0.1, 0.63443), (0.03, 0.63214), (0.01, 0.63133)]
@@ -208,15 +209,13 @@ def test_a_wrong_argument_is_refused_by_name_value_and_rule(refuses, call, parts
 @pytest.mark.parametrize("name", ["rtol", "atol"])
 def test_32_bits_refuse_tolerances_that_they_cannot_keep(refuses, name):
     options = {"rtol": 1e-4, "atol": 1e-4, name: 1e-6}
-    with jax.enable_x64(False):
-        refuses(
-            lambda: settle(**options), f"`{name}`", "1e-06", "1e-05", "jax_enable_x64"
-        )
+    with jax.enable_x64(False), within(Context(narrow=True)):
+        refuses(lambda: settle(**options), f"`{name}`", "1e-06", "1e-05", "64 bits")
         refuses(lambda: trajectory([0.0, 1.0], **options), f"`{name}`", "32-bit")
 
 
 def test_32_bits_settle_within_their_digits():
-    with jax.enable_x64(False):
+    with jax.enable_x64(False), within(Context(narrow=True)):
         found = settle(rtol=1e-5, atol=1e-5, transient=0.0, window=5.0, max_windows=1)
         assert found.amplitude.rod.dtype == jnp.float32
         low = np.asarray(found.amplitude.rod)

@@ -29,6 +29,8 @@ FLOORS = [
         "_packing",
         "_context",
         "_files",
+        "_debug",
+        "_plain",
     ]
     + ["_materialise", "_series", "_sincos", "_exponential"],
     ["friction", "set_valued", "_modes", "_release_layer", "_reactions", "damping"],
@@ -37,6 +39,7 @@ FLOORS = [
     ["critical", "_scene", "_events"],
     ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"],
     ["_settling", "_shooting"],
+    ["_not_finite"],
     ["_program", "_sequence", "simulate", "lyapunov", "poincare", "cycle"]
     + ["_threshold"],
     ["onset", "quasi_static", "verdict", "si", "_audit", "_march"],
@@ -54,6 +57,7 @@ FLOORS = [
 # Within a floor: a room that was divided, and what stands on the solvers.
 SAME_FLOOR = {
     ("_variables", "outcome"),
+    ("_context", "_debug"),
     ("_series", "_materialise"),
     ("_sincos", "_materialise"),
     ("_sincos", "_series"),

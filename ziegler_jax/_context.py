@@ -17,7 +17,8 @@ class Context(NamedTuple):
     """What to set; hashable.
 
     `tolerance` replaces rtol, and atol follows in the scene's own ratio; `factor`
-    multiplies both; `solver` replaces the solver, where it is not None. `trace` is a
+    multiplies both; `solver` replaces the solver, where it is not None. `narrow` lets
+    plain functions compute in 32 bits, as a sweep of that precision asks. `trace` is a
     number of its own for each sweep: what JAX or diffrax traced for an earlier one is
     not asked, as it may have read an attribute that has changed since.
     """
@@ -25,6 +26,7 @@ class Context(NamedTuple):
     tolerance: float | None = None
     factor: float = 1.0
     solver: Any = None
+    narrow: bool = False
     trace: int = 0
 
 
@@ -42,9 +44,9 @@ def current_context() -> Context:
     return _CONTEXT.value
 
 
-def of_its_own() -> Context:
+def of_its_own(narrow: bool) -> Context:
     """This thread's context, with a trace that no cache has seen."""
-    return current_context()._replace(trace=next(_TRACES))
+    return current_context()._replace(narrow=narrow, trace=next(_TRACES))
 
 
 def overridden_tolerances(rtol: Any, atol: Any) -> tuple[Any, Any]:

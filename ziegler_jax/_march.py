@@ -13,13 +13,12 @@ from ._scene import (
     check_scene,
     float_state,
     made,
-    valid_scene,
     whole_number,
 )
-from ._shooting import TOLERANCE, Shot, blank_shot, fixed, newton, shoot, solve
-from ._types import is_concrete, number
+from ._shooting import Shot, blank_shot, fixed, newton, shoot, solve
+from ._types import is_concrete, keeps, number
 from .column import State
-from .cycle import approximation, method_for
+from .cycle import approximation, method_for, settings_of
 from .outcome import ORBIT, SPECIAL
 from .solvers import Explicit
 
@@ -59,6 +58,7 @@ class March(NamedTuple):
     specials: Any
     outcome: Any
     attempts: Any
+    left: Any  # of the step budget
 
 
 class Road:
@@ -80,7 +80,7 @@ class Road:
         rtol: Any = 1e-10,
         atol: Any = 1e-10,
         solver: Explicit | None = None,
-        max_steps: int = 100_000,
+        max_steps: int = 10_000_000,
     ):
         if direction not in (1, -1):
             raise ValueError(
@@ -90,9 +90,10 @@ class Road:
         loops = whole_number("loops", loops)
         check_maker(make_column)
         start = number("start", start)
-        _check_bounds(bounds, start)
+        check_bounds(bounds, start)
         at = fixed(jnp.asarray(start, dtype))
-        self.step = fixed(jnp.asarray(number("step", step, "positive"), dtype))
+        step = number("step", step, "positive")
+        self.step = fixed(jnp.asarray(step, dtype))
         self.bounds = bounds
         self.direction = direction
         column = made(make_column, at)
@@ -101,30 +102,34 @@ class Road:
         # what the function closes over, without its derivatives
         self.make = fixed(eqx.filter_closure_convert(make_column, at))
         still, y0 = self.make(at), fixed(float_state(guess))
-        z, self.section, self.returned = approximation(
-            still, y0, period, section, loops, patience, self.method
-        )
-        self.valid = valid_scene(still, y0)
+        first = approximation(still, y0, period, section, loops, patience, self.method)
+        z, self.section, self.left = first.z, first.section, first.left
+        good = keeps("finite", start) & keeps("positive", step) & _hold(bounds, at)
+        self.failure = jnp.where(good, first.failure, ORBIT.invalid)
+        settings = settings_of(self.method, period, section, loops, patience)
+        self.settings = {**settings, "direction": direction, "step": step}
         one = jnp.ones((), dtype)
         size = jnp.where(at == 0, one, jnp.abs(at))
         self.scale = jnp.stack([one, one, one, jnp.maximum(z[3], 1e-3), size])
         self.first = jnp.concatenate([z, at[None]]) / self.scale
 
-    def correct(self, x0: Any, row: Any) -> tuple[Kept, Any, Any]:
-        """The point of the branch on the plane through x0 across `row`."""
+    def correct(self, x0: Any, row: Any, left: Any) -> tuple[Kept, Any, Any, Any]:
+        """The point of the branch on the plane through x0 across `row`.
 
-        def function(x):
-            z = x * self.scale
-            shot = shoot(
-                lambda p: self.make(p[0]), z[4:], self.section, z[:4], self.method
-            )
+        **Returns:** the point, whether it is one, Newton's iterations, and how many
+        steps are left.
+        """
+
+        def function(x, left):
+            z, share = x * self.scale, self.method._replace(max_steps=left)
+            shot = shoot(lambda p: self.make(p[0]), z[4:], self.section, z[:4], share)
             matrix = _matrix(shot) * self.scale[None]
             r = jnp.concatenate([shot.residual, (row @ (x - x0))[None]])
             return r, jnp.concatenate([matrix, row[None]]), shot
 
         blank = blank_shot(1, x0.dtype)
-        found = newton(function, x0, blank, NEWTON_STEPS)
-        shot = found.aux
+        found = newton(function, x0, blank, NEWTON_STEPS, left)
+        shot = found.shot
         matrix = _matrix(shot)
         whole = jnp.concatenate([matrix * self.scale[None], row[None]])
         tangent = solve(whole, jnp.eye(5, dtype=x0.dtype)[4])
@@ -132,8 +137,8 @@ class Road:
         moved = shot.flow.moved[:, :4]
         tests = jnp.stack([tangent[4], *products(moved)])
         point = Kept(found.z, tangent, shot.flow.extent, moved, matrix, tests)
-        good = (found.size <= TOLERANCE) & jnp.all(jnp.isfinite(tangent))
-        return point, good, found.count
+        good = found.converged & jnp.all(jnp.isfinite(tangent))
+        return point, good, found.count, found.left
 
     def follow(
         self, points: int, specials: int, kinds: tuple, stop: bool, most: Any = None
@@ -151,19 +156,18 @@ class Road:
         zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
         forward = jnp.zeros(5, dtype).at[4].set(self.direction)
         here = empty._replace(x=self.first, tangent=forward)
-        invalid = jnp.where(self.returned, ORBIT.not_computed, ORBIT.no_return)
-        invalid = jnp.where(self.valid, invalid, ORBIT.invalid)
         pair = jnp.zeros(2, dtype)
         begin = March(
             here, empty, self.step, none, pair, pair, none, room(points), none,
             room(specials), jnp.zeros(specials, jnp.int32), none,
-            invalid.astype(jnp.int32), none,
+            self.failure.astype(jnp.int32), none, self.left,
         )  # fmt: skip
         low, high = (jnp.asarray(b, dtype) for b in self.bounds)
         wanted = jnp.asarray(kinds)
 
         def goes_on(now: March):
-            return (now.outcome == ORBIT.not_computed) & (now.attempts < 6 * most + 40)
+            going = (now.outcome == ORBIT.not_computed) & (now.left > 0)
+            return going & (now.attempts < 6 * most + 40)
 
         def attempt(now: March) -> March:
             refining, starting = now.seeks > 0, now.count == 0
@@ -171,7 +175,8 @@ class Road:
             inside = (sa * fb - sb * fa) / jnp.where(fa == fb, 1.0, fb - fa)
             s = jnp.where(refining, inside, jnp.where(starting, zero, now.step))
             base = now.here
-            point, good, count = self.correct(base.x + s * base.tangent, base.tangent)
+            ahead = base.x + s * base.tangent
+            point, good, count, left = self.correct(ahead, base.tangent, now.left)
             good &= starting | refining | _straight(point.tangent, base.tangent)
 
             # walk
@@ -197,7 +202,7 @@ class Road:
             exact = (jnp.abs(s - sb) < EXACT) | (f == 0)
             refined = refining & good & (exact | (now.tries >= REFINEMENTS))
             # where branches cross Newton's method is singular: the chord will do
-            crossing = refining & ~good & (now.seeks == SPECIAL.pitchfork)
+            crossing = refining & ~good & (now.seeks == SPECIAL.pitchfork) & (left > 0)
             chord = _chord(base, now.beyond)
             found = jax.tree.map(lambda a, b: jnp.where(crossing, b, a), point, chord)
             lost = refining & ~good
@@ -231,7 +236,8 @@ class Road:
             outcome = jnp.where(on, outcome, now.outcome)
             outcome = jnp.where(stop & (number_ > 0), ORBIT.found, outcome)
             lost_way = (step < SMALLEST_STEP) | (starting & ~good)
-            outcome = jnp.where(lost_way, ORBIT.not_converged, outcome)
+            spent = (left <= 0) & ~good
+            outcome = jnp.where(lost_way & ~spent, ORBIT.not_converged, outcome)
             return March(
                 here=here,
                 beyond=jax.tree.map(
@@ -249,18 +255,20 @@ class Road:
                 specials=number_,
                 outcome=outcome.astype(jnp.int32),
                 attempts=now.attempts + 1,
+                left=left,
             )
 
         end = lax.while_loop(goes_on, attempt, begin)
-        spent = end.outcome == ORBIT.not_computed
-        outcome = jnp.where(spent, ORBIT.not_converged, end.outcome)
+        spent = jnp.where(end.left > 0, ORBIT.not_converged, ORBIT.not_integrated)
+        unended = end.outcome == ORBIT.not_computed
+        outcome = jnp.where(unended, spent, end.outcome).astype(jnp.int32)
         return end._replace(outcome=outcome)
 
 
 _SHAPES = ((5,), (5,), (3,), (4, 4), (4, 5), (4,))
 
 
-def _check_bounds(bounds: Any, start: Any) -> None:
+def check_bounds(bounds: Any, start: Any) -> None:
     """Two numbers, maybe infinite, that increase and hold the start between them."""
     try:
         low, high = bounds
@@ -274,6 +282,14 @@ def _check_bounds(bounds: Any, start: Any) -> None:
             "Argument `bounds` must increase and hold `start`, but is "
             f"{bounds!r} with `start` = {start}."
         )
+
+
+def _hold(bounds: tuple, start: Any) -> Any:
+    """Whether traced bounds increase and hold the start; they may be infinite."""
+    low, high = bounds
+    if is_concrete(low) and is_concrete(high):
+        return True
+    return (low <= start) & (start <= high) & (low < high)
 
 
 def _straight(new: Any, old: Any) -> Any:

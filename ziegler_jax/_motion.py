@@ -66,7 +66,8 @@ class Motion:
     - `solver`, `rtol`, `atol`, `max_steps`: the method and its budget.
     - `valid`: whether the numbers keep their rules; else the outcome is `invalid`.
     - `first_stop`: the first time on which a step must end.
-    - `end`: a time before which the fold has ended the motion.
+    - `end`: a time before which the fold ends the motion, and `at_end`: its outcome if
+        the fold does not, as where windows are rounded.
     """
 
     def __init__(
@@ -81,13 +82,14 @@ class Motion:
         valid: Any,
         first_stop: Scalar,
         end: Scalar,
+        at_end: OUTCOME,
         max_steps: int,
     ):
         """Choose the machine."""
         self.column, self.y0, self.fold = column, y0, fold
         self.method, self.rtol, self.atol = solver, rtol, atol
         self.valid, self.first_stop, self.end = valid, first_stop, end
-        self.max_steps = max_steps
+        self.at_end, self.max_steps = at_end, max_steps
         self.args = prepared(column)
         self.solver, self.control = machine(column, solver, fold, rtol, atol)
         self.terms = dfx.ODETerm(vector_field)
@@ -126,15 +128,18 @@ class Motion:
             adjoint=dfx.ForwardMode(),
         )
         after: Any = solution.solver_state
+        where: Any = solution.controller_state
         steps = run.steps + solution.stats["num_steps"]
         ended = after.folded.outcome
+        over = (ended == OUTCOME.not_computed) & (where.t >= self.end)
+        ended = jnp.where(over, self.at_end, ended)
         spent = (ended == OUTCOME.not_computed) & (steps >= self.max_steps)
         ended = jnp.where(spent, OUTCOME.budget_spent, ended)
         if isinstance(self.solver, StickSlip | TaylorSlip):
             ended = unless_chattering(self.solver, after, ended)
         ended = outcome_of(solution.result, after.slope, ended)
         outcome = jnp.where(run.running, ended, run.outcome)
-        return Run(after, solution.controller_state, steps, outcome)
+        return Run(after, where, steps, outcome)
 
 
 def follow(motion: Motion) -> Run:

@@ -8,9 +8,8 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from .column import Column, point_masses, uniform_rods
+from .column import PARTS, Column, point_masses, uniform_rods
 
-_PARTS = {"kappa", "follower", "damping", "friction"}
 Make = Callable[..., Column]
 
 
@@ -78,7 +77,7 @@ def _takes(function: Make, values: Mapping[str, Any]) -> None:
         p.name for p in known if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
     }
     if any(p.kind is p.VAR_KEYWORD for p in known):
-        names |= _PARTS if function in (uniform_rods, point_masses) else set(values)
+        names |= set(PARTS) if function in (uniform_rods, point_masses) else set(values)
     for name in values:
         if name not in names:
             raise ValueError(

@@ -23,6 +23,7 @@ from jax import lax
 
 from ._context import Context, of_its_own, within
 from ._cpu import compiles_whole_loops
+from ._debug import own_flags
 from ._interrupt import held_interrupts
 from ._legs import Legs, in_legs
 from ._packing import Packing
@@ -91,7 +92,7 @@ def traced(
     **Raises:** `ValueError` where it cannot be traced, with the line and a cure.
     """
     started = time.perf_counter()
-    context = of_its_own()
+    context = of_its_own(narrow=not wide)
     described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
 
     def numbers(*values):
@@ -111,7 +112,7 @@ def traced(
 
     scalar = jax.ShapeDtypeStruct((), np.float64 if wide else np.float32)
     flag, count = jax.ShapeDtypeStruct((), bool), jax.ShapeDtypeStruct((), np.int32)
-    with jax.enable_x64(wide):
+    with own_flags(), jax.enable_x64(wide):
         try:
             program = jax.jit(numbers).trace(*[scalar] * len(names))
         except _UNTRACEABLE as error:
@@ -217,7 +218,7 @@ def compile_scene(scene: Scene) -> Program:
 
     results = Packing([variable.value for variable in scene.variables.values()])
     started = time.perf_counter()
-    with jax.enable_x64(scene.wide):
+    with own_flags(), jax.enable_x64(scene.wide):
         if carry is None:
             lanes = [jax.ShapeDtypeStruct((size,), dtype)] * len(scene.names)
             once = _batched(lambda values: results.pack(leaves(values)), (0,))

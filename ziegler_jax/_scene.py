@@ -163,8 +163,8 @@ def tolerances(rtol: Any, atol: Any) -> tuple[Scalar, Scalar]:
             if is_concrete(tol) and tol < FINEST_IN_FLOAT32:
                 raise ValueError(
                     f"Argument `{name}` must be at least {FINEST_IN_FLOAT32:g} in "
-                    f"32-bit arithmetic, but is {tol:g}; enable 64 bits with "
-                    '`jax.config.update("jax_enable_x64", True)`, or use `sweep`.'
+                    f"32-bit arithmetic, but is {tol:g}; name coarser tolerances, or "
+                    "compute in 64 bits."
                 )
     return overridden_tolerances(rtol, atol)
 

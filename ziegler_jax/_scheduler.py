@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from ._debug import own_flags
 from ._program import Program
 
 # A leg costs its dispatch, and half a leg of idling per lane at its end: measured best
@@ -150,7 +151,7 @@ class _Work:
     def _run(self, points: np.ndarray, *arguments: Any) -> Any:
         """One call; what it raises says at which points."""
         try:
-            with jax.enable_x64(self.program.wide):  # local to a thread
+            with own_flags(), jax.enable_x64(self.program.wide):  # a thread's own
                 return jax.block_until_ready(self.program.run(*arguments))
         except Exception as error:
             error.add_note(f"In a batch of points with {self.spans(points)}.")

@@ -15,10 +15,11 @@ from ._scene import (
     whole_number,
     with_amplitude,
 )
-from ._types import number
-from ._windows import Windows
+from ._types import keeps, number
+from ._windows import Windows, first_stop, last_stop
 from .column import Column, State
 from .observers import AbstractObserver
+from .outcome import OUTCOME
 from .set_valued import SetValuedCoulomb
 
 
@@ -59,7 +60,7 @@ class Settling(Motion):
             observers=with_amplitude(observers, column),
             strict=strict,
         )
-        valid = valid_scene(column, y0) & watch.valid() & (rtol > 0) & (atol > 0)
+        valid = valid_scene(column, y0) & watch.valid() & keeps("positive", rtol, atol)
         super().__init__(
             column,
             y0,
@@ -68,8 +69,9 @@ class Settling(Motion):
             rtol=rtol,
             atol=atol,
             valid=valid,
-            first_stop=watch.first_stop(),
-            end=watch.transient + watch.window * (watch.max_windows + 1),
+            first_stop=first_stop(watch.transient, watch.window),
+            end=last_stop(watch.transient, watch.window, watch.max_windows),
+            at_end=OUTCOME.unsettled,
             max_steps=whole_number("max_steps", max_steps),
         )
 

@@ -72,14 +72,15 @@ def first_return(
     loops: int,
     patience: Any,
     method: Method,
-) -> tuple[Any, Any]:
-    """Where a motion from `start` closes roughly: z, and whether it does in time."""
+) -> tuple[Any, Any, Any]:
+    """Where a motion from `start` closes roughly: z, whether it does in time, steps."""
     y0: Any = tuple(lax.stop_gradient(jnp.asarray(x)) for x in start)
     span = jnp.asarray(patience, y0[0].dtype)
-    (count, first, last, place), *_ = method.run(
+    (count, first, last, place), *_, steps = method.run(
         prepared(column), Passages(section, loops), y0, span
     )
-    return jnp.stack([*place[1:], last - first]), count > loops
+    z = jnp.stack([*place[1:], last - first])
+    return z, count > loops, steps.astype(jnp.int32)
 
 
 class Found(NamedTuple):
@@ -89,28 +90,38 @@ class Found(NamedTuple):
     move: Any  # the last step
     size: Any  # and its largest component before it was cut
     count: Any  # iterations
-    aux: Any  # what the function gave beside, at the last iterate
+    shot: "Shot"  # the last one
+    left: Any  # of the steps
+
+    @property
+    def converged(self) -> Any:
+        """Whether it ended where it should."""
+        return self.size <= TOLERANCE
 
 
-def newton(function: Callable, z0: Any, blank: Any, max_iterations: int) -> Found:
-    """Solve r(z) = 0, given a function that returns r, its Jacobian and anything else.
+def newton(
+    function: Callable, z0: Any, blank: "Shot", max_iterations: int, left: Any
+) -> Found:
+    """Solve r(z) = 0, given a function of z that returns r, its Jacobian and its shot.
 
-    Steps are cut to `LARGEST_MOVE`; NaN ends it. `blank`: something of the shape of
-    what the function returns as its third.
+    Steps are cut to `LARGEST_MOVE`; NaN ends it. `blank`: a shot of the same shape.
+    `left`: how many steps there are for all shots; the function gets what is left.
     """
-    far = jnp.full((), jnp.inf, z0.dtype)
-    begin = Found(z0, jnp.zeros_like(z0), far, jnp.zeros((), jnp.int32), blank)
+    far, none = jnp.full((), jnp.inf, z0.dtype), jnp.zeros((), jnp.int32)
+    left = jnp.asarray(left, jnp.int32)
+    begin = Found(z0, jnp.zeros_like(z0), far, none, blank, left)
 
     def goes_on(now: Found):
         unsettled = now.size > TOLERANCE  # not for NaN
-        return unsettled & (now.count < max_iterations)
+        return unsettled & (now.count < max_iterations) & (now.left > 0)
 
     def improve(now: Found):
-        r, jacobian, aux = function(now.z)
+        r, jacobian, shot = function(now.z, now.left)
         move = -solve(jacobian, r)
         size = jnp.max(jnp.abs(move))
         move = move * jnp.minimum(1.0, LARGEST_MOVE / jnp.where(size > 0, size, 1.0))
-        return Found(now.z + move, move, size, now.count + 1, aux)
+        left = now.left - shot.flow.steps
+        return Found(now.z + move, move, size, now.count + 1, shot, left)
 
     return lax.while_loop(goes_on, improve, begin)
 

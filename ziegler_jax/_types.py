@@ -6,10 +6,13 @@ no digits in a 64-bit sweep; they are validated where they enter. Traced numbers
 be validated then: they are checked inside the program and end a lane as `invalid`.
 """
 
+import inspect
 import math
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 Scalar = Any  # a number, shape ()
@@ -66,6 +69,50 @@ def number(name: str, x: Any, rule: str = "finite") -> Any:
         rule = "finite" if rule == "finite" else f"finite and {rule}"
         raise ValueError(f"Argument `{name}` must be {rule}, but is {value:g}.")
     return x
+
+
+def keeps(rule: str, *numbers: Any) -> Any:
+    """Whether traced numbers keep a rule of `number`; concrete ones do, None is none.
+
+    **Returns:** True, or a traced boolean.
+    """
+    good: Any = True
+    for x in numbers:
+        if x is None or is_concrete(x):
+            continue
+        good &= jnp.isfinite(x)
+        if rule == "nonnegative":
+            good &= x >= 0
+        elif rule == "positive":
+            good &= x > 0
+    return good
+
+
+def positive(**values: Any) -> list[Any]:
+    """Positive numbers; NaN for a traced one that is not, so that its lane is invalid.
+
+    Without it a negative mass could still make a positive definite inertia.
+    """
+    checked = [number(name, value, "positive") for name, value in values.items()]
+    return [x if is_concrete(x) else jnp.where(x > 0, x, jnp.nan) for x in checked]
+
+
+def check_options(
+    who: str, options: Mapping[str, Any], known: Callable | Iterable[str]
+) -> None:
+    """Raise `TypeError` for an option that is none of `who`.
+
+    **Arguments:** `known`: their names, or a function whose keywords they are.
+    """
+    if callable(known):
+        parameters = inspect.signature(known).parameters.values()
+        known = [p.name for p in parameters if p.kind is p.KEYWORD_ONLY]
+    known = list(known)
+    for name in options:
+        if name not in known:
+            raise TypeError(
+                f"`{who}` has no option `{name}`; its options are {', '.join(known)}."
+            )
 
 
 def pair(name: str, x: Any, rule: str = "finite") -> Pair:

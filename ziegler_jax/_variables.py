@@ -48,6 +48,36 @@ AXES = {
 FLAGS = {"regime": REGIME}
 
 
+# Results whose arrays have no names in a dataset: how to take numbers from them.
+_NUMBERS_OF = {
+    "Trajectory": '{"phi2": result.phi[-1, 1], "outcome": result.outcome}',
+    "Section": '{"omega2": result.omega[0, 1], "count": result.count}',
+    "Branch": '{"lowest": jnp.nanmin(result.points.parameter)}',
+    "State": '{"phi1": state.phi[0]}',
+}
+_ANY = '{"name": number}'
+
+
+def checked(whose: str, named: Any) -> dict[str, Variable]:
+    """What `variables()` of an observer or a result gave: a `Variable` a name.
+
+    **Raises:** `ValueError` that names the entry which is none.
+    """
+    if not isinstance(named, dict):
+        raise ValueError(
+            f"`variables()` of {whose} must return a dict of `Variable`, but returns "
+            f"{named!r}."
+        )
+    for name, entry in named.items():
+        if not isinstance(entry, Variable):
+            raise ValueError(
+                f"`variables()` of {whose} must give a `Variable` for `{name}`, but "
+                f"gives {type(entry).__name__}; write `Variable(value, "
+                '"what it is", "its unit")`, from `ziegler_jax.observers`.'
+            )
+    return named
+
+
 def named_variables(result: Any) -> dict[str, Variable]:
     """What a `point` returned, as named variables.
 
@@ -57,7 +87,14 @@ def named_variables(result: Any) -> dict[str, Variable]:
     **Raises:** `ValueError` that names the entry which is neither.
     """
     if hasattr(result, "variables"):
-        return result.variables()
+        return checked(f"a `{type(result).__name__}`", result.variables())
+    if type(result).__module__.split(".")[0] == __name__.split(".")[0]:
+        kind = type(result).__name__
+        raise ValueError(
+            f"`point` must return numbers with names, but returns a `{kind}`, whose "
+            "arrays have dimensions of their own; return numbers of it, e.g. "
+            f"`{_NUMBERS_OF.get(kind, _ANY)}`."
+        )
     if not isinstance(result, dict):
         result = {"value": result}
     if not result:

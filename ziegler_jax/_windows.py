@@ -7,11 +7,41 @@ import jax
 import jax.numpy as jnp
 
 from ._materialise import if_any_lane
-from ._types import Scalar, Vector4, is_concrete
+from ._types import Scalar, Vector4, is_concrete, keeps
 from .column import Column
 from .observers import AbstractObserver, joint_rates
 from .outcome import OUTCOME
 from .solvers import AbstractFold, Step
+
+APART = 16  # units of rounding at the end: a shorter window is none
+
+
+def first_stop(transient: Scalar, window: Scalar) -> Scalar:
+    """The end of the transient, or of the first window where there is none."""
+    if is_concrete(transient):
+        return transient if transient > 0 else window
+    return jnp.where(transient > 0, transient, window)
+
+
+def last_stop(transient: Scalar, window: Scalar, count: int) -> Scalar:
+    """A time before which `count` windows are over, but for their rounding."""
+    return transient + window * (count + 1)
+
+
+def told_apart(name: str, transient: Scalar, window: Scalar, count: int) -> Any:
+    """Whether a window can be told from rounding to the last; `name`: what it is.
+
+    **Raises:** `ValueError` if it cannot, and both numbers are concrete.
+    """
+    eps = float(jnp.finfo(jnp.result_type(float)).eps)
+    least = APART * eps * last_stop(transient, window, count)
+    if is_concrete(least) and not window >= least:
+        raise ValueError(
+            f"Argument `{name}` must be at least {APART} units of rounding at the "
+            f"motion's end, {float(least):.3g}, but is {float(window):g}; take longer "
+            "or fewer of them, or a shorter `transient`."
+        )
+    return window >= least
 
 
 class Watched(NamedTuple):
@@ -43,19 +73,12 @@ class Windows(AbstractFold):
 
     def valid(self) -> Any:
         """Whether the options keep their rules; for those only known when traced."""
-        good = jnp.asarray(self.transient) >= 0
-        for option in (self.window, self.rtol_settle, self.escape, self.rate_cut):
-            if option is not None:
-                good &= jnp.asarray(option) > 0
+        options = self.window, self.rtol_settle, self.escape, self.rate_cut
+        good = keeps("nonnegative", self.transient) & keeps("positive", *options)
+        good &= told_apart("window", self.transient, self.window, self.max_windows)
         for observer in self.observers:
             good &= observer.valid()
         return good
-
-    def first_stop(self) -> Scalar:
-        """The end of the transient, or of the first window where there is none."""
-        if is_concrete(self.transient):
-            return self.transient if self.transient > 0 else self.window
-        return jnp.where(self.transient > 0, self.transient, self.window)
 
     def integrand(self, column: Column) -> Any:
         """The integrands of all observers, one after the other."""
@@ -72,7 +95,7 @@ class Windows(AbstractFold):
         compares = self.max_windows > 1
         return Watched(
             observed=self._fresh(column, t0, y0),
-            window_end=self.first_stop() + zero,
+            window_end=first_stop(self.transient, self.window) + zero,
             windows=jnp.where(jnp.asarray(self.transient) > 0, -1, 0).astype(jnp.int32),
             previous=(zero, zero, zero) if compares else (),
             drift=zero + jnp.inf,

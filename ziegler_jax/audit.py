@@ -5,7 +5,8 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from ._types import is_concrete
+from ._plain import plain
+from ._types import check_options, is_concrete
 from ._variables import Variable
 from .column import Column, State
 from .friction import SmoothCoulomb
@@ -83,6 +84,7 @@ class RegularisationError(eqx.Module):
         return {**self.smoothed.attributes(), **self.set_valued.attributes()}
 
 
+@plain
 def regularisation_error(
     column: Column, start: State, v_smooth: Any, v_stribeck: Any = None, **options: Any
 ) -> RegularisationError:
@@ -121,6 +123,7 @@ def regularisation_error(
         load=law.load,
     )
     smoothed = eqx.tree_at(lambda c: c.friction, column, smooth)
+    check_options("regularisation_error", options, settle)
     options = {"observers": (Period(), StickFraction()), **options}
     return RegularisationError(
         settle(column, start, **options), settle(smoothed, start, **options)

@@ -26,7 +26,17 @@ import jax.numpy as jnp
 from ._materialise import materialise
 from ._reactions import joint_reactions, reaction_loads
 from ._sincos import sincos
-from ._types import Pair, Scalar, Vector4, equals, is_concrete, number, pair
+from ._types import (
+    Pair,
+    Scalar,
+    Vector4,
+    check_options,
+    equals,
+    is_concrete,
+    number,
+    pair,
+    positive,
+)
 from .damping import AbstractDamping, lengths
 from .friction import AbstractFriction, JointReaction
 from .set_valued import Balance, SetValuedCoulomb, Torques
@@ -167,6 +177,9 @@ class Column(eqx.Module):
         return good
 
 
+PARTS = ("kappa", "follower", "damping", "friction")  # of any column
+
+
 def uniform_rods(
     q: Any = 0.0, *, m1: Any = 1.0, m2: Any = 1.0, l2: Any = 1.0, **parts: Any
 ) -> Column:
@@ -181,7 +194,8 @@ def uniform_rods(
     - `m1`, `m2`: the rods' masses in the reference mass m; `l2`: rod 2's length in l.
     - `parts`: `kappa`, `follower`, `damping`, `friction` of `Column`.
     """
-    m1, m2, l2 = _positive(m1=m1, m2=m2, l2=l2)
+    check_options("uniform_rods", parts, ("m1", "m2", "l2", *PARTS))
+    m1, m2, l2 = positive(m1=m1, m2=m2, l2=l2)
     a, b, d = m1 / 3 + m2, m2 * l2 / 2, m2 * l2**2 / 3
     return Column(q, a, b, d, m2=m2, s1=m1 / 2, l2=l2, **parts)
 
@@ -197,7 +211,8 @@ def point_masses(
     **Arguments:** `m1`, `m2` in the reference mass m, `l2` in l; else as
     `uniform_rods`. Source: H. Ziegler, Ingenieur-Archiv 20 (1952) 49-56.
     """
-    m1, m2, l2 = _positive(m1=m1, m2=m2, l2=l2)
+    check_options("point_masses", parts, ("m1", "m2", "l2", *PARTS))
+    m1, m2, l2 = positive(m1=m1, m2=m2, l2=l2)
     return Column(q, m1 + m2, m2 * l2, m2 * l2**2, m2=m2, s1=m1, l2=l2, **parts)
 
 
@@ -383,12 +398,3 @@ def _needs_masses(column: Column, what: str) -> None:
             f"{column.m2!r} and {column.s1!r}; `uniform_rods` and `point_masses` set "
             "them."
         )
-
-
-def _positive(**values: Any) -> list[Any]:
-    """Positive numbers; NaN for a traced one that is not, so that its lane is invalid.
-
-    Without it a negative mass could still make a positive definite inertia.
-    """
-    checked = [number(name, value, "positive") for name, value in values.items()]
-    return [x if is_concrete(x) else jnp.where(x > 0, x, jnp.nan) for x in checked]

@@ -25,6 +25,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ._characteristic import Characteristic, characteristic, slope, value
+from ._plain import plain
 from ._types import Scalar
 from ._variables import Variable
 from .column import Column
@@ -40,12 +41,13 @@ class CriticalLoad(eqx.Module):
 
     `q`: the load $F l/k$; `frequency`: $\omega = |{\rm Im}\, s|$ of the eigenvalue
     that crosses, in $\sqrt{k/(m l^2)}$, 0 for divergence; `outcome`: a code of
-    `CRITICAL`.
+    `CRITICAL`; `kind`: what was asked for.
     """
 
     q: jax.Array
     frequency: jax.Array
     outcome: jax.Array
+    kind: str = eqx.field(static=True)
 
     def variables(self) -> dict[str, Variable]:
         """The numbers as a sweep labels them."""
@@ -59,7 +61,12 @@ class CriticalLoad(eqx.Module):
             ),
         }
 
+    def attributes(self) -> dict[str, Any]:
+        """What was asked for; there are no tolerances: the load is a formula's."""
+        return {"kind": self.kind}
 
+
+@plain
 def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
     r"""The first load from q = 0 up at which the column loses stability.
 
@@ -187,11 +194,12 @@ def _first_loss(p: Characteristic, kind: Kind) -> CriticalLoad:
     q = at - step - condition.bend / (2 * rate) * step * step
     mark = jnp.where(stands, 1.0, jnp.nan)
     if kind == "divergence":
-        return CriticalLoad(q * mark, jnp.zeros_like(q) * mark, code)
+        return CriticalLoad(q * mark, jnp.zeros_like(q) * mark, code, kind)
     squared = _flutter(p, none, q).squared
     oscillates = squared > 0
     frequency = jnp.sqrt(jnp.where(oscillates, squared, 1.0))
-    return CriticalLoad(q * mark, jnp.where(oscillates, frequency, 0.0) * mark, code)
+    frequency = jnp.where(oscillates, frequency, 0.0) * mark
+    return CriticalLoad(q * mark, frequency, code, kind)
 
 
 def _search(p: Characteristic, none: Any, kind: Kind) -> tuple[Any, Any]:

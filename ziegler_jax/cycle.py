@@ -12,23 +12,25 @@ friction is no jump, their product is $\exp \int_0^T \mathrm{div} f\,dt$. A join
 sticks makes one zero.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 
+from ._debug import own_flags
+from ._plain import plain
 from ._scene import (
     check_scene,
     explicit_method,
     float_state,
+    recorded,
     tolerances,
     valid_scene,
     whole_number,
 )
 from ._shooting import (
     SHORTEST,
-    TOLERANCE,
     attached,
     blank_shot,
     closing,
@@ -39,7 +41,7 @@ from ._shooting import (
     solve,
     undifferentiated,
 )
-from ._types import number
+from ._types import keeps, number
 from ._variables import Variable
 from ._variational import Flow, Method
 from .column import Column, State
@@ -56,8 +58,9 @@ class PeriodicOrbit(eqx.Module):
 
     `state`: on the section; `period`; `amplitude.rod`, `amplitude.joint` (2,): the
     largest angles; `monodromy` (4, 4); `residual`: by how much the orbit does not
-    close; `iterations` of Newton's method; `outcome`, a code of `ORBIT`. Unless that is
-    `found`, all numbers and their derivatives are NaN.
+    close; `iterations` of Newton's method; `steps` of all motions; `outcome`, a code of
+    `ORBIT`. Unless that is `found`, all numbers of the orbit and their derivatives are
+    NaN.
     """
 
     state: State
@@ -66,7 +69,9 @@ class PeriodicOrbit(eqx.Module):
     monodromy: Any
     residual: Any
     iterations: Any
+    steps: Any
     outcome: Any
+    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
 
     @property
     def multipliers(self) -> Any:
@@ -80,7 +85,7 @@ class PeriodicOrbit(eqx.Module):
     @property
     def stable(self) -> Any:
         """Whether all multipliers but the first lie inside the unit circle."""
-        return jnp.all(jnp.abs(self.multipliers[..., 1:]) < 1, axis=-1)
+        return attracts(self.monodromy)
 
     def variables(self) -> dict[str, Variable]:
         """The numbers as a sweep labels them."""
@@ -92,13 +97,19 @@ class PeriodicOrbit(eqx.Module):
                 moduli[1], "largest modulus of a Floquet multiplier but the trivial one"
             ),
             "stable": Variable(self.stable, "whether the orbit attracts"),
+            "steps": Variable(self.steps, "attempted steps"),
             "outcome": Variable(
                 self.outcome, "how the search for the orbit ended", codes=ORBIT
             ),
         }
         return named
 
+    def attributes(self) -> dict[str, Any]:
+        """How it was computed: the options that are the same at every point."""
+        return dict(self.settings)
 
+
+@plain
 def periodic_orbit(
     column: Column,
     guess: State,
@@ -126,7 +137,10 @@ def periodic_orbit(
         and its $\phi_1$ the section. For unstable orbits.
     - `rtol`, `atol`: tolerances of each step.
     - `solver`: `Explicit(tableau)`; None is Dopri8, with set-valued friction Tsit5.
-    - `max_iterations` of Newton's method, `max_steps` of each motion.
+    - `max_iterations` of Newton's method.
+    - `max_steps`: the step budget of the whole search, the first return and all periods
+        that Newton's method tries together; where it is spent the search ends as
+        `not_integrated`. Derivatives follow the orbit once more, with another one.
 
     **Returns:** `PeriodicOrbit`. With set-valued friction the derivatives pass through
     every change of modes by its saltation matrix.
@@ -146,33 +160,33 @@ def periodic_orbit(
     loops = whole_number("loops", loops)
     still = fixed(column)
     start = fixed(float_state(guess))
-    z, at, returned = approximation(
-        still, start, period, section, loops, patience, method
-    )
+    first = approximation(still, start, period, section, loops, patience, method)
+    at = first.section
 
-    def close(z):
-        shot = shoot(lambda p: still, jnp.zeros(0, z.dtype), at, z, method, False)
+    def close(z, left):
+        share = method._replace(max_steps=left)
+        shot = shoot(lambda p: still, jnp.zeros(0, z.dtype), at, z, share, False)
         return shot.residual, shot.jacobian, shot
 
-    good = valid_scene(still, start) & returned
-    z = jnp.where(good, z, jnp.nan)
-    budget = whole_number("max_iterations", max_iterations)
-    found = newton(close, z, blank_shot(0, z.dtype), budget)
-    z, shot = found.z, found.aux
+    iterations = whole_number("max_iterations", max_iterations)
+    blank = blank_shot(0, first.z.dtype)
+    found = newton(close, first.z, blank, iterations, first.left)
+    z, shot = found.z, found.shot
     seen = shot.flow
     y0 = jnp.concatenate([at[None], z[:3]])
     # the last shot was from just before the last step of Newton's
     extent = seen.extent + seen.extent_moved[:, 1:] @ found.move[:3]
-    change = attached(7, column, y0, jnp.maximum(z[3], SHORTEST), method, _moves)
-    z, extent = z + change[:4], extent + change[4:]
-    converged = (found.size <= TOLERANCE) & (z[3] > SHORTEST)
+    spent = (found.left <= 0) & ~found.converged
     at_rest = jnp.max(jnp.abs(seen.slope)) < AT_REST
     outcome = jnp.where(at_rest, ORBIT.collapsed, ORBIT.found)
+    converged = found.converged & (z[3] > SHORTEST)
     outcome = jnp.where(converged, outcome, ORBIT.not_converged)
-    outcome = jnp.where(seen.arrived, outcome, ORBIT.not_integrated)
-    outcome = jnp.where(returned, outcome, ORBIT.no_return)
-    outcome = jnp.where(valid_scene(still, start), outcome, ORBIT.invalid)
+    outcome = jnp.where(seen.arrived & ~spent, outcome, ORBIT.not_integrated)
+    outcome = jnp.where(first.failure == 0, outcome, first.failure)
     mark = jnp.where(outcome == ORBIT.found, 1.0, jnp.nan).astype(z.dtype)
+    span = jnp.maximum(z[3], SHORTEST)
+    change = attached(7, column, y0 * mark, span, method, _moves)
+    z, extent = z + change[:4], extent + change[4:]
     z, extent = z * mark, extent * mark
     return PeriodicOrbit(
         state=State((at * mark, z[0]), (z[1], z[2])),
@@ -181,7 +195,12 @@ def periodic_orbit(
         monodromy=seen.moved * fixed(mark),
         residual=jnp.max(jnp.abs(shot.residual)) * fixed(mark),
         iterations=found.count,
+        steps=method.max_steps - found.left,
         outcome=outcome.astype(jnp.int8),
+        settings=recorded(
+            **settings_of(method, period, section, loops, patience),
+            max_iterations=iterations,
+        ),
     )
 
 
@@ -195,7 +214,18 @@ def _moves(seen: Flow) -> Any:
 
 def multipliers(monodromy: Any) -> Any:
     """Eigenvalues (..., 4): the one nearest to 1, then by falling modulus."""
-    monodromy = undifferentiated(monodromy)
+    with own_flags():
+        return _multipliers(undifferentiated(monodromy))
+
+
+def attracts(monodromy: Any) -> Any:
+    """Whether all multipliers but the first lie inside the unit circle."""
+    with own_flags():
+        others = _multipliers(undifferentiated(monodromy))[..., 1:]
+        return jnp.all(jnp.abs(others) < 1, axis=-1)
+
+
+def _multipliers(monodromy: Any) -> Any:
     bad = ~jnp.all(jnp.isfinite(monodromy), axis=(-1, -2), keepdims=True)
     eye = jnp.broadcast_to(jnp.eye(4, dtype=monodromy.dtype), monodromy.shape)
     values = jnp.linalg.eigvals(jnp.where(bad, eye, monodromy))
@@ -218,6 +248,15 @@ def method_for(
     )
 
 
+class Approximation(NamedTuple):
+    """Where Newton's method begins, NaN if it cannot, and what that has cost."""
+
+    z: Any
+    section: Any
+    failure: Any  # a code of `ORBIT`; 0 if there is none
+    left: Any  # of the step budget
+
+
 def approximation(
     column: Column,
     start: Any,
@@ -226,14 +265,45 @@ def approximation(
     loops: int,
     patience: Any,
     method: Method,
-) -> tuple[Any, Any, Any]:
-    """z, the section, and whether there is a first approximation."""
+) -> Approximation:
+    """The first approximation: the guess, or where its motion returns."""
+    dtype = start[0].dtype
+    valid = valid_scene(column, start)
+    valid &= keeps("positive", method.rtol, method.atol, period)
+    left, failure = jnp.asarray(method.max_steps, jnp.int32), 0
     if period is not None:
-        period = jnp.asarray(number("period", period, "positive"), start[0].dtype)
-        return jnp.stack([*start[1:], period]), start[0], jnp.asarray(True)
-    section = fixed(jnp.asarray(number("section", section), start[0].dtype))
-    patience = number("patience", patience, "positive")
-    # only as good as Newton's method needs
-    rough = method._replace(solver=Explicit(), rtol=1e-6, atol=1e-6)
-    z, returned = first_return(column, start, section, loops, patience, rough)
-    return z, section, returned
+        at, period = start[0], number("period", period, "positive")
+        z = jnp.stack([*start[1:], jnp.asarray(period, dtype)])
+    else:
+        section = number("section", section)
+        patience = number("patience", patience, "positive")
+        valid &= keeps("finite", section) & keeps("positive", patience)
+        at = fixed(jnp.asarray(section, dtype))
+        # only as good as Newton's method needs
+        rough = method._replace(solver=Explicit(), rtol=1e-6, atol=1e-6)
+        span = jnp.where(valid, patience, 0.0)
+        z, back, steps = first_return(column, start, at, loops, span, rough)
+        left = left - steps
+        late = jnp.where(left > 0, ORBIT.no_return, ORBIT.not_integrated)
+        failure = jnp.where(back, 0, late)
+    failure = jnp.where(valid, failure, ORBIT.invalid)
+    return Approximation(jnp.where(failure == 0, z, jnp.nan), at, failure, left)
+
+
+def settings_of(
+    method: Method, period: Any, section: Any, loops: int, patience: Any
+) -> dict[str, Any]:
+    """The options of a periodic orbit, for the record."""
+    first = {"period": period}
+    if period is None:
+        first = {"section": section, "patience": patience}
+    first = {name: number(name, x) for name, x in first.items()}
+    if period is None:
+        first["loops"] = loops
+    return {
+        "solver": method.solver.name,
+        "rtol": method.rtol,
+        "atol": method.atol,
+        **first,
+        "max_steps": method.max_steps,
+    }

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from ._characteristic import Characteristic, characteristic, inertia, stiffness, value
+from ._plain import plain
 from ._types import Scalar
 from .column import Column
 from .damping import Sum, Viscous
@@ -32,6 +33,7 @@ class Linear(NamedTuple):
     stiffness: jax.Array
 
 
+@plain
 def linearise(column: Column) -> Linear:
     """M, C and K at the column's own load; C is zero where it has no damping law.
 
@@ -45,6 +47,7 @@ def linearise(column: Column) -> Linear:
     return Linear(*map(_matrix, (mass, rows, stiff)))
 
 
+@plain
 def spectrum(column: Column) -> jax.Array:
     r"""The four eigenvalues s of $\det(M s^2 + C s + K) = 0$, in $\sqrt{k/(m l^2)}$.
 
@@ -67,6 +70,7 @@ def spectrum(column: Column) -> jax.Array:
     return jnp.where(valid, values, jnp.nan)
 
 
+@plain
 def spectral_abscissa(column: Column) -> jax.Array:
     """The largest real part of the spectrum: the growth rate, in sqrt(k/(m l^2)).
 
@@ -76,6 +80,7 @@ def spectral_abscissa(column: Column) -> jax.Array:
     return jnp.max(jnp.real(spectrum(column)))
 
 
+@plain
 def regime(column: Column) -> jax.Array:
     r"""Which regime the column is in at its load: a code of `REGIME`.
 
@@ -101,6 +106,7 @@ def regime(column: Column) -> jax.Array:
     return _regime(characteristic(column), jnp.asarray(column.q, dtype=float))
 
 
+@plain
 def tangent_column(column: Column) -> Column:
     r"""The column with smoothed friction replaced by its tangent at rest.
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from ._materialise import if_any_lane
 from ._motion import Motion, follow
+from ._not_finite import motion
 from ._scene import (
     check_scene,
     explicit_method,
@@ -27,8 +28,9 @@ from ._scene import (
     whole_number,
 )
 from ._tangents import Growing, grow, in_logs, unit_tangents
-from ._types import Scalar, is_concrete, number
+from ._types import Scalar, keeps, number
 from ._variables import Variable
+from ._windows import first_stop, last_stop, told_apart
 from .column import Column, State
 from .observers import TIME
 from .outcome import OUTCOME
@@ -74,6 +76,7 @@ class Exponents(eqx.Module):
         return dict(self.settings)
 
 
+@motion
 def lyapunov_exponents(
     column: Column,
     start: State,
@@ -116,8 +119,8 @@ def lyapunov_exponents(
     **Returns:** `Exponents`, in $\sqrt{k/(m l^2)}$; `outcome` is `complete`, or a
     failure with NaN.
 
-    **Raises:** `ValueError` for arguments that break a rule, and for tolerances finer
-    than 1e-5 in a 32-bit session.
+    **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
+    session.
     """
     check_scene(column, start)
     rtol, atol = tolerances(rtol, atol)
@@ -139,6 +142,8 @@ def lyapunov_exponents(
         escape=number("escape", escape, "positive"),
     )
     y0 = float_state(start)
+    good = valid_scene(column, y0) & fold.valid() & keeps("positive", rtol, atol)
+    limit = whole_number("max_steps", max_steps)
     run = follow(
         Motion(
             column,
@@ -147,10 +152,11 @@ def lyapunov_exponents(
             solver=fold.solver,
             rtol=rtol,
             atol=atol,
-            valid=valid_scene(column, y0) & fold.valid() & (rtol > 0) & (atol > 0),
+            valid=good,
             first_stop=first_stop(fold.transient, fold.block),
-            end=fold.transient + fold.block * (blocks + 1),
-            max_steps=whole_number("max_steps", max_steps),
+            end=last_stop(fold.transient, fold.block, blocks),
+            at_end=OUTCOME.complete,
+            max_steps=limit,
         )
     )
     failed = run.outcome < OUTCOME.unsettled
@@ -170,6 +176,7 @@ def lyapunov_exponents(
             block=fold.block,
             blocks=blocks,
             escape=fold.escape,
+            max_steps=limit,
         ),
     )
 
@@ -214,13 +221,6 @@ def standard_errors(rates: Rates) -> tuple[Scalar, ...]:
     )
 
 
-def first_stop(transient: Scalar, block: Scalar) -> Scalar:
-    """The end of the transient, or of the first block where there is none."""
-    if is_concrete(transient):
-        return transient if transient > 0 else block
-    return jnp.where(transient > 0, transient, block)
-
-
 class BlocksState(NamedTuple):
     """The running numbers of a lane."""
 
@@ -243,8 +243,9 @@ class Blocks(AbstractFold):
 
     def valid(self) -> Any:
         """Whether the options keep their rules; for those only known when traced."""
-        good = jnp.asarray(self.transient) >= 0
-        return good & (jnp.asarray(self.block) > 0) & (jnp.asarray(self.escape) > 0)
+        good = keeps("nonnegative", self.transient)
+        good &= keeps("positive", self.block, self.escape)
+        return good & told_apart("block", self.transient, self.block, self.blocks)
 
     def integrand(self, column):
         """Nothing: tangents are no integrals."""

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ._types import Scalar, Vector4, both, number_or_pair
+from ._types import Scalar, Vector4, both, keeps, number_or_pair
 from ._variables import Variable
 from .column import Column, energy, power
 from .solvers import Step
@@ -227,8 +227,7 @@ class StickFraction(AbstractObserver):
         """Positive cuts."""
         if self.rate_cut is None:
             return True
-        first, second = both(self.rate_cut)
-        return (jnp.asarray(first) > 0) & (jnp.asarray(second) > 0)
+        return keeps("positive", *both(self.rate_cut))
 
     def check(self, column):
         """Without friction nothing sticks, unless the cut is named."""

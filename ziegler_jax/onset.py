@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._motion import Run
+from ._plain import plain
 from ._scene import (
     check_maker,
     check_scene,
@@ -40,7 +41,7 @@ from ._sequence import in_turn
 from ._settling import Settling
 from ._shooting import fixed
 from ._threshold import carried
-from ._types import is_concrete, pair
+from ._types import check_options, is_concrete, pair
 from ._variables import Variable
 from ._variational import Method
 from .column import Column, State
@@ -51,10 +52,18 @@ RESTS, MOVES, NONE = -1.0, 1.0, 0.0
 
 
 class Onset(eqx.Module):
-    """Where the verdict first changes along the bracket."""
+    """Where the verdict first changes along the bracket.
+
+    `width` is that of the last interval and no bound on the error of `value`. A motion
+    that lingers beside the unstable cycle can be misjudged there: its windows agree to
+    within `rtol_settle` while it is still on its way to rest. At q = 1.5 (`SetValued-
+    Coulomb(0.01, pin_radius=1, load=ConstantLoad(1))`, `rtol_settle` 5e-5) the answer
+    is 21.27756 with a width of 0.00125, and kicks up to 21.281 still come to rest,
+    after up to 1448 time units. A finer `rtol_settle` with more windows tells.
+    """
 
     value: Any  # the middle of the last interval; NaN where none was found
-    width: Any  # its length
+    width: Any  # its length, no bound on the error
     rises: Any  # 1. if the column rests below and moves above, -1. if the other way
     changes: Any  # how often the verdict changes along the scan; more than 1: repeated
     undecided: Any  # how many motions gave no verdict
@@ -85,6 +94,7 @@ class Onset(eqx.Module):
         return dict(self.settings)
 
 
+@plain
 def critical_kick(
     column: Column, direction: State, bracket: Any, **options: Any
 ) -> Onset:
@@ -107,10 +117,12 @@ def critical_kick(
     - `bracket`: the least and the largest multiple.
     - `options`: of the search, as `flutter_onset` has them.
 
-    **Returns:** `Onset`; its `value` has derivatives, see `flutter_onset`.
+    **Returns:** `Onset`; its `value` has derivatives, see `flutter_onset`. Its `width`
+    is no bound on the error, see `Onset`.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
+    check_options("critical_kick", options, _search)
     if not isinstance(direction, State):
         raise ValueError(
             f"Argument `direction` must be a `State`, but is {direction!r}."
@@ -126,6 +138,7 @@ def critical_kick(
     return _search(scene, bracket, "critical_kick", meaning, **options)
 
 
+@plain
 def flutter_onset(
     make_column: Callable[[Any], Column], start: State, bracket: Any, **options: Any
 ) -> Onset:
@@ -144,7 +157,8 @@ def flutter_onset(
         `rate_cut`, `max_steps`: of each motion, as in `settle`, with the stricter rules
         of this module; with set-valued friction a `solver` of None is Tsit5.
 
-    **Returns:** `Onset`: `value`, `width`, `outcome` and more. A motion without a
+    **Returns:** `Onset`: `value`, `width` (of the last interval: no bound on the error,
+    see there), `outcome` and more. A motion without a
     verdict inside the halved interval ends the search there, as `undecided`: its
     width is then what is known.
 
@@ -159,6 +173,7 @@ def flutter_onset(
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
+    check_options("flutter_onset", options, _search)
     check_maker(make_column)
 
     def scene(x: Any) -> tuple[Column, State]:

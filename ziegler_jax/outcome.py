@@ -110,7 +110,10 @@ class ORBIT(Code):
     not_computed = 0, "the point was left out or has not been computed yet"
     invalid = 1, "the scene's numbers break a rule, e.g. mu_k > mu_s"
     no_return = 2, "the guess did not come back to its section in time"
-    not_integrated = 3, "the motion could not be followed for a period"
+    not_integrated = (
+        3,
+        "the motion could not be followed for a period, or the step budget was spent",
+    )
     not_converged = 4, "Newton's method did not converge within its budget"
     collapsed = 5, "Newton's method converged to rest"
     beyond = 6, "the branch left the named bounds before what was looked for came"

@@ -13,6 +13,7 @@ import numpy as np
 
 from ._materialise import if_any_lane
 from ._motion import Motion, follow
+from ._not_finite import motion
 from ._scene import (
     check_scene,
     explicit_method,
@@ -21,7 +22,7 @@ from ._scene import (
     valid_scene,
     whole_number,
 )
-from ._types import Scalar, Vector4, number
+from ._types import Scalar, Vector4, keeps, number
 from .column import Column, State
 from .outcome import OUTCOME
 from .solvers import AbstractFold, Explicit, Step
@@ -131,6 +132,7 @@ class Section(eqx.Module):
     outcome: Any
 
 
+@motion
 def poincare(
     column: Column,
     start: State,
@@ -164,8 +166,8 @@ def poincare(
 
     **Returns:** `Section`.
 
-    **Raises:** `ValueError` for arguments that break a rule, and for tolerances finer
-    than 1e-5 in a 32-bit session.
+    **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
+    session.
     """
     check_scene(column, start)
     rtol, atol = tolerances(rtol, atol)
@@ -183,6 +185,7 @@ def poincare(
         escape=number("escape", escape, "positive"),
     )
     y0 = float_state(start)
+    good = valid_scene(column, y0) & fold.valid() & keeps("positive", rtol, atol)
     end = fold.transient + fold.span
     run = follow(
         Motion(
@@ -192,9 +195,10 @@ def poincare(
             solver=explicit_method(solver, Explicit()),
             rtol=rtol,
             atol=atol,
-            valid=valid_scene(column, y0) & fold.valid() & (rtol > 0) & (atol > 0),
+            valid=good,
             first_stop=end,
             end=end + fold.span,
+            at_end=OUTCOME.complete,
             max_steps=whole_number("max_steps", max_steps),
         )
     )
@@ -229,8 +233,8 @@ class SectionLog(AbstractFold):
 
     def valid(self) -> Any:
         """Whether the options keep their rules; for those only known when traced."""
-        good = (jnp.asarray(self.transient) >= 0) & jnp.isfinite(self.plane.level)
-        return good & (jnp.asarray(self.span) > 0) & (jnp.asarray(self.escape) > 0)
+        good = keeps("nonnegative", self.transient) & keeps("finite", self.plane.level)
+        return good & keeps("positive", self.span, self.escape)
 
     def integrand(self, column):
         """Nothing."""

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._motion import Run
+from ._plain import plain
 from ._scene import check_maker, check_scene, float_state, made, recorded
 from ._sequence import in_turn
 from ._settling import Settling
@@ -66,6 +67,7 @@ class _Way(NamedTuple):
     found: Any
 
 
+@plain
 def sweep_up_down(
     make_column: Callable[[Any], Column],
     values: Any,

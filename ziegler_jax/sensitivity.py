@@ -10,12 +10,14 @@ import xarray as xr
 from jax.core import Tracer
 
 from ._parameters import Make, as_function
+from ._plain import plain
 from .column import Column
 from .critical import Kind, critical_load
 from .linear import linearise
 from .outcome import CRITICAL
 
 
+@plain
 def sensitivity(
     column: Column | Make,
     kind: Kind = "flutter",

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from . import _not_finite
 from ._context import overridden_solver
 from ._events import Events, Record
 from ._motion import FIRST_STEP, Run, follow, machine, unless_chattering
@@ -26,7 +27,8 @@ from ._scene import (
     whole_number,
 )
 from ._settling import Settling
-from ._variables import Variable
+from ._types import keeps
+from ._variables import Variable, checked
 from .column import Column, State, vector_field
 from .observers import TIME, AbstractObserver
 from .outcome import OUTCOME
@@ -67,7 +69,8 @@ class Settled(eqx.Module):
         """All numbers with their names, units and dimensions, for `sweep`."""
         named: dict[str, Variable] = {}
         for observer in self.observers:
-            named |= observer.variables(self.observed[observer.name])
+            found = observer.variables(self.observed[observer.name])
+            named |= checked(f"the observer `{observer.name}`", found)
         return named | {
             "drift": Variable(
                 self.drift, "relative change of the amplitudes over the last window"
@@ -99,6 +102,7 @@ class Trajectory(eqx.Module):
     events: Events | None = None
 
 
+@_not_finite.motion
 def settle(
     column: Column,
     start: State,
@@ -154,9 +158,9 @@ def settle(
     **Returns:** `Settled`. Where the outcome is a failure (before `unsettled` in
     `OUTCOME`), observed numbers and `drift` are NaN.
 
-    **Raises:** `ValueError` for arguments that break a rule, and for tolerances finer
-    than 1e-5 in a 32-bit session. `jax.jvp` passes through, `jax.grad` does not (the
-    number of steps is not known beforehand).
+    **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
+    session. `jax.jvp` passes through, `jax.grad` does not (the number of steps is not
+    known beforehand).
     """
     motion = Settling(
         column,
@@ -199,6 +203,7 @@ def settled(motion: Settling, run: Run) -> Settled:
     )
 
 
+@_not_finite.motion
 def trajectory(
     column: Column,
     start: State,
@@ -232,7 +237,7 @@ def trajectory(
     solver = overridden_solver(solver)
     y0 = float_state(start)
     ts = increasing_times(ts, y0[0].dtype)
-    good = valid_scene(column, y0) & (rtol > 0) & (atol > 0)
+    good = valid_scene(column, y0) & keeps("positive", rtol, atol)
     good &= jnp.all(jnp.diff(ts) > 0) & jnp.all(jnp.isfinite(ts))
     # diffrax refuses bad times, and a span of none; nothing moves on from NaN
     ts = jnp.where(good, ts, jnp.arange(ts.size, dtype=ts.dtype))

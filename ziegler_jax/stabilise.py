@@ -11,6 +11,7 @@ import optimistix as optx
 import xarray as xr
 
 from ._parameters import Make, as_function
+from ._plain import plain
 from ._types import pair
 from .column import Column
 from .critical import CriticalLoad, Kind, critical_load
@@ -33,6 +34,7 @@ class Stabilised(NamedTuple):
     history: xr.Dataset
 
 
+@plain
 def stabilise(
     column: Column | Make,
     parameters: Mapping[str, tuple[float, float]],

@@ -17,6 +17,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
+from ._plain import plain
 from ._types import Pair
 from .column import Column, joint_balance
 from .set_valued import SetValuedCoulomb
@@ -82,6 +83,7 @@ class StickingSet(eqx.Module):
             )
 
 
+@plain
 def sticking_set(column: Column) -> StickingSet:
     """The set of angles at which the column rests, held by friction alone.
 

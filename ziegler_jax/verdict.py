@@ -15,6 +15,7 @@ import numpy as np
 
 from ._materialise import if_any_lane
 from ._motion import Motion, follow
+from ._not_finite import motion
 from ._scene import (
     check_scene,
     explicit_method,
@@ -27,10 +28,11 @@ from ._scene import (
     whole_number,
 )
 from ._tangents import Growing, grow, in_logs, unit_tangents
-from ._types import Scalar, number
+from ._types import Scalar, keeps, number
 from ._variables import Variable
+from ._windows import first_stop, last_stop, told_apart
 from .column import Column, State, power
-from .lyapunov import RATE, Rates, first_stop, no_rates, standard_errors, with_block
+from .lyapunov import RATE, Rates, no_rates, standard_errors, with_block
 from .observers import TIME, joint_rates
 from .outcome import OUTCOME, VERDICT
 from .poincare import Plane, Returns, no_returns, passage, returned
@@ -86,6 +88,7 @@ class Verdict(eqx.Module):
         return dict(self.settings)
 
 
+@motion
 def verdict(
     column: Column,
     start: State,
@@ -145,8 +148,8 @@ def verdict(
 
     **Returns:** `Verdict`.
 
-    **Raises:** `ValueError` for arguments that break a rule, and for tolerances finer
-    than 1e-5 in a 32-bit session.
+    **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
+    session.
     """
     check_scene(column, start)
     rtol, atol = tolerances(rtol, atol)
@@ -167,7 +170,8 @@ def verdict(
     )
     zero_rate = number("zero_rate", zero_rate, "positive")
     y0 = float_state(start)
-    good = valid_scene(column, y0) & fold.valid() & (rtol > 0) & (atol > 0)
+    good = valid_scene(column, y0) & fold.valid()
+    limit = whole_number("max_steps", max_steps)
     run = follow(
         Motion(
             column,
@@ -176,10 +180,11 @@ def verdict(
             solver=fold.solver,
             rtol=rtol,
             atol=atol,
-            valid=good & (jnp.asarray(zero_rate) > 0),
+            valid=good & keeps("positive", zero_rate, rtol, atol),
             first_stop=first_stop(fold.transient, fold.block),
-            end=fold.transient + fold.block * (blocks + 1),
-            max_steps=whole_number("max_steps", max_steps),
+            end=last_stop(fold.transient, fold.block, blocks),
+            at_end=OUTCOME.unsettled,
+            max_steps=limit,
         )
     )
     rates, returns = run.folded.rates, run.folded.returns
@@ -190,7 +195,7 @@ def verdict(
             run.outcome,
             run.folded,
             zero_rate,
-            blocks * fold.block,
+            fold,
         ),
         period_count=jnp.where(found, returns.found, 0.0),
         period=jnp.where(found, returns.period, jnp.nan),
@@ -211,15 +216,16 @@ def verdict(
             zero_rate=zero_rate,
             escape=fold.escape,
             rate_cut="by modes" if fold.rate_cut is None else fold.rate_cut,
+            max_steps=limit,
         ),
     )
 
 
 def _judged(
-    outcome: Any, heard: "WitnessState", zero_rate: Any, span: Any
+    outcome: Any, heard: "WitnessState", zero_rate: Any, fold: "Witnesses"
 ) -> jax.Array:
     """The code of VERDICT."""
-    rates = heard.rates
+    rates, span = heard.rates, fold.blocks * fold.block
     (first, second), (error, other) = rates.mean, standard_errors(rates)
 
     def zero(rate, error):
@@ -235,6 +241,7 @@ def _judged(
     by_rates = jnp.where(chaotic, VERDICT.chaotic, by_rates)
     early, late = heard.angles
     transient = jnp.abs(late - early) > DRIFT * jnp.maximum(late, early)
+    transient |= rates.blocks < fold.blocks
     by_rates = jnp.where((by_rates == 0) | transient, VERDICT.undecided, by_rates)
     by_rates = jnp.where(heard.dissipates, by_rates, VERDICT.conservative)
     code = jnp.where(outcome == OUTCOME.unsettled, by_rates, VERDICT.failed)
@@ -272,11 +279,10 @@ class Witnesses(AbstractFold):
 
     def valid(self) -> Any:
         """Whether the options keep their rules; for those only known when traced."""
-        good = jnp.asarray(self.transient) >= 0
-        for option in (self.block, self.rtol_return, self.escape, self.rate_cut):
-            if option is not None:
-                good &= jnp.asarray(option) > 0
-        return good
+        good = keeps("nonnegative", self.transient)
+        options = self.block, self.rtol_return, self.escape, self.rate_cut
+        good &= keeps("positive", *options)
+        return good & told_apart("block", self.transient, self.block, self.blocks)
 
     def integrand(self, column):
         """Nothing."""

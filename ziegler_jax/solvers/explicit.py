@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import diffrax as dfx
+import equinox as eqx
 import jax.numpy as jnp
 
 from .._materialise import materialise
@@ -31,17 +32,19 @@ class Explicit(dfx.AbstractSolver):
         `diffrax.Dopri8.tableau`; `Explicit(*CALVO7)` of `solvers.tableaus`.
     - `order`, `name`: known for these, else the order must be given.
 
-    **Raises:** `ValueError` if the tableau is implicit, or its order is not known.
+    **Raises:** `ValueError` if it is no tableau, or implicit, or its order is not
+    known.
     """
 
-    a: tuple[_Row, ...]
-    b: _Row
-    b_error: _Row
-    bend: _Row | None  # the interpolant's: see `Course`
-    c: _Row
-    last_stage_is_next_first: bool
-    method_order: int
-    name: str
+    # a part of the program, not numbers of it: a method may be an argument of a `jit`
+    a: tuple[_Row, ...] = eqx.field(static=True)
+    b: _Row = eqx.field(static=True)
+    b_error: _Row = eqx.field(static=True)
+    bend: _Row | None = eqx.field(static=True)  # the interpolant's: see `Course`
+    c: _Row = eqx.field(static=True)
+    last_stage_is_next_first: bool = eqx.field(static=True)
+    method_order: int = eqx.field(static=True)
+    name: str = eqx.field(static=True)
 
     term_structure: ClassVar = dfx.AbstractTerm
     interpolation_cls: ClassVar[Callable[..., Any]] = (
@@ -55,6 +58,15 @@ class Explicit(dfx.AbstractSolver):
         name: str | None = None,
     ):
         """Turn the tableau into numbers of the program."""
+        if not isinstance(tableau, dfx.ButcherTableau):
+            cure = ""
+            if isinstance(getattr(tableau, "tableau", None), dfx.ButcherTableau):
+                method = tableau if isinstance(tableau, type) else type(tableau)
+                cure = f"; write `diffrax.{method.__name__}.tableau`"
+            raise ValueError(
+                "Argument `tableau` must be a `diffrax.ButcherTableau`, but is "
+                f"{tableau!r}{cure}."
+            )
         if tableau.implicit:
             raise ValueError("Argument `tableau` must be explicit, but is implicit.")
         usual, known, bend = _KNOWN.get(id(tableau), ("explicit", None, None))

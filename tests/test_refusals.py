@@ -1,0 +1,328 @@
+"""Refusals: traced options, 32 bits, wrong options, and what a point may not return."""
+
+import diffrax as dfx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+from ziegler_jax import ONSET, ORBIT, OUTCOME, VERDICT
+from ziegler_jax._context import Context, within
+from ziegler_jax._variables import Variable, named_variables
+from ziegler_jax.observers import AbstractObserver
+
+KICK = zj.State(omega=(0.0, 0.2))
+COLUMN = zj.uniform_rods(2.0)
+SLIDING = zj.uniform_rods(
+    2.6,
+    friction=zj.SetValuedCoulomb(0.026, pin_radius=1.0, load=zj.ConstantLoad(1.0)),
+)
+QUICK = {"transient": 5.0, "window": 5.0, "max_windows": 2, "rtol": 1e-4, "atol": 1e-4}
+
+
+# Options that are traced --------------------------------------------------------------
+
+
+def settled(**options):
+    return zj.settle(COLUMN, KICK, **{**QUICK, **options})
+
+
+def found_orbit(**options):
+    return zj.periodic_orbit(SLIDING, KICK, **options)
+
+
+def fold(**options):
+    return zj.cycle_fold(
+        lambda q: zj.uniform_rods(q, friction=SLIDING.friction), KICK, 2.6, **options
+    )
+
+
+def branch(**options):
+    return zj.continue_cycle(
+        lambda q: zj.uniform_rods(q, friction=SLIDING.friction),
+        KICK, 2.6, points=2, **options,
+    )  # fmt: skip
+
+
+def kick(**options):
+    return zj.critical_kick(SLIDING, KICK, (0.1, 2.0), scan=2, halvings=1, **options)
+
+
+def up_down(**options):
+    found = zj.sweep_up_down(
+        lambda q: zj.uniform_rods(q), [1.0, 1.5], kick=KICK, **{**QUICK, **options}
+    )
+    return jax.tree.map(jnp.max, found.found["outcome"])
+
+
+def outcome(result):
+    return getattr(result, "outcome", result)
+
+
+STEPS = {"rtol": 1e-4, "atol": 1e-4}
+WINDOWS = {**STEPS, "rtol_settle": 1e-3, "window": 5.0, "escape": 3.0, "rate_cut": 1e-3}
+BLOCKS = {**STEPS, "block": 5.0, "escape": 3.0}
+WITNESSES = {**BLOCKS, "rtol_return": 1e-3, "zero_rate": 0.01, "rate_cut": 1e-3}
+WALK = {**STEPS, "patience": 50.0, "step": 0.1}
+TRACED = {
+    "settle": (settled, WINDOWS, OUTCOME.invalid),
+    "trajectory": (
+        lambda **o: zj.trajectory(COLUMN, KICK, [0.0, 1.0], **o),
+        STEPS,
+        OUTCOME.invalid,
+    ),
+    "lyapunov_exponents": (
+        lambda **o: zj.lyapunov_exponents(COLUMN, KICK, count=1, **o),
+        BLOCKS,
+        OUTCOME.invalid,
+    ),
+    "verdict": (
+        lambda **o: zj.verdict(COLUMN, KICK, **o),
+        WITNESSES,
+        OUTCOME.invalid,
+    ),
+    "poincare": (
+        lambda **o: zj.poincare(COLUMN, KICK, points=3, **o),
+        {**STEPS, "span": 5.0, "escape": 3.0},
+        OUTCOME.invalid,
+    ),
+    "periodic_orbit": (found_orbit, {**STEPS, "patience": 50.0}, ORBIT.invalid),
+    "its period": (found_orbit, {"period": 4.0}, ORBIT.invalid),
+    "cycle_fold": (fold, WALK, ORBIT.invalid),
+    "continue_cycle": (branch, {**STEPS, "period": 4.0}, ORBIT.invalid),
+    "critical_kick": (kick, WINDOWS, ONSET.invalid),
+    "sweep_up_down": (up_down, WINDOWS, OUTCOME.invalid),
+}
+
+
+@pytest.mark.parametrize("which", TRACED)
+def test_traced_options_are_finite_and_positive(which):
+    """One lane for each option and bad value, all others as they should be."""
+    call, usual, invalid = TRACED[which]
+    lanes = [
+        {**usual, name: bad} for name in usual for bad in (np.inf, np.nan, 0.0, -1.0)
+    ]
+    lanes = {name: jnp.array([lane[name] for lane in lanes]) for name in usual}
+    ended = jax.jit(jax.vmap(lambda options: outcome(call(**options))))(lanes)
+    assert ended.tolist() == [int(invalid)] * len(ended)
+
+
+@pytest.mark.parametrize(
+    "call, name, invalid",
+    [
+        (settled, "transient", OUTCOME.invalid),
+        (found_orbit, "section", ORBIT.invalid),
+        (lambda **o: zj.poincare(COLUMN, KICK, **o), "level", OUTCOME.invalid),
+    ],
+)
+def test_traced_options_that_may_be_zero_are_finite(call, name, invalid):
+    bad = jnp.array([jnp.inf, jnp.nan])
+    lanes = jax.vmap(lambda x: outcome(call(**{name: x})))(bad)
+    assert lanes.tolist() == [int(invalid)] * 2
+
+
+def test_an_invalid_verdict_has_failed():
+    found = jax.jit(lambda x: zj.verdict(COLUMN, KICK, rtol=x))(jnp.inf)
+    assert int(found.verdict) == VERDICT.failed
+
+
+# 32 bits ------------------------------------------------------------------------------
+
+
+def bare(x):
+    del x
+    return COLUMN
+
+
+PLAIN = {
+    "settle": lambda: zj.settle(COLUMN, KICK, rtol=1e-3, atol=1e-3),
+    "trajectory": lambda: zj.trajectory(COLUMN, KICK, [0.0, 1.0], rtol=1e-3, atol=1e-3),
+    "lyapunov_exponents": lambda: zj.lyapunov_exponents(COLUMN, KICK),
+    "verdict": lambda: zj.verdict(COLUMN, KICK),
+    "poincare": lambda: zj.poincare(COLUMN, KICK),
+    "periodic_orbit": lambda: zj.periodic_orbit(SLIDING, KICK),
+    "continue_cycle": lambda: zj.continue_cycle(bare, KICK, 2.0),
+    "cycle_fold": lambda: zj.cycle_fold(bare, KICK, 2.0),
+    "critical_kick": lambda: zj.critical_kick(SLIDING, KICK, (0.0, 1.0)),
+    "flutter_onset": lambda: zj.flutter_onset(bare, KICK, (0.0, 1.0)),
+    "sweep_up_down": lambda: zj.sweep_up_down(bare, [1.0, 2.0], kick=KICK),
+    "critical_load": lambda: zj.critical_load(COLUMN),
+    "sensitivity": lambda: zj.sensitivity(COLUMN),
+    "stabilise": lambda: zj.stabilise(COLUMN, {"kappa": (1.0, 2.0)}),
+    "linearise": lambda: zj.linearise(COLUMN),
+    "spectrum": lambda: zj.spectrum(COLUMN),
+    "spectral_abscissa": lambda: zj.spectral_abscissa(COLUMN),
+    "regime": lambda: zj.regime(COLUMN),
+    "tangent_column": lambda: zj.tangent_column(COLUMN),
+    "sticking_set": lambda: zj.sticking_set(SLIDING),
+    "regularisation_error": lambda: zj.regularisation_error(SLIDING, KICK, 0.1),
+}
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_a_32_bit_session_is_told_what_to_type(refuses, name):
+    cure = 'jax.config.update("jax_enable_x64", True)'
+    with jax.enable_x64(False):
+        refuses(PLAIN[name], f"`{name}`", "64-bit", cure, "`sweep`")
+
+
+def test_32_bits_that_were_asked_for_are_computed_in():
+    with jax.enable_x64(False), within(Context(narrow=True)):
+        assert zj.critical_load(COLUMN).q.dtype == jnp.float32
+        assert zj.regime(COLUMN) == zj.REGIME.marginal
+        assert zj.settle(COLUMN, KICK, **QUICK).drift.dtype == jnp.float32
+    with pytest.raises(ValueError), jax.enable_x64(False):
+        jax.jit(lambda q: zj.critical_load(zj.uniform_rods(q)).q)(1.0)
+
+
+# Options and values that are none -----------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "who, call",
+    [
+        ("critical_kick", lambda: zj.critical_kick(None, None, None, scans=3)),
+        ("flutter_onset", lambda: zj.flutter_onset(None, None, None, scans=3)),
+    ],
+)
+def test_a_search_names_its_options(who, call):
+    with pytest.raises(TypeError) as caught:
+        call()
+    assert str(caught.value).startswith(
+        f"`{who}` has no option `scans`; its options are scan, halvings, window, "
+    )
+
+
+@pytest.mark.parametrize(
+    "who, call, options",
+    [
+        (
+            "uniform_rods",
+            lambda: zj.uniform_rods(1.0, mass=2),
+            "m1, m2, l2, kappa, follower, damping, friction",
+        ),
+        (
+            "point_masses",
+            lambda: zj.point_masses(mass=2),
+            "m1, m2, l2, kappa, follower, damping, friction",
+        ),
+        (
+            "cycle_fold",
+            lambda: zj.cycle_fold(bare, KICK, 1.0, mass=2),
+            "period, section, loops, patience, rtol, atol, solver, max_steps",
+        ),
+        (
+            "continue_cycle",
+            lambda: zj.continue_cycle(bare, KICK, 1.0, mass=2),
+            "period, section, loops, patience, rtol, atol, solver, max_steps",
+        ),
+        (
+            "regularisation_error",
+            lambda: zj.regularisation_error(SLIDING, KICK, 0.1, mass=2),
+            "transient, window, max_windows, rtol_settle, observers, rtol, atol, "
+            "solver, escape, rate_cut, max_steps",
+        ),
+    ],
+)
+def test_a_function_names_its_own_options(who, call, options):
+    with pytest.raises(TypeError) as caught:
+        call()
+    sentence = f"`{who}` has no option `mass`; its options are {options}."
+    assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(
+    "wrong, parts",
+    [
+        (dfx.Dopri8(), ("`tableau`", "Dopri8", "write `diffrax.Dopri8.tableau`")),
+        (dfx.Tsit5, ("`tableau`", "write `diffrax.Tsit5.tableau`")),
+        ("Tsit5", ("`tableau`", "`diffrax.ButcherTableau`", "'Tsit5'")),
+        (None, ("`tableau`", "None")),
+    ],
+    ids=str,
+)
+def test_a_method_is_made_of_a_tableau(refuses, wrong, parts):
+    refuses(lambda: zj.Explicit(wrong), *parts)
+
+
+@pytest.mark.parametrize(
+    "method", [zj.Explicit(), zj.Rosenbrock(), zj.Explicit(dfx.Dopri8.tableau)]
+)
+def test_a_method_may_be_an_argument_of_a_jit(method):
+    assert jax.tree.leaves(method) == []
+    inside = jax.jit(lambda m: settled(solver=m))(method)
+    outside = jax.jit(lambda: settled(solver=method))()
+    np.testing.assert_array_equal(inside.final.y, outside.final.y)
+
+
+# What a point returns -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "point, parts",
+    [
+        (
+            lambda q: zj.trajectory(zj.uniform_rods(q), KICK, [0.0, 1.0]),
+            ("`point`", "`Trajectory`", "dimensions of their own", "phi[-1, 1]"),
+        ),
+        (
+            lambda q: zj.poincare(zj.uniform_rods(q), KICK, points=2),
+            ("`point`", "`Section`", "omega[0, 1]"),
+        ),
+        (lambda q: branch(max_steps=1), ("`Branch`", "points.parameter")),
+        (lambda q: zj.linearise(zj.uniform_rods(q)), ("`Linear`", '{"name": number}')),
+    ],
+    ids=["trajectory", "poincare", "continue_cycle", "linearise"],
+)
+def test_a_result_without_names_says_what_to_return(refuses, point, parts):
+    refuses(lambda: zj.sweep(point, q=[1.0], progress=False), *parts)
+
+
+def test_the_numbers_that_such_a_sentence_names_are_there():
+    def point(q):
+        result = zj.trajectory(zj.uniform_rods(q), KICK, [0.0, 1.0])
+        return {"phi2": result.phi[-1, 1], "outcome": result.outcome}
+
+    assert np.isfinite(zj.sweep(point, q=[1.0], progress=False).phi2.item())
+
+
+class Bare(AbstractObserver):
+    """An observer that forgets to name what it found."""
+
+    name = "rate"
+
+    def init(self, column, t, y):
+        return y[2]
+
+    def step(self, column, state, step):
+        return step.y1[2]
+
+    def result(self, column, state, span, y):
+        return state
+
+    def variables(self, result):
+        return {"rate": result}
+
+
+def test_an_observer_names_its_numbers(refuses):
+    def point(q):
+        return zj.settle(zj.uniform_rods(q), KICK, observers=(Bare(),), **QUICK)
+
+    parts = "observer `rate`", "`Variable`", "`rate`", "write `Variable(value, "
+    refuses(lambda: zj.sweep(point, q=[1.0], progress=False), *parts)
+
+
+class Own:
+    def __init__(self, named):
+        self.named = named
+
+    def variables(self):
+        return self.named
+
+
+def test_a_result_of_ones_own_names_its_numbers(refuses):
+    refuses(lambda: named_variables(Own({"a": 1.0})), "`Own`", "`a`", "float")
+    refuses(lambda: named_variables(Own([1.0])), "`Own`", "dict", "[1.0]")
+    good = {"a": Variable(1.0, "a number")}
+    assert named_variables(Own(good)) == good
