@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -99,6 +100,42 @@ def test_what_a_point_raises_comes_from_the_worker_with_its_values(client):
         sweep(scene, client=client)
     assert "x <= 4" in " ".join(caught.value.__notes__)
     assert same(sweep(point, client=client), sweep(point))
+
+
+def test_a_client_that_is_closed_is_refused(client, refuses):
+    other = distributed.Client(client.scheduler.address)
+    other.close()
+    refuses(lambda: sweep(point, client=other), "`client`", "closed", "connect")
+    refuses(lambda: sweep(point, client=3), "`client`", "3")
+
+
+def test_a_client_that_is_closed_on_the_way_says_what_is_safe(client, tmp_path):
+    other = distributed.Client(client.scheduler.address)
+    finished = zj.sweep.__globals__["Progress"].finished
+
+    def close(self, *done):
+        finished(self, *done)
+        if other.status == "running":
+            other.close()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(zj.sweep.__globals__["Progress"], "finished", close)
+        with pytest.raises(RuntimeError, match="was closed|was cancelled") as caught:
+            sweep(point, client=other, store=tmp_path / "a")
+    note = " ".join(caught.value.__notes__)
+    assert "Of 15 blocks" in note and str(tmp_path / "a") in note
+    assert same(sweep(point, client=client, store=tmp_path / "a"), sweep(point))
+
+
+def test_a_point_that_cannot_be_sent_is_refused_with_a_cure(client, refuses):
+    lock = threading.Lock()
+
+    def scene(x, y):
+        with lock:
+            return {"sum": x + y}
+
+    parts = "`point`", "sent to the workers", "made inside it"
+    refuses(lambda: sweep(scene, client=client), *parts)
 
 
 @pytest.mark.slow

@@ -119,6 +119,8 @@ def run_blocks(
     done = own = ran = checks = mismatches = 0
 
     def submit() -> None:
+        if client.status != "running":
+            raise RuntimeError("The client was closed before the sweep's end.")
         room = _TASKS_A_THREAD * max(1, sum(client.nthreads().values()))
         for number in islice(waiting, max(0, room - flying.count())):
             flying.add(
