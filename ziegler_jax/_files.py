@@ -18,6 +18,7 @@ def write(path: Path, content: bytes, parts: Path) -> None:
 
     **Arguments:** `parts`: a folder of the same file system, where it is being written.
     """
+    make_folder(parts)
     part = parts / uuid4().hex
     with part.open("wb") as file:
         file.write(content)

@@ -33,6 +33,7 @@ from ._store_layout import (
     RECORD,
     RECORDS,
     layout,
+    listed,
     locked_store,
     read_or_none,
     recorded,
@@ -143,6 +144,10 @@ class Store:
 
     def __exit__(self, *_: Any) -> None:
         """Let others write to it."""
+        self.release()
+
+    def release(self) -> None:
+        """Give the lock back."""
         if self.lock is not None:
             os.close(self.lock)
             self.lock = None
@@ -155,9 +160,13 @@ class Store:
         """
         if self.lock is None:
             self.lock = locked_store(self.path)
-        self._check_that_it_is_ours()
-        for part in (self.folder / "parts").iterdir():  # of a writer that was killed
-            part.unlink(missing_ok=True)
+        try:
+            self._check_that_it_is_ours()
+            for part in listed(self.folder / "parts"):  # of a writer that was killed
+                part.unlink(missing_ok=True)
+        except BaseException:
+            self.release()
+            raise
 
     def damaged_metadata(self) -> list[str]:
         """The files of Zarr's metadata that are not as they were written."""
@@ -179,15 +188,17 @@ class Store:
 
     def damaged(self) -> list[str]:
         """What is damaged beside blocks, and can be mended without computing."""
-        records = [read_or_none(self.folder / name) for name in RECORDS]
-        torn = [n for n, r in zip(RECORDS, records, strict=True) if r != self.record]
-        return torn + (self.damaged_metadata() or self.damaged_coordinates())
+        others = self.damaged_metadata() or self.damaged_coordinates()
+        return self._damaged_records() + others
+
+    def _damaged_records(self) -> list[str]:
+        records = [(name, read_or_none(self.folder / name)) for name in RECORDS]
+        return [n for n, r in records if r is None or r["run"] != self.record["run"]]
 
     def mend(self, axes: Mapping[str, np.ndarray]) -> None:
         """Write again what is damaged beside blocks, once the store is claimed."""
-        for name in RECORDS:
-            if read_or_none(self.folder / name) != self.record:
-                self._write(self.folder / name, self.record)
+        for name in self._damaged_records():
+            self._write(self.folder / name, self.record)
         for name in self.damaged_metadata():
             text = self.record["metadata"][name]
             write(self.path / name, text.encode(), self.folder / "parts")
@@ -218,7 +229,7 @@ class Store:
 
     def marks(self) -> dict[int, dict[str, Any]]:
         """The commit markers, by block; damaged and foreign ones do not count."""
-        names = [path.name for path in (self.folder / "blocks").iterdir()]
+        names = [path.name for path in listed(self.folder / "blocks")]
         numbers = [int(name) for name in names if name.isascii() and name.isdigit()]
         found = ((number, self._mark(number)) for number in numbers)
         return {number: mark for number, mark in found if mark is not None}

@@ -154,6 +154,7 @@ def _clear_away(path: Path) -> None:
         try:
             if time.time() - left.stat().st_mtime < _ABANDONED:
                 continue
+            (left / RECORD).mkdir(exist_ok=True)
             lock = locked(left / RECORD / "lock")
         except OSError:
             continue  # it has just become a store

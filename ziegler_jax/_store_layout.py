@@ -93,6 +93,14 @@ def read_or_none(path: Path) -> dict[str, Any] | None:
         return None
 
 
+def listed(folder: Path) -> list[Path]:
+    """What lies in a folder; nothing if it is not there, as after some copies."""
+    try:
+        return list(folder.iterdir())
+    except FileNotFoundError:
+        return []
+
+
 def says(path: Path, text: str) -> bool:
     """Whether a file holds this text."""
     try:
