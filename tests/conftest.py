@@ -22,6 +22,18 @@ for profile, examples in (("few", 3), ("full", 313)):
     )  # fmt: skip
 settings.load_profile("few")
 
+
+def pytest_addoption(parser):
+    """How hard stores are attacked: see test_faults."""
+    parser.addoption("--faults", choices=("few", "all"), default="few")
+
+
+@pytest.fixture(scope="session")
+def all_faults(request):
+    """Whether every attack is to be tried."""
+    return request.config.getoption("--faults") == "all"
+
+
 REFERENCE = Path(__file__).parent / "reference"
 
 

@@ -3,7 +3,7 @@
 A few attacks of each kind run with the other tests. All of them, every file operation,
 500 flipped bits, 100 cut and 100 deleted files, 60 races:
 
-    python -m pytest -m slow tests/test_faults.py
+    python -m pytest tests/test_faults.py --faults=all
 """
 
 import multiprocessing
@@ -91,16 +91,10 @@ def operations(folder):
     return watch.count
 
 
-def test_a_sweep_stopped_before_some_file_operations_goes_on(tmp_path, truth):
+def test_a_sweep_stopped_before_a_file_operation_goes_on(tmp_path, truth, all_faults):
     count = operations(tmp_path / "count")
     assert count > 50  # else they are not seen
-    for operation in range(1, count, count // 12):
-        stop_and_go_on(tmp_path / str(operation), truth, operation)
-
-
-@pytest.mark.slow
-def test_a_sweep_stopped_before_any_file_operation_goes_on(tmp_path, truth):
-    for operation in range(1, operations(tmp_path / "count") + 1):
+    for operation in range(1, count + 1, 1 if all_faults else count // 12):
         stop_and_go_on(tmp_path / str(operation), truth, operation)
 
 
@@ -165,17 +159,13 @@ def deleted(path, rng):
     path.unlink()
 
 
-@pytest.mark.parametrize("attack", [flipped, truncated, deleted])
-def test_each_kind_of_file_may_be_damaged_once(tmp_path, whole, truth, attack):
-    damage(tmp_path, whole, truth, attack, len(files(whole)))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "attack, times", [(flipped, 500), (truncated, 100), (deleted, 100)]
 )
-def test_any_file_may_be_damaged(tmp_path, whole, truth, attack, times):
-    damage(tmp_path, whole, truth, attack, times)
+def test_any_file_may_be_damaged(tmp_path, whole, truth, attack, times, all_faults):
+    """Each of them once, or many times over."""
+    few = len(files(whole))
+    damage(tmp_path, whole, truth, attack, times if all_faults else few)
 
 
 def test_both_copies_of_the_record_damaged_are_refused_and_replaced(
@@ -242,8 +232,8 @@ RACE_X, RACE_Y = np.linspace(0, 1, 12), np.linspace(1, 2, 5)
 RACE_SUM = RACE_X[:, None] + RACE_Y
 
 
-@pytest.mark.parametrize("times", [10, pytest.param(60, marks=pytest.mark.slow)])
-def test_of_two_that_begin_a_store_at_once_one_makes_it(tmp_path, times):
+def test_of_two_that_begin_a_store_at_once_one_makes_it(tmp_path, all_faults):
+    times = 60 if all_faults else 8
     context = multiprocessing.get_context("spawn")
     barrier, results = context.Barrier(2), context.Queue()
     processes = [
