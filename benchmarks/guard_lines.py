@@ -2,8 +2,8 @@
 
 What a line may differ by where the bits do is its tolerance, relative to itself or to
 the largest of its numbers. The modules `guard_motions` and `guard_questions` hold what
-is computed: every function takes `watch` (a `census.Watch`, called around the sweeps
-whose programs are counted) and returns a dict of lines by name.
+is computed: every function returns a dict of lines by name. Those whose programs are
+counted take `watch` (a `census.Watch`), which is called around their sweeps.
 """
 
 import hashlib

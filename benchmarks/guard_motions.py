@@ -49,7 +49,7 @@ def read(name, *keys):
         return [np.asarray(file[key], float) for key in keys]
 
 
-def references(watch):
+def references():
     """Errors of the reference motions, and digests of what was computed."""
     lines = {}
     for path in sorted(REFERENCE.glob("fric_*.npz")):
@@ -97,7 +97,7 @@ def references(watch):
     return lines
 
 
-def between_steps(watch):
+def between_steps():
     """Motions at times that lie on no grid of steps."""
     q, phi, omega = np.float64(2.2), np.array([0.1, -0.05]), np.array([0.0, 0.2])
     c = np.array([0.05, 0.02])
@@ -206,9 +206,9 @@ def other_lanes(watch):
     return lines
 
 
-def given_times(watch):
+def given_times():
     """All that moves at given times: some share their programs."""
-    return references(watch) | between_steps(watch)
+    return references() | between_steps()
 
 
 SECTIONS = {

@@ -11,7 +11,7 @@ import ziegler_jax as zj
 # ---- cycles, exponents, thresholds
 
 
-def folds(watch):
+def folds():
     """Folds of the cycle under dry friction, where the tests look for them."""
 
     @jax.jit
@@ -97,7 +97,7 @@ def exponents_of(q, tau, tol, kind):
     )
 
 
-def exponents(watch):
+def exponents():
     """Lyapunov exponents of a smooth and of a stick-slip cycle."""
     lines = {}
     for kind, tol in (("smoothed", 1e-8), ("set-valued", 1e-8)):
@@ -128,7 +128,7 @@ def onset_of(tau, kick):
     )
 
 
-def thresholds(watch):
+def thresholds():
     """Critical kicks and an onset load, with the widths of their last intervals."""
     options = {"batch_size": 4, "progress": False}
     kicks = zj.sweep(kick_of, q=[1.8, 2.0, 2.4], tau=[0.02], **options)
@@ -151,7 +151,7 @@ VERDICTS = {  # q, tau, v_smooth, c, kick
 }
 
 
-def verdicts(watch):
+def verdicts():
     """Verdicts on motions of four kinds."""
 
     @jax.jit
@@ -189,7 +189,7 @@ def columns():
     }
 
 
-def linear(watch):
+def linear():
     """Critical loads, spectra and sensitivities of a few columns."""
     lines = {}
     for name, column in columns().items():
