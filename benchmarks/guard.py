@@ -15,6 +15,7 @@ to its largest number) is within the line's tolerance, 1e-12 unless the line say
 otherwise; `fewer` and `within 1 %` for counts of instructions; `new`; `not compared`
 where a census cannot be made; else `DIFFERS`, and the exit status is 1.
 
+`--only` computes and compares some sections, whose names the run prints.
 `--times` takes seconds in place of lines, medians of `--repeats`, each in a process of
 its own, one scene after the other in turn; against a file it prints ratios. Written
 into a file that exists, it leaves its lines as they are. About three minutes on two
@@ -98,9 +99,9 @@ def child(*arguments):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def table():
-    """All lines by name, a process a section."""
-    names = child("--section", "names")
+def table(only):
+    """All lines by name, a process a section; of those whose names begin so."""
+    names = [n for n in child("--section", "names") if n.startswith(only)]
 
     def run(name):
         started = time.perf_counter()
@@ -117,7 +118,7 @@ def table():
 
 
 def provenance():
-    """The package's commit, versions, processor."""
+    """The commit that last changed the package, versions, processor."""
     import census
 
     import ziegler_jax
@@ -257,6 +258,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--write", type=Path, metavar="FILE")
     parser.add_argument("--against", type=Path, metavar="FILE", action="append")
+    parser.add_argument(
+        "--only", nargs="+", metavar="SECTION", help="beginnings of names of sections"
+    )
     parser.add_argument("--times", action="store_true", help="seconds, not lines")
     parser.add_argument("--repeats", type=int, default=5, help="of --times")
     parser.add_argument("--section", help=argparse.SUPPRESS)
@@ -267,6 +271,8 @@ def main():
         return 0
     if not (options.write or options.against):
         parser.error("give --write FILE or --against FILE")
+    if options.write and options.only:
+        parser.error("--only goes with --against: a file holds all lines")
     here = provenance()
     stored = {path: json.loads(path.read_text()) for path in options.against or []}
     for path in [p for p, s in stored.items() if s["about"]["jax"] != here["jax"]]:
@@ -277,7 +283,8 @@ def main():
     if here["obstacle"]:
         print(here["obstacle"])
     key = "times" if options.times else "lines"
-    found = times(options.repeats) if options.times else table()
+    only = tuple(options.only or [""])
+    found = times(options.repeats) if options.times else table(only)
     if options.write:
         path = options.write
         whole = {"about": here}
@@ -294,7 +301,10 @@ def main():
         if options.times:
             print_ratios(old.get("times", {}), found)
         else:
-            good &= compared(old["lines"], found)
+            lines = old["lines"]
+            if options.only:
+                lines = {name: line for name, line in lines.items() if name in found}
+            good &= compared(lines, found)
     return 0 if good else 1
 
 
