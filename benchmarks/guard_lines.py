@@ -37,14 +37,19 @@ def whole(n):
 
 
 def array(x, tolerance=ROUNDING, judged=None, sample=SAMPLE):
-    """A digest of all numbers; quantiles and some numbers of those that are judged."""
+    """A digest of all numbers; of those that are judged quantiles, mean, and some.
+
+    The mean lets no number change unseen by more than their count times the tolerance.
+    """
     x = np.array(x, dtype=np.float64)
     x[np.isnan(x)] = np.nan  # one NaN for all
     content = x.astype("<f8").tobytes() + repr(x.shape).encode()
     kept = (x if judged is None else np.where(judged, x, np.nan)).ravel()
     at = np.unique(np.linspace(0, kept.size - 1, min(sample, kept.size)).astype(int))
     finite = kept[np.isfinite(kept)]
-    quantiles = np.quantile(finite, QUANTILES) if finite.size else []
+    quantiles = list(np.quantile(finite, QUANTILES)) if finite.size else []
+    if quantiles and kept.size > sample:
+        quantiles.append(finite.mean())
     return {
         "digest": hashlib.sha256(content).hexdigest()[:16],
         "shape": list(x.shape),
