@@ -54,9 +54,18 @@ def begun():
 
 
 def dump_to(folder):
-    """Let XLA write its object files; before JAX's backend starts."""
+    """Let XLA write its object files; before JAX's backend starts.
+
+    Without places in the source: where a function stands in its file changes the order
+    of XLA's instructions, and the count by up to 1 %. What is left is 0.2 %.
+    """
     flags = os.environ.get("XLA_FLAGS", "")
     os.environ["XLA_FLAGS"] = f"{flags} --xla_dump_to={folder}".strip()
+    import jax
+
+    jax.config.update("jax_traceback_in_locations_limit", 0)
+    jax.config.update("jax_include_full_tracebacks_in_locations", False)
+    jax.config.update("jax_hlo_source_file_canonicalization_regex", ".*")
 
 
 def sections():
