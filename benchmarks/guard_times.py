@@ -1,0 +1,73 @@
+"""Seconds of the scenes that `guard.py --times` compares, each in a fresh process."""
+
+import time
+
+import numpy as np
+from guard_lines import UNIT, scene_of_the_main_job
+
+import ziegler_jax as zj
+
+Q = np.linspace(2, 4, 8192)
+
+
+def one_window(law):
+    """`a0_throughput`'s lane."""
+
+    def point(q):
+        return zj.settle(
+            zj.uniform_rods(q=q, friction=law),
+            zj.State(omega=(0.0, 0.2)),
+            transient=80.0,
+            window=20.0,
+            max_windows=1,
+        )
+
+    return point
+
+
+def smooth():
+    law = zj.SmoothCoulomb(
+        0.012, 0.010, pin_radius=1.0, v_stribeck=0.05, v_smooth=0.01, load=UNIT
+    )
+    point = one_window(law)
+    return lambda: zj.sweep(point, q=Q, progress=False)
+
+
+def frictionless():
+    point = one_window(None)
+    return lambda: zj.sweep(point, q=Q, progress=False)
+
+
+def set_valued_map():
+    """`a3_friction`'s map."""
+    _, pin, kick, settle = scene_of_the_main_job()
+
+    def point(q, mu):
+        column = zj.uniform_rods(q=q, friction=zj.SetValuedCoulomb(mu, **pin))
+        return zj.settle(column, zj.State(omega=kick), **settle)
+
+    axes = {"q": np.linspace(1, 4, 97), "mu": np.linspace(0.02, 0.4, 40)}
+    return lambda: zj.sweep(point, progress=False, **axes)
+
+
+def main_job():
+    from ziegler_jax.__main__ import compute
+
+    return lambda: compute(20_000)
+
+
+SCENES = {
+    "a0, smooth": smooth,
+    "a0, frictionless": frictionless,
+    "a3's map": set_valued_map,
+    "main job, 20000 points": main_job,
+}
+
+
+def measured(zj, name):
+    """Seconds to compile, and of a sweep whose program is compiled."""
+    run = SCENES[name]()
+    compiling = run().attrs["compile_seconds"]
+    started = time.perf_counter()
+    run()
+    return {"compile": compiling, "run": time.perf_counter() - started}
