@@ -19,7 +19,7 @@ where a census cannot be made; else `DIFFERS`, and the exit status is 1.
 `--times` takes seconds in place of lines, medians of `--repeats`, each in a process of
 its own, one scene after the other in turn; against a file it prints ratios. Written
 into a file that exists, it leaves its lines as they are, and `--only` all others.
-About four minutes on two quiet cores without `--times`; the table is of the package
+Some five minutes of two quiet cores without `--times`; the table is of the package
 that Python imports.
 """
 

@@ -30,9 +30,9 @@ FLOORS = [
         "_context",
         "_files",
         "_debug",
-        "_plain",
     ]
     + ["_materialise", "_series", "_sincos", "_exponential"],
+    ["_plain"],
     ["friction", "set_valued", "_modes", "_release_layer", "_reactions", "damping"],
     ["column", "_characteristic"],
     ["linear", "sticking", "solvers", "observers", "_parameters", "stiffness"],
