@@ -19,7 +19,10 @@ def helper(x):
 
 def point(x, y):
     bent = jnp.interp(x, jnp.asarray([0.0, 1.0, 2.0, 3.0, 4.0]), jnp.asarray(TABLE))
-    return {"sum": FACTOR * x + helper(y), "bent": bent, "flag": x > y}
+    regime = jnp.where(x > y, jnp.int8(2), jnp.int8(3))  # a variable of codes
+    return {
+        "sum": FACTOR * x + helper(y), "bent": bent, "flag": x > y, "regime": regime
+    }  # fmt: skip
 
 
 X, Y = np.linspace(0.0, 4.0, 8), np.linspace(0.0, 1.0, 5)

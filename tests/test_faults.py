@@ -17,6 +17,7 @@ from faults import Killed, cut, flip, stopped_before
 from stored import X, same, sweep
 
 import ziegler_jax as zj
+from ziegler_jax import _store, _store_creation
 
 pytestmark = [
     pytest.mark.usefixtures("small_blocks"),
@@ -46,7 +47,8 @@ def right_or_missing(found, truth):
             values = np.asarray(found[name].values, float)
         except Exception:  # Zarr's, of many kinds
             continue
-        if not (np.isnan(values) | (values == truth[name].values.astype(float))).all():
+        missing = values == 0 if name == "regime" else np.isnan(values)
+        if not (missing | (values == truth[name].values.astype(float))).all():
             return False
     return True
 
@@ -81,7 +83,14 @@ def stop_and_go_on(folder, truth, operation):
         assert before["sum"].notnull().sum() >= 10 * done
         reads_right(path, truth)
     assert same(sweep(store=path, threads=1), truth)
+    assert [left.name for left in folder.iterdir()] == ["map.zarr"]
     shutil.rmtree(folder)
+
+
+@pytest.fixture
+def cleared_at_once(monkeypatch):
+    """What a killed process left beside a store is nobody's at once."""
+    monkeypatch.setattr(_store_creation, "ABANDONED", 0.0)
 
 
 def operations(folder):
@@ -91,7 +100,9 @@ def operations(folder):
     return watch.count
 
 
-def test_a_sweep_stopped_before_a_file_operation_goes_on(tmp_path, truth, all_faults):
+def test_a_sweep_stopped_before_a_file_operation_goes_on(
+    tmp_path, truth, all_faults, cleared_at_once
+):
     count = operations(tmp_path / "count")
     assert count > 50  # else they are not seen
     for operation in range(1, count + 1, 1 if all_faults else count // 12):
@@ -188,6 +199,45 @@ def test_a_damaged_block_is_told_and_one_that_is_short_does_not_count(whole, tru
     with pytest.raises(Exception, match="checksum|Checksum"):
         found["sum"].values  # noqa: B018
     assert same(sweep(store=whole), truth)
+
+
+def test_a_block_in_anothers_place_is_seen(whole, truth):
+    """Its own checksum is right: the marker's is not."""
+    shutil.copy(whole / "sum" / "c" / "1" / "0", whole / "sum" / "c" / "0" / "0")
+    with pytest.warns(UserWarning, match="damaged.*: 0[.]"):
+        assert zj.open_sweep(whole).attrs["blocks_done"] == 3
+    assert same(sweep(store=whole), truth)
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "sum/c/1/0", "sum/zarr.json", "zarr.json", "x/c/0", "sweep-record/sweep.json",
+        "sweep-record/run.json", "sweep-record/blocks/1", "sweep-record/parts/mine",
+    ],
+)  # fmt: skip
+def test_a_folder_where_a_file_should_be_is_damage(whole, truth, tmp_path, file):
+    (whole / file).unlink(missing_ok=True)
+    (whole / file).mkdir()
+    reads_right(whole, truth)
+    mended(whole, truth, tmp_path / "log")
+
+
+def test_folders_that_a_copy_left_out_are_made_again(whole, truth):
+    for name in ("parts", "blocks"):
+        shutil.rmtree(whole / "sweep-record" / name)
+    assert zj.open_sweep(whole).attrs["blocks_done"] == 0
+    assert same(sweep(store=whole), truth)
+
+
+def test_a_sweep_that_stops_before_it_computes_gives_the_lock_back(
+    path, truth, monkeypatch
+):
+    with monkeypatch.context() as patch:
+        patch.setattr(_store.Store, "missing", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            sweep(store=path)
+    assert same(sweep(store=path), truth)
 
 
 def test_a_stray_marker_does_not_count(whole):

@@ -167,7 +167,7 @@ def test_joints_that_pass_and_rest_at_once_go_on(scenes):
 
 def test_a_lane_does_not_depend_on_its_mates(scenes):
     _, _, run, ds = scenes
-    some = np.array([200, 3, 41, 7, 199])
+    some = np.array([3, 7, 41, 199, 200])
     again = run(some)
     for name in ("rod_amplitude", "energy_imbalance", "stick_fraction", "steps"):
         np.testing.assert_array_equal(again[name], ds[name].isel(i=some))

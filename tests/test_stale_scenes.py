@@ -260,6 +260,20 @@ def test_compile_seconds_are_those_of_this_sweep():
     assert 0 < again < 0.7 * first  # measured 0.2: it is traced, not compiled
 
 
+def test_what_is_compiled_is_what_was_traced(path):
+    """A change in between would file one program's numbers under another's text."""
+    calls = []
+
+    def scene(x):
+        calls.append(None)
+        return settle_damped(x)
+
+    scene_ = _program.traced(scene, ("x",), True, None)
+    traces = len(calls)
+    _program.compiled(scene_)
+    assert len(calls) == traces > 0
+
+
 def test_a_host_callback_is_the_one_that_the_point_makes_now():
     """The program's text does not show which function it calls."""
 

@@ -31,6 +31,7 @@ def test_a_link_stays_and_what_it_names_becomes_the_store(tmp_path, target, over
 @pytest.mark.parametrize(
     "store, parts",
     [
+        (3, ("`store`", "path", "3")),
         ("", ("`store`", "path", "''")),
         (".", ("`store`", "'.'", "map.zarr")),
         ("..", ("`store`", "'..'", "map.zarr")),
@@ -45,6 +46,17 @@ def test_what_can_be_no_place_is_refused(store, parts, tmp_path, monkeypatch, re
         refuses(lambda o=overwrite: sweep(store=store, overwrite=o), *parts)
     refuses(lambda: zj.open_sweep(store), *parts)
     assert [p.name for p in tmp_path.rglob("*")] == ["here"]
+
+
+@pytest.mark.parametrize(
+    "name", ["map.zarr#2", "map.zarr?v=2", "map.zarr;x", "a b", "ö"]
+)
+def test_a_path_is_no_address(tmp_path, name):
+    """Zarr would cut it at `#`, `?` and `;`, and read another store."""
+    sweep(store=tmp_path / "map.zarr", x=[1.0, 2.0])
+    assert same(sweep(store=tmp_path / name), sweep())
+    assert same(zj.open_sweep(tmp_path / name), sweep())
+    assert zj.open_sweep(tmp_path / "map.zarr").x.size == 2
 
 
 def test_a_store_that_vanishes_on_the_way_is_told_as_that(path, monkeypatch):

@@ -1,6 +1,7 @@
 """Sweeps: labels, refusals, and lanes that depend on nothing but their own numbers."""
 
 import functools
+import itertools
 import threading
 
 import jax
@@ -348,6 +349,7 @@ def test_some_batches_are_computed_twice_and_give_the_same_bits(monkeypatch):
 def test_a_batch_that_gives_other_bits_the_second_time_is_told(monkeypatch):
     """As from a processor, or a compiled program, that is wrong now and then."""
     monkeypatch.setattr(_scheduler, "CANARY", 3)
+    monkeypatch.setattr(_scheduler, "_CALLS", itertools.count(1))
     run, calls = _scheduler._Work._run, []
 
     def wrong_now_and_then(self, points, *arguments):

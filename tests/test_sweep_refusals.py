@@ -158,7 +158,7 @@ def test_what_would_not_fit_into_memory_is_refused_at_once(refuses, monkeypatch)
     many = np.arange(1e6)
     start = time.perf_counter()
     parts = "`store`", "GB", "free memory", 'store="map.zarr"'
-    refuses(lambda: zj.sweep(of_two, q=many, mu=many[:1000] + 1), *parts)
+    refuses(lambda: zj.sweep(of_two, q=many, mu=many[:100_000] + 1), *parts)
     refuses(
         lambda: zj.sweep(of_two, where=lambda q, mu: q > mu, q=many, mu=many),
         "`where`", *parts,
@@ -176,6 +176,11 @@ def test_results_count_with_all_their_numbers(refuses, monkeypatch):
 
     monkeypatch.setattr(_memory, "free_memory", lambda: 5000)
     refuses(lambda: zj.sweep(scene, x=np.arange(100.0)), "results", "3200 bytes")
+
+    def narrow(x):  # held as numbers that can be NaN
+        return {name: x > 1 for name in "abcd"}
+
+    refuses(lambda: zj.sweep(narrow, x=np.arange(100.0)), "results", "3200 bytes")
 
 
 # Where JAX cannot trace ---------------------------------------------------------------

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ def write(path: Path, content: bytes, parts: Path) -> None:
         file.flush()
         os.fsync(file.fileno())
     make_folder(path.parent)
+    if path.is_dir():  # damage: a folder where a file should be
+        shutil.rmtree(path)
     os.replace(part, path)
     sync_folder(path.parent)
 
@@ -73,7 +76,7 @@ def read_record(path: Path) -> dict[str, Any]:
     try:
         record = json.loads(path.read_bytes())
         digest = record.pop("sha256")
-    except (ValueError, KeyError, AttributeError, TypeError):
+    except (ValueError, KeyError, AttributeError, TypeError, IsADirectoryError):
         record, digest = {}, None
     if digest != _digest(record):
         raise DamagedFile(f"{str(path)!r} is damaged")

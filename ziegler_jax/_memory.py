@@ -71,6 +71,9 @@ class Memory:
     def __exit__(self, *_: Any) -> None:
         """Nothing to close."""
 
+    def release(self) -> None:
+        """Nothing to give back."""
+
     def missing(self, blocks: Blocks) -> dict[int, int]:
         """How many points are still to be computed, by block."""
         return {n: int(blocks.sizes[n]) for n in np.flatnonzero(blocks.sizes).tolist()}

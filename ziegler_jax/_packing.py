@@ -39,6 +39,11 @@ class Packing:
             for (shape, _), (which, place) in pairs
         ]
 
+    def zeros(self) -> tuple[jax.Array, ...]:
+        """What `pack` returns, with nothing in it."""
+        pairs = zip(self.used, self.dtypes, strict=True)
+        return tuple(jnp.zeros(used, dtype) for used, dtype in pairs)
+
     def empty(self, lanes: int) -> tuple[np.ndarray, ...]:
         """Zeros for a batch that has not started."""
         pairs = zip(self.used, self.dtypes, strict=True)

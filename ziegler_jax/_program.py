@@ -21,13 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ._context import Context, of_its_own, within
+from ._context import of_its_own, within
 from ._cpu import compiles_whole_loops
 from ._debug import own_flags
 from ._interrupt import held_interrupts
 from ._legs import Legs, in_legs
 from ._packing import Packing
-from ._variables import DIMENSIONS, Variable, named_variables
+from ._variables import DIMENSIONS, Variable, empty, named_variables
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.
@@ -48,7 +48,7 @@ def is_the_users(file: str) -> bool:
 
 
 class Scene(NamedTuple):
-    """A point, traced and lowered."""
+    """A point, traced and lowered for a batch of lanes."""
 
     point: Callable
     names: tuple[str, ...]
@@ -56,18 +56,20 @@ class Scene(NamedTuple):
     variables: dict[str, Variable]  # values are shapes and dtypes
     attributes: dict[str, Any]
     coordinates: dict[str, Any]  # of the dimensions of results
+    batch_size: int
+    results: Packing
+    carry: Packing | None  # between legs; None: the lanes do not run in legs
+    run: Any  # the batch, to be compiled
+    lowered: Any
     digest: str  # of the lowered program's text
     callbacks: tuple  # host functions, which the text does not show
-    context: Context  # that it was traced in
-    carry: Packing | None  # between legs; None: the lanes do not run in legs
-    batch_size: int
     seconds: float
 
     @property
     def bytes_a_point(self) -> int:
-        """What the results of a point take."""
-        values = [variable.value for variable in self.variables.values()]
-        return sum(max(v.dtype.itemsize, 1) * int(np.prod(v.shape)) for v in values)
+        """What the results of a point take in a dataset."""
+        held = [empty(variable, ()) for variable in self.variables.values()]
+        return sum(array.dtype.itemsize * array.size for array in held)
 
 
 class Program(NamedTuple):
@@ -85,7 +87,7 @@ class Program(NamedTuple):
 def traced(
     point: Callable, names: tuple[str, ...], wide: bool, batch_size: int | None
 ) -> Scene:
-    """Trace and lower `point` for one lane.
+    """Trace and lower `point`: what has been lowered is what will be compiled.
 
     **Arguments:** `batch_size`: lanes a batch; None is the usual one for the point.
 
@@ -95,52 +97,68 @@ def traced(
     context = of_its_own(narrow=not wide)
     described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
 
-    def numbers(*values):
+    def leaves(values):
         with within(context):
             result = point(**dict(zip(names, values, strict=True)))
-            described["variables"] = variables = named_variables(result)
+            variables = named_variables(result)
+            arrays = [jnp.asarray(v.value) for v in variables.values()]
         described["attributes"] = getattr(result, "attributes", dict)()
         own = getattr(result, "coordinates", dict)()
         described["coordinates"] = {**DIMENSIONS, **own}
-        return [jnp.asarray(v.value) for v in variables.values()]
+        described["variables"] = {
+            name: v._replace(value=jax.ShapeDtypeStruct(a.shape, a.dtype))
+            for (name, v), a in zip(variables.items(), arrays, strict=True)
+        }
+        return arrays
 
     def find_legs(quota, fresh, values):
         with in_legs(Legs(quota, fresh, None)) as legs:
-            numbers(*values)
+            found = leaves(values)
         described["solves"] = legs.refused or legs.calls > 0
-        return legs.left if legs.calls == 1 else None
+        return found, (legs.left if legs.calls == 1 else None)
 
-    scalar = jax.ShapeDtypeStruct((), np.float64 if wide else np.float32)
+    dtype = np.dtype(np.float64 if wide else np.float32)
+    scalar = jax.ShapeDtypeStruct((), dtype)
     flag, count = jax.ShapeDtypeStruct((), bool), jax.ShapeDtypeStruct((), np.int32)
     with own_flags(), jax.enable_x64(wide):
         try:
-            program = jax.jit(numbers).trace(*[scalar] * len(names))
+            alone = jax.eval_shape(find_legs, count, flag, [scalar] * len(names))
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
-        text = program.lower().as_text()
-        carried = jax.eval_shape(find_legs, count, flag, [scalar] * len(names))
-    usual = BATCH_OF_ONE_KERNEL if compiles_whole_loops() else BATCH_OF_MANY
-    usual = usual if described["solves"] else BATCH_WITHOUT
-    pairs = zip(described["variables"].items(), program.out_info, strict=True)
+        usual = BATCH_OF_ONE_KERNEL if compiles_whole_loops() else BATCH_OF_MANY
+        size = batch_size or (usual if described["solves"] else BATCH_WITHOUT)
+        results = Packing(alone[0])
+        carry = None if alone[1] is None else Packing(alone[1])
+        if carry is None:
+            run = _batched(lambda values: results.pack(leaves(values)), (0,))
+        else:
+            run = _in_legs(leaves, results, carry)
+        program = run.trace(*_nothing(size, dtype, len(names), carry))
+        lowered = program.lower()
     return Scene(
         point=point,
         names=names,
         wide=wide,
-        variables={
-            name: variable._replace(
-                value=jax.ShapeDtypeStruct(shape.shape, shape.dtype)
-            )
-            for (name, variable), shape in pairs
-        },
+        variables=described["variables"],
         attributes=described["attributes"],
         coordinates=described["coordinates"],
-        digest=hashlib.sha256(text.encode()).hexdigest(),
+        batch_size=size,
+        results=results,
+        carry=carry,
+        run=run,
+        lowered=lowered,
+        digest=hashlib.sha256(lowered.as_text().encode()).hexdigest(),
         callbacks=tuple(_callbacks(program.jaxpr.jaxpr)),
-        context=context,
-        carry=None if carried is None else Packing(carried),
-        batch_size=batch_size or usual,
         seconds=time.perf_counter() - started,
     )
+
+
+def _nothing(size: int, dtype: np.dtype, names: int, carry: Packing | None) -> tuple:
+    """The arguments of a batch, for one step of no lane in particular."""
+    values = [np.ones(size, dtype)] * names
+    if carry is None:
+        return (values,)
+    return np.int32(1), np.ones(size, bool), values, carry.empty(size)
 
 
 _UNTRACEABLE = (
@@ -192,45 +210,27 @@ _kept_lock = threading.Lock()
 
 @held_interrupts()
 def compiled(scene: Scene) -> Program:
-    """The scene for a batch of lanes; kept by the text of its program."""
-    key = scene.digest, scene.callbacks, scene.batch_size, scene.wide
+    """The scene, compiled; kept by the text of its program."""
+    key = scene.digest, scene.callbacks, scene.wide
     with _kept_lock:
         if key in _kept:
             _kept.move_to_end(key)
             return _kept[key]._replace(compile_seconds=0.0)
-    program = compile_scene(scene)
+    started = time.perf_counter()
+    size, dtype = scene.batch_size, np.dtype(np.float64 if scene.wide else np.float32)
+    with own_flags(), jax.enable_x64(scene.wide):
+        if scene.carry is None:
+            run = scene.lowered.compile()
+        else:  # a call of a jitted function costs half of its compiled form's
+            run = scene.run
+            run(*_nothing(size, dtype, len(scene.names), scene.carry))
+    seconds = time.perf_counter() - started
+    program = Program(run, scene.results, scene.carry, size, scene.wide, seconds)
     with _kept_lock:
         _kept[key] = program
         while len(_kept) > KEPT:
             _kept.popitem(last=False)
     return program
-
-
-def compile_scene(scene: Scene) -> Program:
-    """Compile the scene for a batch of lanes."""
-    size, carry = scene.batch_size, scene.carry
-    dtype = np.dtype(np.float64 if scene.wide else np.float32)
-
-    def leaves(values):
-        with within(scene.context):
-            result = scene.point(**dict(zip(scene.names, values, strict=True)))
-            return [jnp.asarray(v.value) for v in named_variables(result).values()]
-
-    results = Packing([variable.value for variable in scene.variables.values()])
-    started = time.perf_counter()
-    with own_flags(), jax.enable_x64(scene.wide):
-        if carry is None:
-            lanes = [jax.ShapeDtypeStruct((size,), dtype)] * len(scene.names)
-            once = _batched(lambda values: results.pack(leaves(values)), (0,))
-            run: Any = once.lower(lanes).compile()
-        else:
-            run = _in_legs(leaves, results, carry)
-            # one step of no lane in particular: a call of a jitted function costs half
-            # of what calling its compiled form does
-            begun = [np.ones(size, dtype)] * len(scene.names)
-            run(np.int32(1), np.ones(size, bool), begun, carry.empty(size))
-    seconds = time.perf_counter() - started
-    return Program(run, results, carry, size, scene.wide, seconds)
 
 
 def _in_legs(leaves: Callable, results: Packing, carry: Packing) -> Any:
@@ -244,8 +244,8 @@ def _in_legs(leaves: Callable, results: Packing, carry: Packing) -> Any:
 
     def one_kernel(quota, *arguments):
         """A loop of one turn: XLA makes all that is in it a single kernel."""
-        shapes = jax.eval_shape(leg, quota, *arguments)
-        nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+        flag, none = jnp.zeros((), bool), jnp.zeros((), jnp.int32)
+        nothing = results.zeros(), carry.zeros(), flag, none
         return lax.while_loop(
             lambda state: state[0] > 0,  # the compiler cannot count this
             lambda state: (0 * state[0], leg(quota, *arguments)),

@@ -23,15 +23,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 import zarr
-from zarr.storage import MemoryStore
+from zarr.storage import LocalStore, MemoryStore
 
 from ._blocks import Block, Blocks, Tally
 from ._files import write, write_record
 from ._identity import difference, digest_of
-from ._store_creation import create, place, remove
+from ._store_creation import clear_away, create, place, remove
 from ._store_layout import (
     RECORD,
     RECORDS,
+    end_of,
     layout,
     listed,
     locked_store,
@@ -39,6 +40,7 @@ from ._store_layout import (
     recorded,
     says,
     sum_of,
+    tail,
 )
 
 
@@ -101,7 +103,7 @@ def opened(store: "Store") -> xr.Dataset:
             " is damaged. The same sweep mends it."
         )
     # chunks=None: without Dask; Zarr 3 has no consolidated metadata
-    ds = xr.open_zarr(store.path, consolidated=False, chunks=None)
+    ds = xr.open_zarr(LocalStore(store.path), consolidated=False, chunks=None)  # pyright: ignore[reportArgumentType]
     labels = store.record["labels"]
     coords = {name: (name, values) for name, values in labels.items()}
     ds = ds[store.record["names"]].assign_coords(coords)
@@ -162,8 +164,10 @@ class Store:
             self.lock = locked_store(self.path)
         try:
             self._check_that_it_is_ours()
+            clear_away(self.path)
             for part in listed(self.folder / "parts"):  # of a writer that was killed
-                part.unlink(missing_ok=True)
+                if part.is_file():
+                    part.unlink(missing_ok=True)
         except BaseException:
             self.release()
             raise
@@ -178,7 +182,7 @@ class Store:
         damaged = []
         for name, digest in self._coordinates().items():
             try:
-                array: Any = zarr.open_array(self.path / name, mode="r")
+                array: Any = zarr.open_array(LocalStore(self.path / name), mode="r")
                 whole = digest_of(np.asarray(array[:])) == digest
             except Exception:  # Zarr's, of many kinds: each of them is damage
                 whole = False
@@ -249,7 +253,7 @@ class Store:
                 ).items():
                     file = f"{name}/{key}"
                     write(self.path / file, content, self.folder / "parts")
-                    chunks[file] = [len(content), zlib.crc32(content)]
+                    chunks[file] = [len(content), zlib.crc32(content), tail(content)]
             mark = {**tally._asdict(), "points": int(block.chosen.sum())}
             mark |= {"block": block.number, "run": self.record["run"], "chunks": chunks}
             self._write(self.folder / "blocks" / str(block.number), mark)
@@ -301,18 +305,21 @@ class Store:
         """Whether a block's chunks are those that were written."""
         try:
             return all(
-                sum_of(self.path / file) == tuple(written)
+                sum_of(self.path / file) == written
                 for file, written in mark["chunks"].items()
             )
         except OSError:
             return False
 
     def seems_intact(self, mark: Mapping[str, Any]) -> bool:
-        """Whether a block's chunks are there and as long as they should be."""
+        """Whether a block's chunks are there, by their length and their own checksum.
+
+        That stands at a chunk's end, where Zarr compares it with the rest as it reads.
+        """
         try:
             return all(
-                (self.path / file).stat().st_size == length
-                for file, (length, _) in mark["chunks"].items()
+                end_of(self.path / file) == (length, end)
+                for file, (length, _, end) in mark["chunks"].items()
             )
         except OSError:
             return False
@@ -324,7 +331,7 @@ class Store:
     def _encoded(self, name: str, region: tuple, values: Any) -> dict[str, bytes]:
         """The chunk files that hold these values, by their keys: Zarr's own bytes."""
         if name not in self._encoders:
-            like: Any = zarr.open_array(self.path / name, mode="r")
+            like: Any = zarr.open_array(LocalStore(self.path / name), mode="r")
             files: dict[str, Any] = {}
             array = zarr.create_array(
                 MemoryStore(files),

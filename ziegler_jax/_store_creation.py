@@ -12,12 +12,13 @@ from uuid import uuid4
 import numpy as np
 import xarray as xr
 import zarr
+from zarr.storage import LocalStore
 
 from ._blocks import Blocks
 from ._files import locked, make_folder, sync_folder, sync_tree, write_record
 from ._store_layout import LAYOUT, RECORD, RECORDS, is_store, layout, locked_store
 
-_ABANDONED = 3600.0  # seconds after which a half-made store is nobody's
+ABANDONED = 60.0  # seconds after which a half-made store without a lock is nobody's
 
 
 def place(path: str | os.PathLike) -> Path:
@@ -25,7 +26,7 @@ def place(path: str | os.PathLike) -> Path:
 
     **Raises:** `ValueError` for what can be no store's place.
     """
-    text = os.fspath(path)
+    text = os.fspath(path) if isinstance(path, str | os.PathLike) else path
     if not isinstance(text, str) or not text or "\0" in text:
         raise ValueError(f"Argument `store` must be a folder's path, but is {text!r}.")
     if "://" in text:
@@ -51,7 +52,7 @@ def create(
     whole or not at all, and belongs to one.
     """
     make_folder(path.parent)
-    _clear_away(path)
+    clear_away(path)
     new = path.with_name(f"{_hidden(path)}{uuid4().hex}.new")
     lock = None
     try:
@@ -81,7 +82,7 @@ def _write_template(
     new: Path, template: xr.Dataset, blocks: Blocks, identity: Mapping[str, Any]
 ) -> None:
     """The files of a store in which nothing has been computed."""
-    root = zarr.open_group(new, mode="a", attributes=dict(template.attrs))
+    root = zarr.open_group(LocalStore(new), mode="a", attributes=dict(template.attrs))
     root.create_group(RECORD, overwrite=False)
     labels = {}
     for name, variable in template.variables.items():
@@ -146,13 +147,13 @@ def _hidden(path: Path) -> str:
     return f".{hashlib.sha256(path.name.encode()).hexdigest()[:12]}."
 
 
-def _clear_away(path: Path) -> None:
+def clear_away(path: Path) -> None:
     """Delete what sweeps that were killed left beside the store."""
     for left in path.parent.glob(f"{_hidden(path)}*.old"):
         shutil.rmtree(left, ignore_errors=True)
     for left in path.parent.glob(f"{_hidden(path)}*.new"):
         try:
-            if time.time() - left.stat().st_mtime < _ABANDONED:
+            if time.time() - left.stat().st_mtime < ABANDONED:
                 continue
             (left / RECORD).mkdir(exist_ok=True)
             lock = locked(left / RECORD / "lock")

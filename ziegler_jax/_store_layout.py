@@ -1,6 +1,6 @@
 """What lies where in a store, and what its small files say."""
 
-import json
+import os
 import zlib
 from pathlib import Path
 from typing import Any
@@ -59,13 +59,7 @@ def recorded(path: Path) -> dict[str, Any]:
 def is_store(path: Path) -> bool:
     """Whether a sweep wrote this folder, damaged as it may be, and whatever version."""
     places = [path / RECORD / name for name in RECORDS]
-    if any(p.is_file() for p in (*places, path / "progress" / "sweep.json")):
-        return True
-    try:  # the map of version 0.1's command
-        attributes = json.loads((path / "zarr.json").read_bytes())["attributes"]
-        return "ziegler_jax_version" in attributes
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    return any(p.is_file() for p in (*places, path / "progress" / "sweep.json"))
 
 
 def locked_store(path: Path) -> int:
@@ -105,11 +99,24 @@ def says(path: Path, text: str) -> bool:
     """Whether a file holds this text."""
     try:
         return path.read_bytes() == text.encode()
-    except (FileNotFoundError, NotADirectoryError):
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
         return False
 
 
-def sum_of(path: Path) -> tuple[int, int]:
-    """A file's length and checksum."""
+def sum_of(path: Path) -> list[int]:
+    """A chunk's length, checksum and end."""
     content = path.read_bytes()
-    return len(content), zlib.crc32(content)
+    return [len(content), zlib.crc32(content), tail(content)]
+
+
+def end_of(path: Path) -> tuple[int, int]:
+    """A chunk's length and end, without reading the rest."""
+    with path.open("rb") as file:
+        length = file.seek(0, os.SEEK_END)
+        file.seek(max(0, length - 4))
+        return length, tail(file.read())
+
+
+def tail(content: bytes) -> int:
+    """The last four bytes: the checksum that Zarr writes behind a chunk."""
+    return int.from_bytes(content[-4:], "little")

@@ -10,7 +10,11 @@ from ._types import Pair, Scalar, number
 
 
 class AbstractDamping(eqx.Module):
-    """A damping law: what gives a 2 x 2 matrix."""
+    """A damping law: what gives a 2 x 2 matrix.
+
+    Keep its numbers as its own fields: of an attribute of something else, or a global,
+    that a law reads, JAX remembers outside of `sweep` what it was when first traced.
+    """
 
     @abc.abstractmethod
     def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:

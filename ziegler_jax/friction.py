@@ -102,7 +102,11 @@ def normal_load(load: Any) -> AbstractLoad:
 
 
 class AbstractFriction(eqx.Module):
-    """A joint friction law."""
+    """A joint friction law.
+
+    Keep its numbers as its own fields: of an attribute of something else, or a global,
+    that a law reads, JAX remembers outside of `sweep` what it was when first traced.
+    """
 
     @abc.abstractmethod
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:

@@ -21,7 +21,11 @@ POWER = "k sqrt(k/(m l^2))"
 
 
 class AbstractObserver(eqx.Module):
-    """Running numbers over a window of the motion."""
+    """Running numbers over a window of the motion.
+
+    Keep its numbers as its own fields: of an attribute of something else, or a global,
+    that a law reads, JAX remembers outside of `sweep` what it was when first traced.
+    """
 
     name: ClassVar[str]  # the attribute of `settle`'s result
 

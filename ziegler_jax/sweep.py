@@ -191,9 +191,13 @@ class _Run(NamedTuple):
 def _filled(run: _Run, shelf: Any, show: bool | None, log: Any) -> xr.Dataset:
     """The dataset, after what is missing of it has been computed."""
     scene, blocks = run.scene, run.blocks
-    missing = shelf.missing(blocks)
-    if not missing and not shelf.damaged():
-        return shelf.dataset({})
+    try:
+        missing = shelf.missing(blocks)
+        if not missing and not shelf.damaged():
+            return shelf.dataset({})
+    except BaseException:
+        shelf.release()  # one that was just made holds its lock
+        raise
     left = sum(missing.values())
     seconds = scene.seconds
     with shelf, Progress(blocks.points - left, blocks.points, show, log) as progress:
