@@ -18,7 +18,8 @@ def helper(x):
 
 
 def point(x, y):
-    bent = jnp.interp(x, jnp.asarray([0.0, 1.0, 2.0, 3.0, 4.0]), jnp.asarray(TABLE))
+    table = jnp.asarray(TABLE, x.dtype)
+    bent = jnp.interp(x, jnp.arange(5.0, dtype=x.dtype), table)
     regime = jnp.where(x > y, jnp.int8(2), jnp.int8(3))  # a variable of codes
     return {
         "sum": FACTOR * x + helper(y), "bent": bent, "flag": x > y, "regime": regime

@@ -122,13 +122,13 @@ def traced(
     flag, count = jax.ShapeDtypeStruct((), bool), jax.ShapeDtypeStruct((), np.int32)
     with own_flags(), jax.enable_x64(wide):
         try:
-            alone = jax.eval_shape(find_legs, count, flag, [scalar] * len(names))
+            once = jax.jit(find_legs).trace(count, flag, [scalar] * len(names))
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
         usual = BATCH_OF_ONE_KERNEL if compiles_whole_loops() else BATCH_OF_MANY
         size = batch_size or (usual if described["solves"] else BATCH_WITHOUT)
-        results = Packing(alone[0])
-        carry = None if alone[1] is None else Packing(alone[1])
+        shapes, left = once.out_info
+        results, carry = Packing(shapes), None if left is None else Packing(left)
         if carry is None:
             run = _batched(lambda values: results.pack(leaves(values)), (0,))
         else:
