@@ -216,7 +216,8 @@ class Store:
         """How many points are still to be computed, by block.
 
         Every chunk of every finished block is read and compared with its checksum: of
-        10^7 points, 0.8 GB in 5000 files, in some two seconds.
+        10^7 points, 0.8 GB in 5000 files, in some two seconds where they are still in
+        the system's memory (measured 1.8 s).
         """
         marks = self.marks()
         sizes = blocks.sizes
