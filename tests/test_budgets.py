@@ -69,7 +69,7 @@ def test_a_verdict_that_rounding_shortens_is_undecided():
         found = jax.jit(
             lambda block: zj.verdict(
                 rubbing(2.6), KICK, transient=1100.0, block=block, blocks=400,
-                rtol=1e-4, atol=1e-4, rtol_return=1e-30,
+                rtol=1e-4, atol=1e-4, rtol_return=1e-30, rate_cut=1e-6,
             )
         )(jnp.float32(0.0101))  # fmt: skip
         assert int(found.outcome) == OUTCOME.unsettled
