@@ -8,7 +8,7 @@ import ziegler_jax as zj
 from ziegler_jax import OUTCOME
 
 KICK = zj.State(omega=(0.0, 0.3))
-AXES = {"v_smooth": [1e-1, 1e-2, 1e-4, 1e-6], "mu": [0.0, 0.1, 0.4]}
+AXES = {"v_smooth": [1e-6, 1e-4, 1e-2, 1e-1], "mu": [0.0, 0.1, 0.4]}
 
 
 def column(v_smooth, mu=0.2, q=2.0):
