@@ -81,12 +81,12 @@ def _values(name: str, values: Any) -> np.ndarray:
         raise ValueError(
             f"Axis `{name}` must be finite, but is {values[bad[0]]} at index {bad[0]}."
         )
-    bad = np.flatnonzero(np.diff(values) <= 0)
-    if bad.size:
-        at = bad[0]
+    unlike, counts = np.unique(values, return_counts=True)
+    if unlike.size < values.size:
+        twice = unlike[counts.argmax()]
         raise ValueError(
-            f"Axis `{name}` must increase, but is {values[at]:.17g} and then "
-            f"{values[at + 1]:.17g} at index {at + 1}: write `np.unique({name})`."
+            f"Axis `{name}` must have each value once, but has {twice:.17g} "
+            f"{counts.max()} times: write `np.unique({name})`."
         )
     return values
 

@@ -93,8 +93,8 @@ def sweep(
         what `point` needs, and to write to `store` where there is one.
     - `log`: a file to which a line of JSON is added for every finished block: where
         it lies, its points, seconds, steps and outcomes.
-    - `named_axes`, `axes`: each a one-dimensional array of finite numbers that
-        increase. An axis that is named like an option goes into `axes`. Names are of
+    - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
+        them alike. An axis that is named like an option goes into `axes`. Names are of
         letters, digits and underscores, as those of results are.
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
