@@ -79,11 +79,17 @@ class Returns(NamedTuple):
     found: Scalar  # the period in passages, once seen; else 0
     period: Scalar
     nearest: Scalar  # the least relative distance from a reference, in this block
+    growth: Scalar  # logarithm of the tangent's growth up to the reference
     confirmed: Any
 
 
-def returned(returns: Returns, seen: Passage, rtol: Scalar) -> Returns:
-    """Hear one passage more."""
+def returned(
+    returns: Returns, seen: Passage, growth: Scalar, rtol: Scalar, zero_rate: Scalar
+) -> Returns:
+    """Hear one passage more, up to which the tangent has grown by e^`growth`.
+
+    A motion that lingers by an unstable cycle comes back as well; its tangents grow.
+    """
     count = returns.count + 1.0
     apart, size = 0.0 * count, 0.0 * count
     for x, x0 in zip(seen.y, returns.point, strict=True):
@@ -92,8 +98,11 @@ def returned(returns: Returns, seen: Passage, rtol: Scalar) -> Returns:
     back = (count > 0) & (apart <= rtol * size)
     first = back & (returns.found == 0)
     again = (returns.found > 0) & (count == 2 * returns.found)
+    # growth is no number where the tangent was lost: nothing grows there
+    lingers = growth - returns.growth > zero_rate * (seen.time - returns.time)
+    repeats = again & back & ~lingers
     # a period that was not confirmed was none
-    renew = (count == 0) | (again & ~back)
+    renew = (count == 0) | (again & ~repeats)
     renew |= ~first & (returns.found == 0) & (count >= returns.most)
     doubled = jnp.where(
         returns.most >= LONGEST_PERIOD, 1.0 + 0.0 * count, 2 * returns.most
@@ -106,7 +115,8 @@ def returned(returns: Returns, seen: Passage, rtol: Scalar) -> Returns:
         found=jnp.where(renew, 0.0, jnp.where(first, count, returns.found)),
         period=jnp.where(first, seen.time - returns.time, returns.period),
         nearest=jnp.minimum(returns.nearest, jnp.where(count > 0, apart / size, 1.0)),
-        confirmed=returns.confirmed | (again & back),
+        growth=jnp.where(renew, growth, returns.growth),
+        confirmed=returns.confirmed | repeats,
     )
     return jax.tree.map(lambda a, b: jnp.where(seen.there, a, b), new, returns)
 
@@ -115,7 +125,7 @@ def no_returns(t: Any, y: Vector4) -> Returns:
     """Before the first passage."""
     zero = 0.0 * y[0]
     no = jnp.zeros((), bool)
-    return Returns(y, t + zero, zero - 1, zero + 1, zero, zero, zero + 1, no)
+    return Returns(y, t + zero, zero - 1, zero + 1, zero, zero, zero + 1, zero, no)
 
 
 class Section(eqx.Module):

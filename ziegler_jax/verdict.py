@@ -115,8 +115,10 @@ def verdict(
         before.
     - `cycle`: after the transient a passage of the section comes back to within
         `rtol_return` (of its largest coordinate) after p passages and again after 2p,
-        $p \le 16$. References are renewed after 1, 2, 4, 8, 16 passages (Brent's
-        cycle detection): p is the number of passages a period.
+        $p \le 16$, and over these the tangent grew by no more than `zero_rate` a unit
+        of time: beside an unstable cycle a motion comes back as well. References are
+        renewed after 1, 2, 4, 8, 16 passages (Brent's cycle detection): p is the number
+        of passages a period.
 
     and where none did after all blocks, by the exponents $\lambda_1, \lambda_2$, if the
     largest angles of both halves of the blocks are within a tenth of each other (else
@@ -165,10 +167,10 @@ def verdict(
         block=number("block", block, "positive"),
         blocks=blocks,
         rtol_return=number("rtol_return", rtol_return, "positive"),
+        zero_rate=number("zero_rate", zero_rate, "positive"),
         escape=number("escape", escape, "positive"),
         rate_cut=rate_cut_of(column, rate_cut),
     )
-    zero_rate = number("zero_rate", zero_rate, "positive")
     y0 = float_state(start)
     good = valid_scene(column, y0) & fold.valid()
     limit = whole_number("max_steps", max_steps)
@@ -180,7 +182,7 @@ def verdict(
             solver=fold.solver,
             rtol=rtol,
             atol=atol,
-            valid=good & keeps("positive", zero_rate, rtol, atol),
+            valid=good & keeps("positive", rtol, atol),
             first_stop=first_stop(fold.transient, fold.block),
             end=last_stop(fold.transient, fold.block, blocks),
             at_end=OUTCOME.unsettled,
@@ -191,12 +193,7 @@ def verdict(
     found = run.outcome == OUTCOME.cycle
     unmeasured = (rates.blocks < 1) | (run.outcome < OUTCOME.unsettled)
     return Verdict(
-        verdict=_judged(
-            run.outcome,
-            run.folded,
-            zero_rate,
-            fold,
-        ),
+        verdict=_judged(run.outcome, run.folded, fold),
         period_count=jnp.where(found, returns.found, 0.0),
         period=jnp.where(found, returns.period, jnp.nan),
         exponents=nan_where(unmeasured, jnp.stack(rates.mean)),
@@ -213,7 +210,7 @@ def verdict(
             block=fold.block,
             blocks=blocks,
             rtol_return=fold.rtol_return,
-            zero_rate=zero_rate,
+            zero_rate=fold.zero_rate,
             escape=fold.escape,
             rate_cut="by modes" if fold.rate_cut is None else fold.rate_cut,
             max_steps=limit,
@@ -221,10 +218,9 @@ def verdict(
     )
 
 
-def _judged(
-    outcome: Any, heard: "WitnessState", zero_rate: Any, fold: "Witnesses"
-) -> jax.Array:
+def _judged(outcome: Any, heard: "WitnessState", fold: "Witnesses") -> jax.Array:
     """The code of VERDICT."""
+    zero_rate = fold.zero_rate
     rates, span = heard.rates, fold.blocks * fold.block
     (first, second), (error, other) = rates.mean, standard_errors(rates)
 
@@ -255,6 +251,7 @@ class WitnessState(NamedTuple):
     """The running numbers of a lane."""
 
     growing: Growing
+    grown: Scalar  # logarithm of the first tangent's growth in the blocks before
     rates: Rates
     returns: Returns
     fastest: Scalar  # the largest joint rate of this block
@@ -274,14 +271,15 @@ class Witnesses(AbstractFold):
     block: Scalar
     blocks: int
     rtol_return: Scalar
+    zero_rate: Scalar
     escape: Scalar
     rate_cut: Scalar | None  # None: set-valued friction, by modes
 
     def valid(self) -> Any:
         """Whether the options keep their rules; for those only known when traced."""
         good = keeps("nonnegative", self.transient)
-        options = self.block, self.rtol_return, self.escape, self.rate_cut
-        good &= keeps("positive", *options)
+        good &= keeps("positive", self.block, self.rtol_return, self.zero_rate)
+        good &= keeps("positive", self.escape, self.rate_cut)
         return good & told_apart("block", self.transient, self.block, self.blocks)
 
     def integrand(self, column):
@@ -294,6 +292,7 @@ class Witnesses(AbstractFold):
         zero, no = 0.0 * y0[0], jnp.zeros((), bool)
         return WitnessState(
             growing=unit_tangents(column, y0, 2),
+            grown=zero,
             rates=no_rates(self.transient, zero, 2),
             returns=no_returns(t0, y0),
             fastest=zero,
@@ -310,11 +309,14 @@ class Witnesses(AbstractFold):
         measuring = state.rates.blocks >= 0
         seen = passage(PLANE, step)
         seen = seen._replace(there=seen.there & measuring)
-        returns = if_any_lane(
-            seen.there,
-            lambda r: returned(r, seen, self.rtol_return),
-            state.returns,
-        )
+
+        def heard_again(returns):
+            # against the flow's own, which a cycle gives back at the same place
+            length = growing.factors[0] / jnp.sqrt(sum(f * f for f in step.f1))
+            growth = state.grown + growing.logs[0] + jnp.log(length)
+            return returned(returns, seen, growth, self.rtol_return, self.zero_rate)
+
+        returns = if_any_lane(seen.there, heard_again, state.returns)
         rates = joint_rates(step.y1)
         fastest = jnp.maximum(jnp.abs(rates[0]), jnp.abs(rates[1]))
         lost = [p for p in power(column, step.y1)[1:] if p is not None]
@@ -375,6 +377,7 @@ class Witnesses(AbstractFold):
             growing=growing._replace(
                 logs=tuple(jnp.where(ended, 0.0, x) for x in growing.logs)
             ),
+            grown=heard.grown + jnp.where(ended, growing.logs[0], 0.0),
             rates=rates,
             returns=heard.returns._replace(
                 nearest=jnp.where(ended & ~over, 1.0, heard.returns.nearest)
