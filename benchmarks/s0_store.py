@@ -4,17 +4,20 @@
   times, and then finished; its numbers against an uninterrupted run's, and how many
   blocks were computed although they were committed.
 - `overhead`: the main job with and without a store, in turns: wall and CPU seconds.
-- `memory`: peak memory of a process that sweeps 10^6 and 10^7 points of a cheap scene.
+- `memory`: peak memory of a process that sweeps 10^6 and 10^7 points of a cheap scene,
+  and of one that finds them all in their store and reads every byte to check it.
+- `repeat`: a small map of the main job's scene, without a store, again and again in one
+  process: what lowering it anew costs when nothing has changed.
 
-Prints one JSON line a part; together some seven minutes on two cores.
+Prints one JSON line a part; together some eight minutes on two cores.
 
-    python benchmarks/s0_store.py [kills overhead memory] [--points N] [--repeats 3]
+    python benchmarks/s0_store.py [kills overhead memory repeat] [--points N]
+        [--repeats 3]
 """
 
 import argparse
 import json
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -55,18 +58,20 @@ zj.sweep(point, q=q, mu=mu, store=sys.argv[1], log=sys.argv[2], progress=False)
 """
 
 CHEAP = """
-import resource, sys
+import resource, sys, time
 import numpy as np
 import ziegler_jax as zj
 side = round(float(sys.argv[1]) ** (1 / 3))
 axis = np.linspace(0.0, 1.0, side)
+began = time.perf_counter(), time.process_time()
 found = zj.sweep(lambda x, y, z: {"sum": x + y + z, "product": x * y * z},
                  x=axis, y=axis, z=axis, store=sys.argv[2], progress=False)
+took = time.perf_counter() - began[0], time.process_time() - began[1]
 a = found.attrs
 assert a["points_done"] == side**3
 corner = found["sum"].isel(x=-1, y=-1, z=slice(-3, None)).values
 assert (corner == 2 + axis[-3:]).all()
-print(a["points"], a["points_per_second"],
+print(a["points"], a["points_per_second"], *took,
       resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
@@ -174,33 +179,64 @@ def overhead(folder, points, repeats):
 
 def memory(folder, points):
     """Peak memory of a process, at a tenth of the points and at all."""
-    peaks, speed = [], []
-    for count in (points / 10, points):
-        store = folder / "cheap.zarr"
+
+    def swept(count, store):
         done = subprocess.run(
             [sys.executable, "-c", CHEAP, str(count), str(store)],
             capture_output=True, text=True, check=True,
         )  # fmt: skip
-        found, rate, peak = done.stdout.split()
-        peaks.append(float(peak) / 1e6)
-        speed.append(float(rate))
-        size = sum(p.stat().st_size for p in store.rglob("*") if p.is_file())
-        shutil.rmtree(store)
+        return map(float, done.stdout.split())
+
+    peaks, speed = [], []
+    for count in (points / 10, points):
+        store = folder / f"{count:.0f}.zarr"
+        found, rate, _, _, peak = swept(count, store)
+        peaks.append(peak / 1e6)
+        speed.append(rate)
+    # what it finds complete it only checks; its files are still in memory
+    _, _, wall, cpu, again = swept(points, store)
+    sizes = [p.stat().st_size for p in store.rglob("*") if p.is_file()]
     return {
         "part": "memory",
         "points": int(found),
         "peak_memory_GB": peaks,
         "points_per_second": speed,
-        "store_GB": size / 1e9,
+        "store_GB": sum(sizes) / 1e9,
+        "store_files": len(sizes),
+        "again": {"seconds": wall, "cpu_seconds": cpu, "peak_memory_GB": again / 1e6},
+    }
+
+
+def repeat(points, repeats):
+    """A sweep of the main job's scene, the first time and then unchanged."""
+    zj.configure_cpu()
+    q, mu = job.grid(points)
+
+    def seconds():
+        began = time.perf_counter(), time.process_time()
+        found = zj.sweep(job.point, q=q, mu_s=mu, mu_k=mu[:1], progress=False)
+        ended = time.perf_counter(), time.process_time()
+        return found.sizes, [b - a for a, b in zip(began, ended, strict=True)]
+
+    sizes, first = seconds()
+    wall, cpu = np.median([seconds()[1] for _ in range(repeats)], axis=0)
+    return {
+        "part": "repeat",
+        "points": sizes["q"] * sizes["mu_s"],
+        "first": {"seconds": first[0], "cpu_seconds": first[1]},
+        "again": {"seconds": wall, "cpu_seconds": cpu},
     }
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("parts", nargs="*", default=["kills", "overhead", "memory"])
+    parts = ["kills", "overhead", "memory", "repeat"]
+    parser.add_argument("parts", nargs="*", default=parts)
     parser.add_argument("--points", type=float, help="instead of the part's own number")
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
+    if unknown := set(options.parts) - set(parts):
+        parser.error(f"no such part: {' '.join(sorted(unknown))}")
     for part in options.parts:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
@@ -209,6 +245,8 @@ def main():
             elif part == "overhead":
                 points = int(options.points or job.POINTS)
                 result = overhead(folder, points, options.repeats)
+            elif part == "repeat":
+                result = repeat(int(options.points or 20), options.repeats)
             else:
                 result = memory(folder, options.points or 1e7)
         print(
