@@ -27,7 +27,7 @@ import numpy as np
 from measure import RESULTS, machine, ready, rounded
 
 import ziegler_jax as zj
-from ziegler_jax._program import compiled, traced
+from ziegler_jax.sweep.program import compiled, traced
 
 LANES, SECONDS_A_CALL = 128, 0.003
 LOADS = np.linspace(2.0, 2.5, LANES)

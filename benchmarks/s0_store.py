@@ -37,8 +37,8 @@ SWEEP = """
 import sys
 import numpy as np
 import ziegler_jax as zj
-from ziegler_jax import _blocks
-_blocks.POINTS_A_BLOCK = 2000  # so that many are committed between two kills
+from ziegler_jax.sweep import partition
+partition.POINTS_A_BLOCK = 2000  # so that many are committed between two kills
 zj.configure_cpu()
 zj.configure_cache(sys.argv[3])
 

@@ -8,11 +8,16 @@ with D = phi1 - phi2, two uniform rods, and in each joint, whose rate is u,
     T = (tau_k + (tau_s - tau_k) exp(-(u / v_stribeck)^2)) tanh(u / v_smooth).
 """
 
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-A, B, D = 4 / 3, 1 / 2, 1 / 3
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+import models
+
+A, B, D = models.A, models.B, models.D
 START = (0.0, 0.0, 0.0, 0.2)
 LANES = 4096
 
@@ -58,13 +63,9 @@ SCENES = {
 
 def accelerations(m, scene, q, phi1, phi2, w1, w2):
     """(w1', w2'), with the functions of the module `m` (numpy, jax.numpy, heyoka)."""
-    delta = phi1 - phi2
-    s, c = m.sin(delta), m.cos(delta)
-    r1 = q * s - 2.0 * phi1 + phi2 - B * s * w2 * w2
-    r2 = phi1 - phi2 + B * s * w1 * w1
+    torques = None
     if scene.damping is not None:
-        r1 = r1 - scene.damping * (2.0 * w1 - w2)
-        r2 = r2 - scene.damping * (w2 - w1)
+        torques = scene.damping * w1, scene.damping * (w2 - w1)
     if scene.friction is not None:
         law = scene.friction
 
@@ -73,8 +74,5 @@ def accelerations(m, scene, q, phi1, phi2, w1, w2):
             size = law.tau_k + (law.tau_s - law.tau_k) * m.exp(-x * x)
             return size * m.tanh(u / law.v_smooth)
 
-        t1, t2 = torque(w1), torque(w2 - w1)
-        r1, r2 = r1 - t1 + t2, r2 - t2
-    h = B * c
-    det = A * D - h * h
-    return (D * r1 - h * r2) / det, (A * r2 - h * r1) / det
+        torques = torque(w1), torque(w2 - w1)
+    return models.accelerations(m, q, torques, phi1, phi2, w1, w2)

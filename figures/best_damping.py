@@ -7,7 +7,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import ziegler_jax as zj
-from ziegler_jax.plot_linear import plot_sensitivity
 
 
 def main():
@@ -51,7 +50,7 @@ def main():
     left.legend(loc="lower right")
     left.spines[["top", "right"]].set_visible(False)
     column = zj.uniform_rods(damping=zj.Viscous(0.1, 0.1))
-    plot_sensitivity(zj.sensitivity(column), right)
+    zj.plot.sensitivity(zj.sensitivity(column), right)
     figure.tight_layout()
     style.save(figure, __file__)
 

@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 
 import ziegler_jax as zj
-from ziegler_jax.outcome import REGIME
 
 COLOURS = ["#E8EEF2", "#F2B880", "#7FA8C9"]  # marginal, flutter, divergence
 
@@ -23,7 +22,7 @@ def main():
     q, eta = np.linspace(0, 6, 1201), np.linspace(-0.5, 1.5, 1001)
     ds = zj.sweep(regime, q=q, eta=eta)
     figure, ax = plt.subplots(figsize=(8, 5))
-    low = int(REGIME.marginal)
+    low = int(zj.REGIME.marginal)
     ax.pcolormesh(
         eta,
         q,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-from ziegler_jax import _blocks
+from ziegler_jax.sweep import partition
 
 jax.config.update("jax_enable_x64", True)
 # no silent change of dtype or rank anywhere in the package
@@ -24,7 +24,7 @@ settings.load_profile("few")
 
 
 def pytest_addoption(parser):
-    """How hard stores are attacked: see test_faults."""
+    """How hard stores are attacked: see test_stores_under_attack."""
     parser.addoption("--faults", choices=("few", "all"), default="few")
 
 
@@ -71,7 +71,7 @@ def refuses():
 @pytest.fixture
 def small_blocks(monkeypatch):
     """Sweeps of a few points then have several blocks."""
-    monkeypatch.setattr(_blocks, "POINTS_A_BLOCK", 10)
+    monkeypatch.setattr(partition, "POINTS_A_BLOCK", 10)
 
 
 @pytest.fixture

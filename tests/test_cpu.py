@@ -8,7 +8,7 @@ from importlib import metadata
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax import _cpu
+from ziegler_jax import runtime
 
 OPTION = "xla_cpu_small_while_loop_byte_threshold=1000000000"
 
@@ -18,8 +18,8 @@ def flags(monkeypatch):
     """Sets the installed version and XLA_FLAGS; returns what a call says and leaves."""
 
     def call(version, before, started=False):
-        monkeypatch.setattr(_cpu.metadata, "version", lambda name: version)
-        monkeypatch.setattr(_cpu, "_backend_started", lambda: started)
+        monkeypatch.setattr(runtime.metadata, "version", lambda name: version)
+        monkeypatch.setattr(runtime, "_backend_started", lambda: started)
         if before is None:
             monkeypatch.delenv("XLA_FLAGS", raising=False)
         else:

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax._interrupt import held_interrupts
+from ziegler_jax.runtime import held_interrupts
 
 PROGRAM = """
 import sys

@@ -8,9 +8,9 @@ import pytest
 
 import ziegler_jax as zj
 from ziegler_jax import ONSET, ORBIT, OUTCOME, VERDICT
-from ziegler_jax._context import Context, within
-from ziegler_jax._variables import Variable, named_variables
-from ziegler_jax.observers import AbstractObserver
+from ziegler_jax.context import Context, within
+from ziegler_jax.motion.observers import AbstractObserver
+from ziegler_jax.results import Variable, named_variables
 
 KICK = zj.State(omega=(0.0, 0.2))
 COLUMN = zj.uniform_rods(2.0)

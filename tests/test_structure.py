@@ -1,143 +1,52 @@
-"""The house: floors, and what a scene does not name is not in its program."""
+"""The house: rooms, and what a scene does not name is not in its program."""
 
-import ast
 import collections
 import os
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import diffrax as dfx
 import jax
 import numpy as np
 import pytest
+from house import against_the_rule, in_a_circle, plan
+from house import count as count_house
 
 import ziegler_jax as zj
 
 PACKAGE = Path(zj.__file__).parent
 
-# A file imports only from floors below its own.
-FLOORS = [
-    [
-        "_types",
-        "_variables",
-        "outcome",
-        "_cpu",
-        "_cache",
-        "_interrupt",
-        "_legs",
-        "_packing",
-        "_context",
-        "_files",
-        "_debug",
-    ]
-    + ["_materialise", "_series", "_sincos", "_exponential"],
-    ["_plain"],
-    ["friction", "set_valued", "_modes", "_release_layer", "_reactions", "damping"],
-    ["column", "_characteristic"],
-    ["linear", "sticking", "solvers", "observers", "_parameters", "stiffness"],
-    ["critical", "_scene", "_events"],
-    ["sensitivity", "stabilise", "_windows", "_motion", "_tangents", "_variational"],
-    ["_settling", "_shooting"],
-    ["_not_finite"],
-    ["_program", "_sequence", "simulate", "lyapunov", "poincare", "cycle"]
-    + ["_threshold"],
-    ["onset", "quasi_static", "verdict", "si", "_audit", "_march"],
-    ["continuation"],
-    ["_blocks", "_axes"],
-    ["_identity", "_progress", "_scheduler", "_memory", "_provenance"],
-    ["_store_layout"],
-    ["_store_creation"],
-    ["_store"],
-    ["_cluster"],
-    ["sweep"],
-    ["plot", "plot_linear", "plot_precision", "audit", "precision"],
-    ["__main__"],
-]
-# Within a floor: a room that was divided, and what stands on the solvers.
-SAME_FLOOR = {
-    ("_variables", "outcome"),
-    ("_context", "_debug"),
-    ("_series", "_materialise"),
-    ("_sincos", "_materialise"),
-    ("_sincos", "_series"),
-    ("observers", "solvers"),
-    ("set_valued", "friction"),
-    ("set_valued", "_release_layer"),
-    ("_release_layer", "_modes"),
-    ("set_valued", "_modes"),
-    ("set_valued", "_reactions"),
-    ("_modes", "_reactions"),
-    ("plot", "plot_precision"),
-}
-# Inside the solvers' room.
-SOLVERS = [
-    ["control", "crossing", "tableaus", "expansion", "mode_ends"],
-    ["explicit"],
-    ["rosenbrock"],
-    ["observed"],
-    ["stickslip"],
-    ["taylor"],
-]
+FILES = plan(PACKAGE)
 
 
-def imports(path):
-    """The modules of the package that a file imports, as paths below it."""
-    parents = path.relative_to(PACKAGE).with_suffix("").parts
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-            found |= {
-                tuple(n.split(".")[1:])
-                for n in names
-                if n.split(".")[0] == PACKAGE.name
-            }
-        elif isinstance(node, ast.ImportFrom):
-            module = tuple(node.module.split(".")) if node.module else ()
-            if node.level:
-                base = parents[: len(parents) - node.level] + module
-            elif module[:1] == (PACKAGE.name,):
-                base = module[1:]
-            else:
-                continue
-            names = [alias.name for alias in node.names]
-            inside = PACKAGE.joinpath(*base)
-            for name in names:
-                is_module = (inside / f"{name}.py").exists() or (inside / name).is_dir()
-                found.add((*base, name) if is_module else base)
-    return found
+@pytest.mark.parametrize("file", FILES, ids="/".join)
+def test_a_room_imports_only_from_rooms_before_it(file):
+    assert not against_the_rule(file, FILES[file])
 
 
-FILES = sorted(PACKAGE.rglob("*.py"))
+def test_no_file_imports_itself_through_others():
+    assert in_a_circle(FILES) is None
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_a_file_imports_only_from_floors_below(path):
-    here = path.relative_to(PACKAGE).with_suffix("").parts
-    if here == ("__init__",):
-        return
-    floor = {name: i for i, names in enumerate(FLOORS) for name in names}
-    room = {name: i for i, names in enumerate(SOLVERS) for name in names}
-    assert here[0] in floor, f"{here[0]} stands on no floor: add it to FLOORS"
-    for there in imports(path):
-        if not there and here == ("__main__",):
-            continue  # the topmost floor is the public API's first user
-        assert there, f"{here} imports the package's own __init__"
-        if there[0] == here[0]:
-            if here[-1] != "__init__":
-                assert room[there[-1]] < room[here[-1]], (here, there)
-        elif (here[0], there[0]) not in SAME_FLOOR:
-            assert floor[there[0]] < floor[here[0]], (here, there)
+def test_no_folder_and_no_file_is_too_large_to_find_ones_way():
+    numbers = count_house(PACKAGE)
+    assert numbers["files in the longest folder"] <= 16
+    lines = {path: path.read_text().count("\n") for path in PACKAGE.rglob("*.py")}
+    assert max(lines.values()) <= 400
 
 
-def test_the_floors_test_sees_imports():
-    """Else an import that it cannot read would pass."""
-    seen = imports(PACKAGE / "sweep.py")
-    assert {("_program",), ("_store",), ("_axes",)} <= seen
-    assert ("_types",) in imports(PACKAGE / "solvers" / "explicit.py")
-    assert ("explicit",) not in imports(PACKAGE / "solvers" / "observed.py")
-    assert ("solvers", "explicit") in imports(PACKAGE / "solvers" / "observed.py")
+def test_the_tests_of_rooms_see_imports():
+    """Else an import that they cannot read would pass."""
+    assert {("sweep", "program"), ("runtime",)} <= FILES["sweep", "sweep"]
+    assert ("solvers", "__init__") in FILES["motion", "integrate"]
+    assert ("solvers", "explicit") in FILES["solvers", "fold"]
+    assert ("__init__",) in FILES["__main__",]
+    upwards = ("model", "column")
+    assert against_the_rule(("numerics", "numbers"), {upwards}) == [upwards]
+    assert against_the_rule(("sweep", "sweep"), {("analysis", "onset")})
+    assert in_a_circle(FILES | {("numerics", "numbers"): {upwards}})
 
 
 # What is traced -----------------------------------------------------------------------
@@ -359,3 +268,9 @@ def test_importing_starts_no_backend_and_draws_nothing_in():
 def test_the_public_names_are_there_once():
     assert all(hasattr(zj, name) for name in zj.__all__)
     assert len(set(zj.__all__)) == len(zj.__all__)
+
+
+def test_pictures_are_among_the_public_names_and_types_are_shipped():
+    assert "plot" in dir(zj) and "settle" in dir(zj)
+    assert zj.__version__ == metadata.version("ziegler_jax")
+    assert (PACKAGE / "py.typed").exists()

@@ -1,10 +1,26 @@
 """Flutter of the Ziegler column with dry friction: vectorised maps in JAX."""
 
-from ._cache import configure_cache
-from ._cpu import configure_cpu
-from ._store import open_sweep
-from .audit import RegularisationError, regularisation_error
-from .column import (
+from importlib import metadata
+
+from .analysis.classify import Verdict, verdict
+from .analysis.continuation import Branch, CycleFold, Points, continue_cycle, cycle_fold
+from .analysis.hysteresis import UpDown, sweep_up_down
+from .analysis.lyapunov import Exponents, lyapunov_exponents
+from .analysis.onset import Onset, critical_kick, flutter_onset
+from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
+from .analysis.poincare import Section, poincare
+from .analysis.regularisation import RegularisationError, regularisation_error
+from .linear.critical_load import critical_load
+from .linear.sensitivity import sensitivity
+from .linear.spectrum import (
+    linearise,
+    regime,
+    spectral_abscissa,
+    spectrum,
+    tangent_column,
+)
+from .linear.stabilise import stabilise
+from .model.column import (
     Column,
     State,
     energy,
@@ -14,29 +30,23 @@ from .column import (
     uniform_rods,
     vector_field,
 )
-from .continuation import Branch, CycleFold, Points, continue_cycle, cycle_fold
-from .critical import critical_load
-from .cycle import PeriodicOrbit, periodic_orbit
-from .damping import Air, Sum, Viscous
-from .friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
-from .linear import linearise, regime, spectral_abscissa, spectrum, tangent_column
-from .lyapunov import Exponents, lyapunov_exponents
-from .observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
-from .onset import Onset, critical_kick, flutter_onset
-from .outcome import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SPECIAL, VERDICT
-from .poincare import Section, poincare
-from .precision import work_precision
-from .quasi_static import UpDown, sweep_up_down
-from .sensitivity import sensitivity
-from .set_valued import SetValuedCoulomb
-from .si import SI
-from .simulate import Settled, Trajectory, settle, trajectory
+from .model.damping import Air, Sum, Viscous
+from .model.friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
+from .model.set_valued import SetValuedCoulomb
+from .model.sticking_set import StickingSet, sticking_set
+from .motion.observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
+from .motion.settle import Settled, settle
+from .motion.stiffness import is_stiff
+from .motion.trajectory import Trajectory, trajectory
+from .results import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SPECIAL, VERDICT
+from .runtime import configure_cache, configure_cpu
 from .solvers import Explicit, Rosenbrock, Taylor
-from .stabilise import stabilise
-from .sticking import StickingSet, sticking_set
-from .stiffness import is_stiff
-from .sweep import sweep
-from .verdict import Verdict, verdict
+from .sweep.store import open_sweep
+from .sweep.sweep import sweep
+from .sweep.work_precision import work_precision
+from .units import SI
+
+__version__ = metadata.version("ziegler_jax")
 
 __all__ = [
     "CRITICAL",
@@ -121,3 +131,8 @@ def __getattr__(name: str):
 
         return importlib.import_module(".plot", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The public names, `plot` among them."""
+    return sorted({*globals(), "plot"})

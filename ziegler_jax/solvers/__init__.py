@@ -2,7 +2,7 @@
 
 from .control import ControlState, GoingOn, Signals, StepControl
 from .explicit import Explicit
-from .observed import AbstractFold, Observed, Step
+from .fold import AbstractFold, Observed, Step
 from .rosenbrock import Rosenbrock
 from .stickslip import StickSlip, StickSlipState
 from .taylor import Reached, Taylor, TaylorSlip

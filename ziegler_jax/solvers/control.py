@@ -12,8 +12,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import optimistix as optx
 
-from .._materialise import materialise
-from .._types import Scalar
+from ..numerics.materialise import materialise
+from ..numerics.numbers import Scalar
 
 # On motions with smoothed friction (q = 2..4, Tsit5) 0.8 needs 4 to 6 % fewer steps
 # than 0.9 at tolerances from 1e-4 to 1e-6, and errs by about a third less: fewer steps

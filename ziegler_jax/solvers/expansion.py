@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import lax
 
-from .._materialise import materialise
-from .._series import Series, cauchy
-from .._types import Scalar, Vector4
-from ..column import Column, joint_balance
-from ..set_valued import Balance
+from ..model.column import Column, joint_balance
+from ..model.set_valued import Balance
+from ..numerics.materialise import materialise
+from ..numerics.numbers import Scalar, Vector4
+from ..numerics.series import Series, cauchy
 
 LAST_TERMS = 6.0  # tolerances that each of the last two terms may come to
 

@@ -17,8 +17,8 @@ import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 
-from .._materialise import materialise
-from .._types import Vector4
+from ..numerics.materialise import materialise
+from ..numerics.numbers import Vector4
 
 _Row = tuple[float, ...]
 

@@ -22,8 +22,8 @@ import diffrax as dfx
 import jax
 import jax.numpy as jnp
 
-from .._materialise import materialise
-from .._types import Vector4
+from ..numerics.materialise import materialise
+from ..numerics.numbers import Vector4
 from .explicit import OKAY, dense
 
 # Rodas5P: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical

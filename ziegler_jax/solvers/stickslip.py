@@ -18,12 +18,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._materialise import if_any_lane, materialise
-from .._release_layer import FAR
-from .._types import Pair, Scalar, Vector4
-from ..column import Column, joint_balance, vector_field
-from .control import Signals
-from .crossing import (
+from ..model.column import Column, joint_balance, vector_field
+from ..model.release_layer import FAR
+from ..numerics.hermite import (
     Course,
     extrema,
     falls_below,
@@ -33,8 +30,11 @@ from .crossing import (
     through,
     weak_point,
 )
+from ..numerics.materialise import if_any_lane, materialise
+from ..numerics.numbers import Pair, Scalar, Vector4
+from .control import Signals
 from .explicit import OKAY, Explicit, dense
-from .observed import AbstractFold, AbstractObserved, Step
+from .fold import AbstractFold, AbstractObserved, Step
 
 EVENT_SHARE = 0.01  # an event's tolerance against that of a step
 FINEST = 64  # and the least, in units of rounding

@@ -2,7 +2,7 @@ r"""Stick and slip by Taylor's method: power series from event to event.
 
 With its modes frozen the motion is analytic. The equations of motion themselves give
 its series (`expansion`), and with it those of what tells whether the modes hold: each
-sliding joint's rate, each sticking joint's torque (`mode_ends`). So nothing is
+sliding joint's rate, each sticking joint's torque (`bernstein`). So nothing is
 interpolated and no step is rejected: it is as long as the series allows, or ends on the
 first end of a mode. There a joint that slid is at rest, the friction law chooses new
 modes, and the motion goes on.
@@ -14,15 +14,15 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._materialise import if_any_lane, materialise
-from .._series import value
-from .._types import Pair, Scalar, Vector4
-from ..column import joint_balance
+from ..model.column import joint_balance
+from ..numerics.bernstein import ends_here, first_event, first_look
+from ..numerics.materialise import if_any_lane, materialise
+from ..numerics.numbers import Pair, Scalar, Vector4
+from ..numerics.series import value
 from .control import ControlState, Signals, StepControl
 from .expansion import allowed, expand
 from .explicit import OKAY, dense
-from .mode_ends import ends_here, first_event, first_look
-from .observed import AbstractFold, AbstractObserved, Step
+from .fold import AbstractFold, AbstractObserved, Step
 from .stickslip import (
     FINEST,
     SAME_TIME,

@@ -1,0 +1,92 @@
+"""Loads that rise and fall: hysteresis, and agreement with motions on their own."""
+
+import json
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+from ziegler_jax.results import Variable
+
+LOADS = np.array([1.1, 1.2, 1.4, 1.7, 2.1, 2.5])
+
+
+def dry(q, tau):
+    law = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+    return zj.uniform_rods(q, friction=law)
+
+
+def point(tau, kick):
+    return zj.sweep_up_down(
+        lambda q: dry(q, tau),
+        LOADS,
+        kick=zj.State(omega=(0.0, kick)),
+        rtol_settle=1e-3,
+        observers=(zj.StickFraction(),),
+    )
+
+
+@pytest.mark.slow
+def test_the_way_down_leaves_the_cycle_at_the_fold_and_the_way_up_far_above():
+    found = zj.sweep(point, tau=[0.01], kick=[0.0, 0.07], batch_size=2, progress=False)
+    found = found.squeeze()
+    still, kicked = found.sel(kick=0.0), found.sel(kick=0.07)
+    # without a kick nothing moves, however high the load
+    assert (still.outcome == zj.OUTCOME.stuck).all()
+    assert (still.joint_amplitude == 0).all()
+    assert (still.stick_fraction == 1).all()
+    up, down = kicked.sel(branch="up"), kicked.sel(branch="down")
+    # 0.07 is below the critical kick up to q = 1.7 (0.085) and above it at 2.5 (0.047)
+    assert (up.outcome[:4] == zj.OUTCOME.stuck).all()
+    assert up.outcome[-1] == zj.OUTCOME.cycle
+    # the cycle folds at 1.288, mu_s = mu_k
+    cycles = down.q > 1.288
+    assert (down.outcome.where(~cycles, zj.OUTCOME.stuck) == zj.OUTCOME.stuck).all()
+    assert (down.outcome.where(cycles, zj.OUTCOME.cycle) == zj.OUTCOME.cycle).all()
+    assert (down.joint_amplitude.sel(joint=2)[2:] > 0.15).all()
+    assert (up.stick_fraction[0] == 1).all() and (down.stick_fraction[-1] < 1).all()
+    # both branches tell of the one cycle at the top, to their agreement of 1e-3
+    np.testing.assert_allclose(
+        up.joint_amplitude[-1], down.joint_amplitude[-1], rtol=5e-3
+    )
+
+
+class Pairs(eqx.Module):
+    """A result with an outcome a joint: as one with branches, but cheap."""
+
+    codes: Any
+
+    def variables(self):
+        named = Variable(self.codes, "how it ended", dims=("joint",), codes=zj.OUTCOME)
+        return {"outcome": named}
+
+
+def test_a_sweep_keeps_several_outcomes_of_a_point(tmp_path):
+    def pairs(x):
+        ended = jnp.array([zj.OUTCOME.stuck, zj.OUTCOME.cycle], jnp.int8)
+        return Pairs(jnp.where(x > 2, ended, ended[::-1]))
+
+    log = tmp_path / "log"
+    ds = zj.sweep(pairs, x=np.arange(5.0), progress=False, log=log)
+    first = ds.outcome.sel(joint=1)
+    assert (first == np.where(ds.x > 2, zj.OUTCOME.stuck, zj.OUTCOME.cycle)).all()
+    told = json.loads(log.read_text().splitlines()[-1])["outcomes"]
+    assert told == {"stuck": 5, "cycle": 5}
+
+
+def test_bad_arguments_are_named(refuses):
+    kick = zj.State(omega=(0, 0.1))
+
+    def up_down(make=lambda q: dry(q, 0.1), values=(1.0, 2.0), kick=kick, **options):
+        return zj.sweep_up_down(make, values, kick=kick, **options)
+
+    refuses(lambda: up_down(make=dry(1.0, 0.1)), "`make_column`", "function")
+    refuses(lambda: up_down(make=lambda q: q), "`make_column`", "`Column`")
+    refuses(lambda: up_down(values=(2.0, 1.0)), "`values`", "increase")
+    refuses(lambda: up_down(values=[1.0]), "`values`", "at least two")
+    refuses(lambda: up_down(kick=0.1), "`kick`", "`State`")
+    refuses(lambda: up_down(start=0.1), "`start`", "`State`")
+    refuses(lambda: up_down(window=0.0), "`window`", "0")

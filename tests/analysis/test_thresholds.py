@@ -1,0 +1,297 @@
+"""Critical kicks and onset loads: closed forms, scaling laws, and plain motions."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+from ziegler_jax.analysis.threshold import carried
+from ziegler_jax.motion.variational import Method
+from ziegler_jax.solvers import Explicit
+
+# Where the flutter cycle folds, mu_s = mu_k, equal constant torques, to the third digit
+# (see `test_cycle`).
+FOLDS = {0.01: 1.288, 0.03: 1.328, 0.1: 1.571, 0.26: 1.861}
+
+
+def dry(q, tau):
+    """Set-valued friction with the constant torque tau in both joints."""
+    law = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+    return zj.uniform_rods(q, friction=law)
+
+
+def smooth(q, tau):
+    law = zj.SmoothCoulomb(
+        tau, pin_radius=1.0, v_smooth=0.01, load=zj.ConstantLoad(1.0)
+    )
+    return zj.uniform_rods(q, friction=law)
+
+
+def kick_of(q, tau1, tau2, eta, w1, span, escape, rtol):
+    """One program for all scenes with set-valued friction."""
+    law = zj.SetValuedCoulomb((tau1, tau2), pin_radius=1.0, load=zj.ConstantLoad(1.0))
+    return zj.critical_kick(
+        zj.uniform_rods(q, follower=eta, friction=law),
+        zj.State(omega=(w1, 1.0)),
+        (0.0, span * tau1),
+        scan=4,
+        halvings=14,
+        escape=escape,
+        rtol=rtol,
+        atol=1e-3 * rtol,
+    )
+
+
+def kicks(q, tau, span=40.0, escape=np.pi, rtol=1e-6, eta=1.0, w1=0.0, stiff=0.0):
+    """Critical kicks over (q), one torque."""
+    axes = {"q": np.atleast_1d(q), "tau1": [tau], "tau2": [tau + stiff], "eta": [eta]}
+    axes |= {"w1": [w1], "span": [span], "escape": [escape], "rtol": [rtol]}
+    return zj.sweep(kick_of, axes=axes, batch_size=4, progress=False).squeeze()
+
+
+@pytest.mark.slow
+def test_the_critical_kick_collapses_over_the_torque():
+    """Small motions with Coulomb friction are homogeneous in (state, torque).
+
+    What is left is the geometry's cubic terms: the square of the torque. The verdict
+    is scaled too: beyond 40 times the torque a motion has moved.
+    """
+    taus = np.array([0.0002, 0.01, 0.02, 0.04])
+    scaled = []
+    for tau in taus:
+        found = kicks([1.8, 2.0], tau, span=16.0, escape=40 * tau)
+        assert (found.outcome == zj.ONSET.found).all()
+        scaled.append(found.critical_kick.values / tau)
+    departure = np.array(scaled[1:]) / scaled[0] - 1
+    assert (np.abs(departure[0]) < 1e-3).all()  # 2e-4 at q = 2
+    # four times as much at twice the torque: 4.1
+    np.testing.assert_allclose(departure[2] / departure[1], 4.0, rtol=0.1)
+
+
+def saddle(q, tau):
+    """The rate from which a column that is stiff in joint 2 overturns.
+
+    Under a dead load it is one pendulum of the inertia I = a + 2 b + d, and joint 1
+    slips: I phi'' = 2 q sin(phi) - phi - tau, which must not vanish before the saddle.
+    """
+    inertia = 4 / 3 + 1 + 1 / 3
+    top = tau / (2 * q - 1)
+    for _ in range(20):
+        top -= (2 * q * np.sin(top) - top - tau) / (2 * q * np.cos(top) - 1)
+    work = top**2 / 2 - 2 * q * (1 - np.cos(top)) + tau * top
+    return np.sqrt(2 * work / inertia)
+
+
+@pytest.mark.parametrize("tau", [0.001, 0.05])
+def test_a_dead_load_overturns_beyond_the_energy_of_the_saddle(tau):
+    q = np.array([0.8, 1.2])
+    found = kicks(q, tau, span=2.0, escape=0.5, rtol=1e-8, eta=0.0, w1=1.0, stiff=100.0)
+    assert (found.outcome == zj.ONSET.found).all()
+    error = np.abs(found.critical_kick - saddle(q, tau)) / found.width
+    assert (error < 0.6).all()  # in the last interval: 0.5 and the steps' errors
+    if tau < 0.01:
+        linear = tau / np.sqrt(8 / 3 * (2 * q - 1))
+        np.testing.assert_allclose(found.critical_kick, linear, rtol=1e-4)  # 3e-5
+
+
+def test_the_ends_of_the_last_interval_stick_and_flutter():
+    """Against plain motions that are followed for 1500 time units."""
+    loads, tau = np.array([1.8, 2.4]), 0.02
+    found = kicks(loads, tau)
+    middle, width = found.critical_kick.values, found.width.values
+
+    def plain(q, omega2):
+        start = zj.State(omega=(0.0, omega2))
+        return zj.settle(dry(q, tau), start, transient=1500.0, rtol_settle=1e-3)
+
+    ends = np.ravel([middle - width, middle + width])
+    ran = zj.sweep(plain, q=loads, omega2=ends, progress=False)
+    for i in range(2):
+        assert ran.outcome[i, i] == zj.OUTCOME.stuck
+        assert ran.outcome[i, i + 2] == zj.OUTCOME.cycle
+
+
+def load_of(tau, kick):
+    return zj.flutter_onset(
+        lambda q: dry(q, tau), zj.State(omega=(0.0, kick)), (1.0, 2.4), halvings=9
+    )
+
+
+@pytest.mark.slow
+def test_no_kick_sets_off_flutter_below_the_fold_of_the_cycle():
+    found = zj.sweep(
+        load_of, tau=list(FOLDS), kick=[0.8, 2.0], batch_size=8, progress=False
+    )
+    known = np.array(list(FOLDS.values()))[:, None]
+    above = found.flutter_onset + found.width / 2 - known
+    assert found.flutter_onset.notnull().sum() >= 6
+    assert (above > -5e-4).where(found.flutter_onset.notnull(), True).all()
+    # 0.02 and 0.0001 above at the two smaller torques
+    assert (np.nanmin(above, axis=1)[:2] < 0.03).all()
+
+
+@pytest.mark.slow
+def test_flutter_onset_and_critical_kick_are_one_curve():
+    """The kick at which q is the onset is the critical kick at q."""
+    onset = zj.sweep(load_of, tau=[0.03], kick=[0.4], batch_size=8, progress=False)
+    q, width = onset.flutter_onset.item(), onset.width.item()
+    found = kicks([q - width, q + width], 0.03)
+    high, low = found.critical_kick.values
+    assert low < 0.4 < high < low * 1.1
+
+
+@pytest.mark.slow
+def test_smoothing_moves_the_critical_kick_and_less_so_the_sharper_it_is():
+    """v_smooth = 0.01 is a third of this torque: its viscous part feeds flutter."""
+
+    def point(v_smooth):
+        law = zj.SmoothCoulomb(
+            0.03, pin_radius=1.0, v_smooth=v_smooth, load=zj.ConstantLoad(1.0)
+        )
+        return zj.critical_kick(
+            zj.uniform_rods(2.2, friction=law), zj.State(omega=(0, 1)), (0, 1), scan=4
+        )
+
+    v = [0.001, 0.003, 0.01]
+    found = zj.sweep(point, v_smooth=v, batch_size=4, progress=False)
+    exact = kicks(2.2, 0.03).critical_kick.item()
+    error = np.abs(found.critical_kick.values - exact)
+    assert (error[:-1] < 0.5 * error[1:]).all()  # 0.0055, 0.015, 0.043
+
+
+def wavy(x):
+    """Load 1.2 at x = 0, 2.2 at 1/2, 1.2 again at 1: flutter in the middle only."""
+    law = zj.SmoothCoulomb(
+        0.05, pin_radius=1.0, v_smooth=0.05, load=zj.ConstantLoad(1.0)
+    )
+    return zj.uniform_rods(1.2 + jnp.sin(jnp.pi * x) ** 2, friction=law)
+
+
+QUICK = {"scan": 4, "halvings": 5, "rtol": 1e-4, "atol": 1e-5}
+
+
+def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
+    """Also: an onset that falls, none from either side, no verdict, bad brackets.
+
+    And only where the verdict changes once has the onset a derivative.
+    """
+    low = jnp.array([0.0, 0.5, 0.0, 0.4, 1.0, 0.0, 0.1, 0.0])
+    high = jnp.array([1.0, 1.0, 0.1, 0.6, 0.5, 0.6, jnp.nan, 0.5])
+    agree = jnp.full(8, 1e-3).at[5].set(1e-30)  # no two windows agree to that
+
+    @jax.jit
+    @jax.vmap
+    def search(low, high, agree):
+        options = {**QUICK, "rtol_settle": agree, "max_windows": 40}
+
+        def onset(kick):
+            start = zj.State(omega=(0.0, kick))
+            found = zj.flutter_onset(wavy, start, (low, high), **options)
+            return found.value, found
+
+        return jax.jvp(onset, (0.8,), (1.0,), has_aux=True)[1:]
+
+    slope, found = search(low, high, agree)
+    code = zj.ONSET
+    assert found.outcome.tolist() == [
+        code.repeated,
+        code.found,
+        code.rests,
+        code.moves,
+        code.invalid,
+        code.undecided,
+        code.invalid,
+        code.found,
+    ]
+    assert found.changes.tolist() == [2, 1, 0, 0, 0, 0, 0, 1]
+    assert found.obstacle[5] == zj.OUTCOME.unsettled
+    assert found.undecided[5] > 0 and (found.undecided[:4] == 0).all()
+    np.testing.assert_array_equal(found.rises[jnp.array([0, 1, 7])], [1, -1, 1])
+    assert np.isnan(found.rises[2:7]).all()
+    # one onset, seen from both sides of a symmetric hill
+    np.testing.assert_allclose(
+        found.value[0] + found.value[1], 1.0, atol=(found.width[:2].sum() / 2).item()
+    )
+    assert np.isnan(found.value[2:7]).all() and np.isnan(found.width[2:7]).all()
+    np.testing.assert_allclose(found.width[:2], [1 / 4 / 32, 0.5 / 4 / 32], rtol=1e-12)
+    assert np.isnan(slope).tolist() == (found.outcome != code.found).tolist()
+    assert slope[7] < 0  # a harder kick, a lower load
+    np.testing.assert_allclose(slope[1], -slope[7], rtol=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", ["set-valued", "smoothed"])
+def test_a_threshold_moves_as_its_derivative_says(friction):
+    """In load (or kick), mu_s, mu_k and pin radius; differences of the thresholds."""
+    fine = {"scan": 4, "halvings": 24}
+
+    def critical(p):
+        law = zj.SetValuedCoulomb(
+            p[1], p[2], pin_radius=p[3], load=zj.ConstantLoad(1.0)
+        )
+        column = zj.uniform_rods(p[0], friction=law)
+        kick = zj.State(omega=(0.0, 1.0))
+        found = zj.critical_kick(column, kick, (0.0, 0.4), **fine)
+        return found.value, found.outcome
+
+    def onset(p):
+        law = zj.SmoothCoulomb(
+            p[1], p[2], pin_radius=p[3], v_smooth=0.03, v_stribeck=0.3,
+            load=zj.ConstantLoad(1.0),
+        )  # fmt: skip
+        found = zj.flutter_onset(
+            lambda q: zj.uniform_rods(q, friction=law),
+            zj.State(omega=(0.0, p[0])),
+            (1.8, 2.6),
+            **fine,
+        )
+        return found.value, found.outcome
+
+    value, at = {
+        "set-valued": (critical, [2.0, 0.02, 0.018, 1.0]),
+        "smoothed": (onset, [0.186, 0.03, 0.027, 1.0]),
+    }[friction]
+    at, step = np.array(at), 1e-4
+    around = at * (1 + step * np.concatenate([np.eye(4), -np.eye(4)]))
+    slope, outcome = jax.jit(jax.grad(value, has_aux=True))(at)
+    ends, outcomes = jax.jit(jax.vmap(value))(around)
+    assert outcome == zj.ONSET.found and (outcomes == zj.ONSET.found).all()
+    difference = (ends[:4] - ends[4:]) / (2 * step * at)
+    # the steps' errors (1e-6) differ from motion to motion: measured 8e-4, and 5e-5
+    # at 1e-9, of the kick
+    np.testing.assert_allclose(slope, difference, rtol=5e-3)
+
+
+def test_second_derivatives_of_a_threshold_are_refused(refuses):
+    method = Method(Explicit(), 1e-6, 1e-6, 1000)
+
+    def threshold(q):
+        def scene(kick):
+            return smooth(q, 0.05), zj.State(omega=(0.0, kick))
+
+        return carried(scene, jnp.array(0.3), 1e-3, True, 40.0, 100.0, method)
+
+    refuses(lambda: jax.grad(jax.grad(threshold))(2.0), "first derivatives only")
+
+
+def test_bad_arguments_are_named(refuses):
+    start, column = zj.State(omega=(0, 1)), smooth(2.0, 0.05)
+
+    def kick(column=column, direction=start, bracket=(0, 1), **options):
+        return zj.critical_kick(column, direction, bracket, **options)
+
+    def onset(make=lambda q: smooth(q, 0.05), begin=start, bracket=(1, 2), **options):
+        return zj.flutter_onset(make, begin, bracket, **options)
+
+    refuses(lambda: kick(column=2.0), "`column`", "2.0")
+    refuses(lambda: kick(direction=(0, 1)), "`direction`", "`State`")
+    refuses(lambda: kick(direction=zj.State()), "`direction`", "zero")
+    refuses(lambda: kick(bracket=(1, 0)), "`bracket`", "(1, 0)")
+    refuses(lambda: kick(bracket=1.0), "`bracket`", "1.0")
+    refuses(lambda: kick(scan=0), "`scan`", "0")
+    refuses(lambda: kick(halvings=2.5), "`halvings`", "2.5")
+    refuses(lambda: kick(window=-1), "`window`", "-1")
+    refuses(lambda: onset(make=column), "`make_column`", "function")
+    refuses(lambda: onset(make=lambda q: q), "`make_column`", "`Column`")
+    refuses(lambda: onset(begin=None), "`start`", "None")

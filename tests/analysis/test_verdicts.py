@@ -1,0 +1,135 @@
+"""What a motion is: every verdict on a motion known to be of its kind; sections."""
+
+import jax
+import numpy as np
+import pytest
+from models import flow
+
+import ziegler_jax as zj
+from ziegler_jax import OUTCOME, VERDICT
+
+# q, tau, v_smooth, c1, c2, kick
+SMOOTH = {
+    "stuck": (1.2, 0.05, 0.1, 0, 0, 0.2),
+    "cycle": (2.6, 0.026, 0.1, 0, 0, 0.3),
+    "cycle, viscous": (2.3, 0, 0.01, 0.2, 0.2, 0.3),
+    "conservative": (2.0, 0, 0.01, 0, 0, 0.2),
+    "conservative, chaotic": (4.0, 0, 0.01, 0, 0, 0.3),
+    "undecided": (1.0, 0, 0.01, 0.003, 0.003, 0.2),  # it still decays
+    "failed": (2.0, 0, 0.01, -1, 0, 0.2),
+    "escaped": (2.0, 0, 0.01, 0, 0, 40.0),
+}
+
+
+@jax.jit
+@jax.vmap
+def of_smooth(n):
+    load = zj.ConstantLoad(1.0)
+    friction = zj.SmoothCoulomb(n[1], pin_radius=1.0, v_smooth=n[2], load=load)
+    column = zj.uniform_rods(n[0], friction=friction, damping=zj.Viscous(n[3], n[4]))
+    return zj.verdict(column, zj.State(omega=(0.0, n[5])), blocks=10)
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    found = of_smooth(np.array(list(SMOOTH.values()), float))
+    return {
+        name: jax.tree.map(lambda x, i=i: np.asarray(x)[i], found)
+        for i, name in enumerate(SMOOTH)
+    }
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_each_motion_is_called_what_it_is(smooth, name):
+    assert VERDICT(int(smooth[name].verdict)).name == name.split(",")[0]
+
+
+def test_a_cycle_has_its_period(smooth):
+    for name in ("cycle", "cycle, viscous"):
+        found = smooth[name]
+        start = np.hstack([found.final.phi, found.final.omega])
+        turn = flow(start, float(found.period), SMOOTH[name][:5]).y[:, -1]
+        assert found.period_count == 1
+        assert np.abs(turn - start).max() < 1e-5
+
+
+def test_chaos_without_dissipation_is_no_attractor_but_has_its_exponent(smooth):
+    found = smooth["conservative, chaotic"]
+    assert found.exponents[0] > 3 * found.errors[0]
+    assert smooth["failed"].outcome == OUTCOME.invalid
+    assert np.isnan(smooth["failed"].exponents).all()
+
+
+def sticking(q, mu_k, omega2=0.3):
+    friction = zj.SetValuedCoulomb(4 * mu_k, mu_k, pin_radius=0.1)
+    column = zj.uniform_rods(q, friction=friction)
+    return zj.verdict(column, zj.State(omega=(0.0, omega2)), escape=60.0)
+
+
+def named(codes):
+    return [VERDICT(int(v)).name for v in np.ravel(codes)]
+
+
+@pytest.mark.slow
+def test_stick_slip_has_chaos_and_cycles_of_many_passages():
+    ds = zj.sweep(sticking, q=[3.2, 4.0], mu_k=[0.05, 0.145, 0.25], progress=False)
+    assert named(ds.verdict) == ["cycle", "cycle", "stuck", "cycle", "chaotic", "stuck"]
+    assert ds.period_count[0, 1] == 3
+    assert ds.verdict.attrs["flag_meanings"].split()[8] == "chaotic"
+
+
+@pytest.mark.slow
+def test_a_motion_that_lingers_by_an_unstable_cycle_is_none():
+    """Of these chaotic motions one in twenty comes back thrice to within 1e-5."""
+    starts = 0.3 * (1 + 1e-9 * np.arange(40))
+    ds = zj.sweep(
+        sticking, q=[4.0], mu_k=[0.14, 0.145, 0.1475], omega2=starts, progress=False
+    )
+    assert set(named(ds.verdict)) == {"chaotic"}
+    assert (ds.exponent_1 > 0.08).all()
+
+
+# Sections -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def section():
+    friction = zj.SmoothCoulomb(
+        0.026, pin_radius=1.0, v_smooth=0.1, load=zj.ConstantLoad(1.0)
+    )
+    column = zj.uniform_rods(2.6, friction=friction)
+
+    @jax.jit
+    def of(column, start):
+        return zj.poincare(column, start, points=20, transient=0.0, span=60.0)
+
+    return of(column, zj.State(omega=(0.0, 0.3)))
+
+
+def test_passages_are_where_another_code_finds_them(section):
+    def rising(t, y):
+        return y[0] if t > 0 else -1.0
+
+    rising.direction = 1
+    numbers = (2.6, 0.026, 0.1, 0, 0)
+    found = flow((0, 0, 0, 0.3), 60.0, numbers, 1e-11, events=rising)
+    count = int(section.count)
+    times, points = found.t_events[0], found.y_events[0]
+    times, points = times[times > 1e-9], points[times > 1e-9]  # it starts on the plane
+    assert count == len(times) and section.outcome == OUTCOME.complete
+    y = np.hstack([section.phi, section.omega])
+    # measured 6.1e-8 and 5.5e-7, what the step's cubic leaves
+    assert np.abs(section.times[:count] - times).max() < 6e-7
+    assert np.abs(y[:count] - points).max() < 5e-6
+    assert np.isnan(y[count:]).all() and np.isnan(section.times[count:]).all()
+
+
+def test_what_breaks_a_rule_is_named(refuses):
+    column, start = zj.uniform_rods(1.0), zj.State()
+    refuses(
+        lambda: zj.poincare(column, start, coordinate="phi3"),  # type: ignore
+        "`coordinate`", "phi1", "phi3",
+    )  # fmt: skip
+    refuses(lambda: zj.poincare(column, start, points=0), "`points`", "0")
+    refuses(lambda: zj.verdict(column, start, blocks=1), "`blocks`", "at least 2")
+    refuses(lambda: zj.verdict(column, start, rtol_return=0.0), "`rtol_return`", "0")

@@ -1,0 +1,162 @@
+"""Every motion ends: windows lost in rounding, and the steps of a whole search."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+from ziegler_jax import ORBIT, OUTCOME, VERDICT
+from ziegler_jax.context import Context, within
+
+KICK = zj.State(omega=(0.0, 0.2))
+SHORT = {"transient": 5.0, "max_windows": 4, "rtol": 1e-4, "atol": 1e-4}
+
+
+def rubbing(q=2.0):
+    friction = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.1)
+    return zj.uniform_rods(q=q, friction=friction)
+
+
+def sliding(q=2.6):
+    law = zj.SetValuedCoulomb(0.026, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+    return zj.uniform_rods(q, friction=law)
+
+
+def test_a_sweep_whose_windows_are_lost_in_rounding_ends():
+    def point(window, q):
+        return zj.settle(rubbing(q), KICK, window=window, **SHORT)
+
+    found = zj.sweep(point, window=[1e-300, 1e-15, 1.0], q=[2.0], progress=False)
+    assert found.outcome.values[:2].ravel().tolist() == [OUTCOME.invalid] * 2
+    assert found.outcome.values[2] > OUTCOME.escaped
+    assert (found.steps.values[:2] == 0).all()
+
+
+@pytest.mark.parametrize(
+    "name, call",
+    [
+        ("window", lambda x: zj.settle(rubbing(), KICK, window=x)),
+        ("block", lambda x: zj.lyapunov_exponents(rubbing(), KICK, block=x)),
+        ("block", lambda x: zj.verdict(rubbing(), KICK, block=x)),
+    ],
+)
+def test_a_window_that_rounding_would_lose_is_refused(refuses, name, call):
+    refuses(lambda: call(1e-300), f"`{name}`", "1e-300", "rounding", "longer")
+    assert jax.jit(lambda x: call(x).outcome)(1e-300) == OUTCOME.invalid
+
+
+def test_windows_that_rounding_lengthens_end_unsettled():
+    """In 32 bits 83 units of rounding each: the end comes before the last window."""
+
+    @jax.jit
+    def point(window):
+        return zj.settle(
+            zj.uniform_rods(1.0), KICK, transient=1100.0, window=window,
+            max_windows=400, rtol_settle=1e-30, rtol=1e-4, atol=1e-4,
+        )  # fmt: skip
+
+    with jax.enable_x64(False), within(Context(narrow=True)):
+        found = point(jnp.float32(0.0101))
+        assert int(found.outcome) == OUTCOME.unsettled
+        # measured 399
+        assert 390 <= int(found.windows) <= 400
+
+
+@pytest.mark.filterwarnings("ignore:overflow")  # lengths' bounds, in 32 bits
+def test_a_verdict_that_rounding_shortens_is_undecided():
+    with jax.enable_x64(False), within(Context(narrow=True)):
+        found = jax.jit(
+            lambda block: zj.verdict(
+                rubbing(2.6), KICK, transient=1100.0, block=block, blocks=400,
+                rtol=1e-4, atol=1e-4, rtol_return=1e-30, rate_cut=1e-6,
+            )
+        )(jnp.float32(0.0101))  # fmt: skip
+        assert int(found.outcome) == OUTCOME.unsettled
+        assert int(found.verdict) == VERDICT.undecided
+
+
+# The steps of a search ----------------------------------------------------------------
+
+
+def orbit(**options):
+    return zj.periodic_orbit(sliding(), KICK, **options)
+
+
+def test_a_search_counts_the_steps_of_all_its_motions():
+    near = zj.settle(sliding(), zj.State(omega=(0.0, 0.3))).final
+    whole = zj.periodic_orbit(sliding(), near)
+    assert int(whole.outcome) == ORBIT.found
+    once = zj.periodic_orbit(sliding(), near, max_iterations=1)
+    assert int(whole.iterations) > 1
+    # the first return and one period; each further period takes about as many steps
+    assert int(whole.steps) > int(once.steps) > 0
+    # what is enough is enough, to the step; and one less is not
+    enough = int(whole.steps) + 1
+    same = zj.periodic_orbit(sliding(), near, max_steps=enough)
+    assert int(same.outcome) == ORBIT.found
+    np.testing.assert_array_equal(same.period, whole.period)
+    spent = zj.periodic_orbit(sliding(), near, max_steps=enough - 2)
+    assert int(spent.outcome) == ORBIT.not_integrated
+    assert int(spent.steps) == enough - 2 and np.isnan(spent.period)
+
+
+@pytest.mark.parametrize("budget", [1, 100, 3000])
+def test_a_search_of_many_long_motions_ends_within_its_budget(budget):
+    """A guess far off, with a period of 500: each shot alone takes 10 000 steps."""
+
+    @jax.jit
+    def search(period):
+        start = zj.State((0.0, 1.5), (2.0, -3.0))
+        return zj.periodic_orbit(sliding(), start, period=period, max_steps=budget)
+
+    found = search(500.0)
+    assert int(found.outcome) == ORBIT.not_integrated
+    assert int(found.steps) == budget
+
+
+def test_a_first_return_spends_from_the_same_budget():
+    found = orbit(max_steps=20)
+    assert int(found.outcome) == ORBIT.not_integrated
+    assert int(found.steps) == 20
+
+
+def test_a_branch_ends_within_its_budget():
+    near = zj.settle(sliding(), zj.State(omega=(0.0, 0.3))).final
+    options = {"step": 0.05, "points": 5}
+    whole = zj.continue_cycle(sliding, near, 2.6, **options)
+    assert int(whole.outcome) == ORBIT.found and int(whole.count) == 5
+    half = int(whole.steps) // 2
+    part = zj.continue_cycle(sliding, near, 2.6, max_steps=half, **options)
+    assert int(part.outcome) == ORBIT.not_integrated
+    assert 0 < int(part.count) < 5 and int(part.steps) <= half
+    fold = zj.cycle_fold(sliding, near, 2.6, step=0.05, max_steps=half)
+    assert int(fold.outcome) == ORBIT.not_integrated
+    assert int(fold.steps) <= half and np.isnan(fold.value)
+
+
+def test_results_of_searches_name_their_options():
+    near = zj.settle(sliding(), zj.State(omega=(0.0, 0.3))).final
+
+    def point(q):
+        return zj.periodic_orbit(sliding(q), near, rtol=1e-8, max_steps=5000)
+
+    found = zj.sweep(point, q=[2.6], progress=False)
+    assert found.attrs["rtol"] == 1e-8 and found.attrs["atol"] == 1e-10
+    assert found.attrs["solver"] == "Tsit5" and found.attrs["max_steps"] == 5000
+    assert found.steps.item() > 0
+
+    def fold(mu):
+        del mu
+        return zj.cycle_fold(
+            sliding, near, 2.6, rtol=1e-7, atol=1e-7, step=0.05, max_points=1
+        )
+
+    attributes = jax.eval_shape(fold, 0.0).attributes()
+    assert attributes["rtol"] == 1e-7 and attributes["max_points"] == 1
+    assert attributes["step"] == 0.05 and attributes["bounds"] == "-inf to inf"
+    load = zj.sweep(lambda q: zj.critical_load(zj.uniform_rods(q)), q=[0.0])
+    assert load.attrs["kind"] == "flutter"
+    for call in (zj.lyapunov_exponents, zj.verdict):
+        result = jax.eval_shape(lambda call=call: call(sliding(), KICK, max_steps=9))
+        assert result.attributes()["max_steps"] == 9

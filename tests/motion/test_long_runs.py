@@ -1,0 +1,296 @@
+"""The long-run motion: known amplitudes, every outcome, derivatives, refusals."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+from ziegler_jax import OUTCOME
+from ziegler_jax.context import Context, within
+
+# Largest |phi2 - phi1| at q = 2.6, tau = 0.026 against v_smooth, computed elsewhere.
+KNOWN = [(0.3, 0.64249), (0.1, 0.63443), (0.03, 0.63214), (0.01, 0.63133)]
+KNOWN += [(0.003, 0.63112)]
+
+
+def test_the_cycles_amplitudes_are_the_known_ones():
+    @jax.jit
+    @jax.vmap
+    def point(v_smooth):
+        friction = zj.SmoothCoulomb(
+            0.026, pin_radius=1.0, v_smooth=v_smooth, load=zj.ConstantLoad(1.0)
+        )
+        return zj.settle(
+            zj.uniform_rods(2.6, friction=friction),
+            zj.State(omega=(0.0, 0.3)),
+            transient=300.0,
+            rtol_settle=1e-5,
+            rtol=1e-8,
+            atol=1e-8,
+        )
+
+    v_smooth, expected = np.array(KNOWN).T
+    found = point(v_smooth)
+    assert (np.asarray(found.outcome) == OUTCOME.cycle).all()
+    # the known ones have five digits; measured 3.4e-6
+    assert np.abs(found.amplitude.joint[:, 1] - expected).max() < 1e-5
+
+
+# Every outcome ------------------------------------------------------------------------
+
+USUAL = {
+    "q": 2.6, "mu_s": 0.02, "mu_k": 0.02, "kick": 0.3, "rtol": 1e-6,
+    "rtol_settle": 1e-3, "escape": np.pi, "kappa": 1.0, "v_smooth": 0.05,
+}  # fmt: skip
+LANES = {
+    "cycle": {},
+    "stuck": {"q": 1.0},
+    "unsettled": {"rtol_settle": 1e-15},
+    "escaped": {"escape": 0.4},
+    "budget_spent": {"rtol": 1e-11},
+    # the rate's change of sign is a jump that no step resolves to 1e-16
+    "step_vanished": {"rtol": 1e-16, "v_smooth": 1e-15},
+    "not_finite": {"kick": 1e200},
+    "invalid": {"mu_k": 0.03},
+    "invalid: kappa": {"kappa": -1.0},
+    "invalid: q": {"q": np.nan},
+    "invalid: kick": {"kick": np.inf},
+}
+OBSERVERS = (zj.Mean(), zj.Period(), zj.StickFraction(), zj.EnergyBalance())
+
+
+def lane(q, mu_s, mu_k, kick, rtol, rtol_settle, escape, kappa, v_smooth):
+    friction = zj.SmoothCoulomb(
+        mu_s, mu_k, pin_radius=0.4, v_stribeck=0.5, v_smooth=v_smooth
+    )
+    return zj.settle(
+        zj.uniform_rods(q, kappa=kappa, friction=friction),
+        zj.State((0.0, 0.01), (0.0, kick)),
+        transient=100.0, window=20.0, max_windows=4, rtol_settle=rtol_settle,
+        observers=OBSERVERS, rtol=rtol, atol=rtol, escape=escape, max_steps=10_000,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def lanes():
+    """All lanes of the table in one batch."""
+    rows = [USUAL | changes for changes in LANES.values()]
+    columns = {name: np.array([row[name] for row in rows]) for name in USUAL}
+    run = jax.jit(jax.vmap(lambda numbers: lane(**numbers)))
+    return dict(zip(LANES, _apart(run(columns), len(rows)), strict=True))
+
+
+def _apart(batch, count):
+    return [jax.tree.map(lambda x, i=i: np.asarray(x)[i], batch) for i in range(count)]
+
+
+@pytest.mark.parametrize("name", LANES)
+def test_each_outcome_is_reached(lanes, name):
+    assert OUTCOME(int(lanes[name].outcome)).name == name.split(":")[0]
+
+
+@pytest.mark.parametrize("name", LANES)
+def test_numbers_are_nan_where_the_lane_failed_and_only_there(lanes, name):
+    found = lanes[name]
+    failed = name.split(":")[0] not in ("cycle", "stuck", "unsettled")
+    numbers = {key: value.value for key, value in found.variables().items()}
+    for key in ("rod_amplitude", "joint_amplitude", "mean_angle", "stick_fraction"):
+        assert np.isnan(numbers[key]).all() == failed, key
+    for key in ("follower_power", "friction_power", "energy_imbalance"):
+        assert np.isnan(numbers[key]) == failed, key
+    # one window is enough to see a stuck column: then there is no drift
+    assert np.isnan(numbers["drift"]) == (failed or found.windows == 1)
+    if name != "stuck":  # which may or may not swing while it creeps
+        assert np.isnan(numbers["period"]) == failed
+
+
+def test_effort_and_time_tell_where_a_lane_ended(lanes):
+    assert lanes["budget_spent"].steps == 10_000
+    assert lanes["invalid"].steps == 0 and lanes["invalid"].time == 0
+    assert lanes["cycle"].time == 100 + 20 * lanes["cycle"].windows
+    assert lanes["cycle"].windows >= 2 and lanes["cycle"].drift <= 1e-3
+    assert lanes["unsettled"].windows == 4 and lanes["unsettled"].time == 180
+    assert lanes["escaped"].time < 100
+    assert np.abs(lanes["escaped"].final.phi).max() > 0.4
+
+
+def test_without_friction_a_column_comes_to_rest():
+    @jax.jit
+    def settled():
+        column = zj.uniform_rods(0.5, damping=zj.Viscous(1.0, 1.0))
+        return zj.settle(
+            column, zj.State(omega=(0.0, 0.3)), transient=50.0, window=5.0, atol=1e-9
+        )
+
+    found = settled()
+    assert int(found.outcome) == OUTCOME.rest
+    # every rate is below the cut of 1e-6, and angles decay as slowly; measured 1.7e-6
+    assert np.asarray(found.amplitude.rod).max() < 5e-6
+
+
+def test_what_was_not_observed_is_named(lanes):
+    bare = lanes["cycle"]
+    with pytest.raises(AttributeError) as caught:
+        _ = bare.lyapunov_exponent
+    sentence = str(caught.value)
+    for part in ("`lyapunov_exponent`", "amplitude", "mean", "period", "power"):
+        assert part in sentence
+
+
+# Derivatives --------------------------------------------------------------------------
+
+
+def test_forward_derivatives_pass_through():
+    """Against central differences of the same function."""
+
+    def amplitude(q):
+        friction = zj.SmoothCoulomb(
+            0.026, pin_radius=1.0, v_smooth=0.3, load=zj.ConstantLoad(1.0)
+        )
+        found = zj.settle(
+            zj.uniform_rods(q, friction=friction),
+            zj.State(omega=(0.0, 0.3)),
+            transient=300.0, window=20.0, rtol_settle=1e-6, rtol=1e-9, atol=1e-9,
+        )  # fmt: skip
+        return jnp.concatenate([found.amplitude.rod, found.amplitude.joint])
+
+    q, h = np.float64(2.6), 1e-4
+    ends, slopes = jax.jit(
+        jax.vmap(lambda q: jax.jvp(amplitude, (q,), (jnp.ones_like(q),)))
+    )(np.array([q - h, q, q + h]))
+    expected = (ends[2] - ends[0]) / (2 * h)
+    # measured 9.6e-5: what is left of the transient counts more in a derivative
+    assert np.abs(slopes[1] / expected - 1).max() < 3e-4
+
+
+# What is refused ----------------------------------------------------------------------
+
+COLUMN, KICK = zj.uniform_rods(1.0), zj.State(omega=(0.0, 0.1))
+settle = functools.partial(zj.settle, COLUMN, KICK)
+trajectory = functools.partial(zj.trajectory, COLUMN, KICK)
+
+
+@pytest.mark.parametrize(
+    "call, parts",
+    [
+        (lambda: zj.settle(1.0, KICK), ("`column`", "1.0", "`Column`")),
+        (lambda: zj.settle(COLUMN, (0.0, 0.1)), ("`start`", "0.1", "`State`")),
+        (lambda: settle(rtol=0.0), ("`rtol`", "0", "positive")),
+        (lambda: settle(rtol=-1e-6), ("`rtol`", "-1e-06", "positive")),
+        (lambda: settle(atol=np.nan), ("`atol`", "nan", "positive")),
+        (lambda: settle(transient=-1.0), ("`transient`", "-1", "nonnegative")),
+        (lambda: settle(window=0.0), ("`window`", "0", "positive")),
+        (lambda: settle(rtol_settle=0.0), ("`rtol_settle`", "0", "positive")),
+        (lambda: settle(max_windows=0), ("`max_windows`", "0", "at least 1")),
+        (lambda: settle(max_windows=2.5), ("`max_windows`", "2.5", "whole")),
+        (lambda: settle(max_steps=0), ("`max_steps`", "0", "at least 1")),
+        (lambda: settle(max_steps=True), ("`max_steps`", "True", "whole")),
+        (lambda: settle(escape=0.0), ("`escape`", "0", "positive")),
+        (lambda: settle(rate_cut=-1.0), ("`rate_cut`", "-1", "positive")),
+        (lambda: settle(observers=(1,)), ("`observers`", "1", "Period()")),
+        (lambda: settle(observers=(zj.Period,)), ("`observers`", "Period")),
+        (lambda: settle(observers=(zj.Mean(),) * 2), ("`observers`", "mean", "once")),
+        (lambda: settle(observers=(zj.StickFraction(),)), ("`rate_cut`", "None")),
+        (lambda: zj.StickFraction(0.0), ("`rate_cut`", "0", "positive")),
+        (lambda: trajectory(0.0), ("`ts`", "()", "two times")),
+        (lambda: trajectory([1.0]), ("`ts`", "(1,)", "two times")),
+        (lambda: trajectory([0.0, 1.0, 1.0]), ("`ts`", "increase")),
+        (lambda: trajectory([0.0, np.nan]), ("`ts`", "increase")),
+        (lambda: trajectory([0.0, 1.0], rtol=0.0), ("`rtol`", "0", "positive")),
+    ],
+)
+def test_a_wrong_argument_is_refused_by_name_value_and_rule(refuses, call, parts):
+    refuses(call, *parts)
+
+
+@pytest.mark.parametrize("name", ["rtol", "atol"])
+def test_32_bits_refuse_tolerances_that_they_cannot_keep(refuses, name):
+    options = {"rtol": 1e-4, "atol": 1e-4, name: 1e-6}
+    with jax.enable_x64(False), within(Context(narrow=True)):
+        refuses(lambda: settle(**options), f"`{name}`", "1e-06", "1e-05", "64 bits")
+        refuses(lambda: trajectory([0.0, 1.0], **options), f"`{name}`", "32-bit")
+
+
+def test_32_bits_settle_within_their_digits():
+    with jax.enable_x64(False), within(Context(narrow=True)):
+        found = settle(rtol=1e-5, atol=1e-5, transient=0.0, window=5.0, max_windows=1)
+        assert found.amplitude.rod.dtype == jnp.float32
+        low = np.asarray(found.amplitude.rod)
+    high = settle(rtol=1e-10, atol=1e-10, transient=0.0, window=5.0, max_windows=1)
+    # measured 7.9e-5
+    assert np.abs(low / np.asarray(high.amplitude.rod) - 1).max() < 1e-3
+
+
+def _slow(kick, **more):
+    """physics of the smoothed law at rest: viscous damping that makes it flutter."""
+    law = zj.SmoothCoulomb(
+        0.1, pin_radius=0.1, v_smooth=0.05, load=zj.ConstantLoad(1.0)
+    )
+    column = zj.uniform_rods(1.8, friction=law)
+    return zj.settle(column, zj.State(omega=(0.0, kick)), **more)
+
+
+def test_a_slow_motion_that_grows_is_not_stuck():
+    """v_smooth = 5 tau: the smoothed column flutters from rest (Ziegler's paradox)."""
+    found = zj.sweep(_slow, kick=[1e-4, 1e-2], progress=False)
+    assert (found.outcome == zj.OUTCOME.cycle).all()
+    # what long transients of 2000 time units end at: 0.519
+    np.testing.assert_allclose(found.joint_amplitude.sel(joint=2), 0.519, atol=2e-3)
+
+
+OPTIONS = {
+    "transient": 5.0, "window": 5.0, "rtol_settle": 1e-3, "escape": np.pi,
+    "rate_cut": 1e-3, "rtol": 1e-4, "atol": 1e-4,
+}  # fmt: skip
+
+
+def test_a_traced_option_that_breaks_its_rule_is_invalid():
+    def point(**numbers):
+        column, start = zj.uniform_rods(1.0), zj.State(omega=(0.0, 0.3))
+        return zj.settle(column, start, max_windows=2, **numbers)
+
+    axes = {name: [-1.0, right] for name, right in OPTIONS.items()}
+    found = zj.sweep(point, axes=axes, progress=False)
+    # every option right, or any number of them wrong: one batch of 128 lanes
+    wrong = np.ones((2,) * len(OPTIONS), bool)
+    wrong[(-1,) * len(OPTIONS)] = False
+    np.testing.assert_array_equal(found.outcome == zj.OUTCOME.invalid, wrong)
+    assert (np.isnan(found.rod_amplitude).all("rod").values == wrong).all()
+
+
+def test_the_noise_of_steps_at_rest_is_no_cycle():
+    """Of these lanes, all at rest at 1e-8 rad, three once passed for cycles."""
+
+    def point(q, rho):
+        friction = zj.SmoothCoulomb(
+            0.3, 0.2, pin_radius=rho, v_smooth=0.01, v_stribeck=0.1
+        )
+        column = zj.uniform_rods(q=q, m2=0.5, kappa=1.5, friction=friction)
+        return zj.settle(column, zj.State(omega=(0.0, 0.3)))
+
+    ds = zj.sweep(
+        point, q=np.linspace(1.1, 1.5, 8), rho=np.linspace(0.1, 0.2, 8), progress=False
+    )
+    assert float(ds.joint_amplitude.max()) < 1e-6
+    assert (ds.outcome == int(OUTCOME.stuck)).all()
+
+
+def test_traced_invalid_numbers_end_a_trajectory_as_invalid():
+    def column(mu):
+        friction = zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.1)
+        return zj.uniform_rods(2.0, friction=friction)
+
+    kick = zj.State(omega=(0.0, 0.3))
+    run = jax.jit(
+        lambda mu, ts: zj.trajectory(column(mu), kick, ts, rtol=1e-4, atol=1e-4)
+    )
+    ts = np.linspace(0.0, 2.0, 3)
+    assert int(run(0.1, ts).outcome) == OUTCOME.complete
+    for bad in (np.nan, -1.0):
+        found = run(bad, ts)
+        assert int(found.outcome) == OUTCOME.invalid
+        assert np.isnan(found.phi).all() and int(found.steps) == 0
+        assert int(run(0.1, np.array([0.0, 2.0, bad])).outcome) == OUTCOME.invalid

@@ -1,0 +1,393 @@
+"""Taylor's method for stick and slip: series, step lengths, ends of modes, refusals."""
+
+import dataclasses
+import itertools
+
+import diffrax as dfx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+
+import ziegler_jax as zj
+from ziegler_jax.model.column import joint_balance, vector_field
+from ziegler_jax.model.damping import AbstractDamping
+from ziegler_jax.motion.scene import prepared
+from ziegler_jax.numerics.bernstein import first_event, first_look
+from ziegler_jax.numerics.series import value
+from ziegler_jax.results import OUTCOME
+from ziegler_jax.solvers.expansion import _log2, allowed, expand
+from ziegler_jax.solvers.stickslip import in_modes
+
+ORDER = 8
+MODES = list(itertools.product((-1.0, 0.0, 1.0), repeat=2))
+LAW = zj.SetValuedCoulomb(0.3, 0.2, pin_radius=(0.1, 0.2))
+COLUMNS = {
+    "bare": zj.uniform_rods(2.6, friction=LAW),
+    "all": zj.uniform_rods(
+        2.2,
+        m1=0.7,
+        m2=1.3,
+        l2=0.8,
+        kappa=1.4,
+        follower=0.6,
+        damping=zj.Sum(zj.Viscous(0.1, 0.2), zj.Air(0.2, 0.1, l2=0.8)),
+        friction=LAW,
+    ),
+}
+START = (0.3, -0.2, 0.4, -0.5)
+
+
+# The motion's series ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_logarithm_by_bits_is_within_a_tenth(dtype):
+    info = np.finfo(dtype)
+    x = np.geomspace(float(info.tiny) * 4, float(info.max) / 4, 1001).astype(dtype)
+    apart = np.asarray(_log2(jnp.asarray(x))) - np.log2(x)
+    assert -0.0861 < apart.min() < -0.08  # log2(1 + f) - f is at most 0.08607
+    assert apart.max() < 1e-4
+
+
+@jax.jit
+def expansion(column, y0):
+    return expand(column, y0, ORDER, y0[0])
+
+
+@jax.jit
+def length(motion, tol):
+    return allowed(motion, tol, tol)
+
+
+def in_frozen_modes(column, modes):
+    modes = tuple(jnp.asarray(m) for m in modes)
+    column = in_modes(prepared(column), modes)
+    w1, w2 = column.friction.hold(jnp.asarray(START[2]), jnp.asarray(START[3]))
+    return column, (jnp.asarray(START[0]), jnp.asarray(START[1]), w1, w2)
+
+
+@jax.jit
+def truth(column, y0, t):
+    """The motion in frozen modes by another method."""
+    return dfx.diffeqsolve(
+        dfx.ODETerm(vector_field),
+        dfx.Dopri8(),
+        0.0,
+        t,
+        None,
+        y0,
+        column,
+        stepsize_controller=dfx.PIDController(rtol=1e-13, atol=1e-14),
+        adjoint=dfx.ForwardMode(),
+        max_steps=None,
+    ).ys
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+@pytest.mark.parametrize("modes", MODES)
+def test_the_series_is_the_motion_to_its_order(name, modes):
+    column, y0 = in_frozen_modes(COLUMNS[name], modes)
+    motion = expansion(column, y0)
+
+    def error(t):
+        exact = (float(x[0]) for x in truth(column, y0, t))
+        pairs = zip(motion.y, exact, strict=True)
+        return max(abs(float(value(c, t)) - x) for c, x in pairs)
+
+    if modes == (0.0, 0.0):
+        assert error(0.1) == 0
+        return
+    t = 1.6
+    while error(t) > 1e-7:
+        t /= 2
+    assert t > 0.01
+    # half the time: 2^9 less, but for the terms behind it (370 to 537)
+    assert 300 < error(t) / error(t / 2) < 600
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+@pytest.mark.parametrize("modes", MODES)
+def test_what_is_watched_are_rates_and_holding_torques(name, modes):
+    column, y0 = in_frozen_modes(COLUMNS[name], modes)
+    motion = expansion(column, y0)
+    t = 0.02
+    y = tuple(value(c, t) for c in motion.y)
+    torques = column.friction.torques(joint_balance(column, y))
+    rates = y[2], y[3] - y[2]
+    rows = zip(modes, motion.watched, torques, rates, strict=True)
+    for m, watched, torque, rate in rows:
+        expected = torque if m == 0 else m * rate
+        # a torque is known to one order less; worst: 3.5e-14
+        assert value(watched, t) == pytest.approx(float(expected), abs=4e-13)
+
+
+def test_a_step_errs_by_about_its_tolerance():
+    rng = np.random.default_rng(3)
+    column = in_modes(prepared(COLUMNS["all"]), (jnp.asarray(1.0), jnp.asarray(-1.0)))
+    shares = []
+    for tol in (1e-5, 1e-8, 1e-11):
+        for _ in range(20):
+            y0 = tuple(jnp.asarray(x) for x in rng.normal(size=4) * 0.5)
+            motion = expansion(column, y0)
+            h = length(motion, tol)
+            exact = truth(column, y0, h)
+            rows = zip(motion.y, exact, y0, strict=True)
+            shares.append(
+                max(
+                    abs(value(c, h) - float(x[0])) / (tol * (1 + abs(y)))
+                    for c, x, y in rows
+                )
+            )
+    assert np.median(shares) < 0.5  # measured: 0.058
+    assert max(shares) < 5.0  # 2.3
+
+
+# Ends of modes ------------------------------------------------------------------------
+
+TOL = 1e-9
+
+
+@jax.jit
+@jax.vmap
+def ends(first, second, limits, slips):
+    """The time looked over, the event's, and whose it is."""
+    rows = enumerate((first, second))
+    joints = [(list(w), limits[i], slips[i], TOL) for i, w in rows]
+    at = first[0]
+    s, kinds = first_look(joints, jnp.ones_like(at), at)
+    found, mine = first_event(joints, kinds, s, at)
+    return s, found, mine
+
+
+def first_low(coefficients, limit, slips, span):
+    """The first time at which a mode is left, by the roots of its polynomials."""
+    p = Polynomial(coefficients)
+    guards = [p] if slips else [limit - p, limit + p]
+    times = [np.inf]
+    for guard in guards:
+        below = guard + TOL
+        roots = below.roots()
+        real = roots[np.abs(roots.imag) < 1e-9].real
+        inside = np.sort(real[(real > 0) & (real <= span)])
+        falls = [t for t in inside if below.deriv()(t) < 0]
+        times += falls[:1]
+        if below(0.0) < 0:
+            times.append(0.0)
+    return min(times)
+
+
+def test_the_first_end_of_a_mode_is_found_among_random_polynomials():
+    rng = np.random.default_rng(5)
+    count = 4000
+    decay = rng.uniform(0.2, 0.9, (count, 1, 1)) ** np.arange(ORDER + 1)
+    w = rng.normal(size=(count, 2, ORDER + 1)) * decay
+    slips = rng.random((count, 2)) < 0.5
+    limits = np.where(slips, 0.0, np.abs(w[..., 0]) + rng.uniform(0, 1, (count, 2)))
+    w[..., 0] = np.where(slips, np.abs(w[..., 0]), w[..., 0])
+    # some begin on their limit, as what has just been set free does
+    w[::7, 0, 0] = np.where(slips[::7, 0], 0.0, w[::7, 0, 0])
+    lanes = map(jnp.asarray, (w[:, 0], w[:, 1], limits, slips))
+    s, found, (mine1, mine2) = (jax.tree.map(np.asarray, x) for x in ends(*lanes))
+    events = mine1 | mine2
+    halved = 0
+    for i in range(count):
+        span = s[i]
+        expected = [first_low(w[i, j], limits[i, j], slips[i, j], span) for j in (0, 1)]
+        first = min(expected)
+        if not events[i]:
+            assert first == np.inf, (i, first)
+            halved += span < 1
+            continue
+        # half a tolerance before what is left for good, by the guard's slope
+        j = int(mine2[i])
+        p = Polynomial(w[i, j])
+        guard = p(found[i]) if slips[i, j] else limits[i, j] - abs(p(found[i]))
+        if found[i] > 0:
+            assert abs(guard) < 2 * TOL, (i, guard)  # worst: 0.52
+        assert abs(found[i] - first) < 1e-5, (i, found[i], first)  # worst: 6e-7
+    assert events.sum() > count / 3
+    assert 0 < halved < count / 10  # most are told at first sight
+
+
+@pytest.mark.parametrize("depth", [1e-8, 1e-6, 1e-4, 1e-2])
+def test_an_excursion_is_seen_however_short_it_is(depth):
+    """A torque that passes its limit by `depth` at `place`, and comes back."""
+    places = np.geomspace(1e-3, 0.99, 200)
+    w = np.zeros((2, places.size, ORDER + 1))
+    w[0, :, :3] = np.stack([1 + depth - places**2, 2 * places, -1 + 0 * places], -1)
+    w[1, :, 0] = 0.5  # the other one has room
+    limits, slips = np.ones((places.size, 2)), np.zeros((places.size, 2), bool)
+    start, past, seen = np.zeros(places.size), np.zeros(places.size, bool), 0
+    for _ in range(60):  # steps until all are seen, or passed unseen
+        moved = np.array([Polynomial(row)(Polynomial([t, 1])).coef for row, t in zip(
+            w[0], start, strict=True)])  # fmt: skip
+        moved = np.pad(moved, ((0, 0), (0, ORDER + 1 - moved.shape[1])))
+        lanes = map(jnp.asarray, (moved, w[1], limits, slips))
+        s, found, (mine, _) = (jax.tree.map(np.asarray, x) for x in ends(*lanes))
+        event = np.where(past, False, mine)
+        here = (start + found)[event]
+        expected = (places - np.sqrt(depth))[event]
+        # worst: 4.8e-6, where half a tolerance is a tenth of the depth
+        np.testing.assert_allclose(here, np.maximum(expected, 0), rtol=0, atol=5e-5)
+        seen += event.sum()
+        start = start + s
+        past |= event | (start > places + np.sqrt(depth))
+    assert seen == places.size
+
+
+# Whole motions ------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    q: float
+    tau: float
+    ratio: float
+    start: tuple
+
+
+def random_scenes(count):
+    rng = np.random.default_rng(11)
+    return [
+        Scene(
+            rng.uniform(0, 3),
+            rng.uniform(0.01, 0.3),
+            rng.uniform(1, 2),
+            tuple(rng.normal(size=4) * 0.4),
+        )
+        for _ in range(count)
+    ]
+
+
+@pytest.mark.parametrize(
+    "release",
+    ["stick-first", pytest.param("stribeck-limit", marks=pytest.mark.slow)],
+)
+def test_a_runge_kutta_method_sees_the_same_motion_and_events(release):
+    ts = jnp.linspace(0.0, 15.0, 31)
+
+    @jax.jit
+    def both(q, tau, ratio, start):
+        law = zj.SetValuedCoulomb(
+            tau, tau / ratio, pin_radius=1.0, load=zj.ConstantLoad(1.0), release=release
+        )
+        column = zj.uniform_rods(q, friction=law)
+        scene = column, zj.State(start[:2], start[2:]), ts
+        return [
+            zj.trajectory(*scene, rtol=1e-10, atol=1e-10, solver=solver)
+            for solver in (zj.Taylor(), zj.Explicit())
+        ]
+
+    events = 0
+    for scene in random_scenes(25):
+        one, other = both(scene.q, scene.tau, scene.ratio, scene.start)
+        assert OUTCOME(int(one.outcome)) is OUTCOME(int(other.outcome))
+        count = int(one.events.count)
+        assert count == int(other.events.count), scene
+        events += count
+        for field in ("joints", "modes"):
+            np.testing.assert_array_equal(
+                getattr(one.events, field), getattr(other.events, field)
+            )
+        # measured: 5.4e-9 and 7.9e-10
+        np.testing.assert_allclose(
+            one.events.times, other.events.times, rtol=0, atol=6e-8
+        )
+        np.testing.assert_allclose(one.phi, other.phi, rtol=0, atol=1e-8)
+    assert events > 100
+
+
+@pytest.mark.parametrize("tol, depth", [(1e-9, 1e-7), (1e-9, 1e-9), (1e-11, 1e-10)])
+def test_a_torque_that_hardly_passes_its_limit_sets_its_joint_free(tol, depth):
+    """Whatever the output times: joint 2's torque has its peak at t = 1.39427."""
+    peak = 0.4140674450214528
+
+    @jax.jit
+    def motion(k):
+        ts = jnp.stack([0.0 * k, 0.05 + 0.11 * k, 3.0 + 0.0 * k])
+        law = zj.SetValuedCoulomb(
+            (0.001, peak - depth),
+            (0.001, 0.3 * (peak - depth)),
+            pin_radius=1.0,
+            load=zj.ConstantLoad(1.0),
+        )
+        column = zj.uniform_rods(0.5, damping=zj.Viscous(0.8, 0.0), friction=law)
+        start = zj.State(omega=(1.0, 1.0))
+        return zj.trajectory(column, start, ts, rtol=tol, atol=tol)
+
+    for k in range(6):
+        found = motion(float(k))
+        assert int(found.events.count) == 4
+        assert float(found.phi[-1, 1]) == pytest.approx(1.3922, abs=1e-3)
+
+
+def test_the_method_is_in_the_record():
+    ds = zj.sweep(settled, q=[2.0, 2.6], progress=False)
+    assert ds.attrs["solver"] == "Taylor8"
+
+
+def settled(q, **options):
+    return settled_column(zj.uniform_rods(q, friction=LAW), **options)
+
+
+def settled_column(column, **options):
+    options = {"transient": 5.0, "window": 5.0, "max_windows": 1, **options}
+    return zj.settle(column, zj.State(omega=(0.0, 0.3)), **options)
+
+
+class Squared(AbstractDamping):
+    """What no power series is known of."""
+
+    def matrix(self, cos_d):
+        return (0.1 * jnp.asarray(cos_d) ** 2, 0.0), (0.0, 0.1)
+
+    def valid(self):
+        return True
+
+
+def test_a_damping_law_of_ones_own_is_left_to_another_method():
+    column = zj.uniform_rods(2.0, friction=LAW, damping=Squared())
+    found = settled_column(column)
+    assert found.attributes()["solver"] == "Tsit5"
+    assert OUTCOME(int(found.outcome)) in (OUTCOME.unsettled, OUTCOME.stuck)
+    with pytest.raises(ValueError, match="damping law of one's own"):
+        settled_column(column, solver=zj.Taylor())
+
+
+@pytest.mark.parametrize("rate", [1e20, 1e100, 1e200])
+def test_rates_beyond_all_bounds_are_failures(rate):
+    column = zj.uniform_rods(2.0, friction=LAW)
+    options = {"max_windows": 1, "escape": 1e300, "max_steps": 10_000}
+    found = zj.settle(column, zj.State(omega=(0.0, rate)), **options)
+    failures = OUTCOME.not_finite, OUTCOME.step_vanished, OUTCOME.chattering
+    assert OUTCOME(int(found.outcome)) in failures
+    assert np.isnan(found.drift) and np.isnan(found.amplitude.rod).all()
+
+
+@pytest.mark.parametrize("order", [2, 8.0, True, "8"])
+def test_an_order_is_a_whole_number(order):
+    with pytest.raises(ValueError, match="`order` of `Taylor` must be a whole number"):
+        zj.Taylor(order)
+
+
+SMOOTH = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.01)
+REACTION = zj.SetValuedCoulomb(0.1, pin_radius=0.1, load=zj.JointReaction())
+
+
+@pytest.mark.parametrize("friction", [None, SMOOTH, REACTION])
+def test_it_is_refused_where_it_has_no_series(friction):
+    column = zj.uniform_rods(2.0, friction=friction)
+    with pytest.raises(ValueError, match="`solver` may be `Taylor"):
+        zj.settle(column, zj.State(), solver=zj.Taylor())
+
+
+@pytest.mark.parametrize(
+    "function",
+    [zj.periodic_orbit, zj.lyapunov_exponents, zj.verdict, zj.poincare],
+)
+def test_it_is_refused_where_derivatives_or_sections_are_asked_for(function):
+    column = zj.uniform_rods(2.0, friction=LAW)
+    with pytest.raises(ValueError, match=r"`solver` must be `Explicit\(...\)` or None"):
+        function(column, zj.State(omega=(0.0, 0.2)), solver=zj.Taylor())

@@ -1,0 +1,47 @@
+"""A grid is cut into blocks that part it, and `where` is asked about each."""
+
+import numpy as np
+import pytest
+from stored import same, sweep
+
+from ziegler_jax.sweep import partition
+
+pytestmark = pytest.mark.usefixtures("small_blocks")
+
+
+@pytest.mark.parametrize("shape", [(1,), (7,), (100,), (5, 3), (2, 40), (3, 4, 5)])
+@pytest.mark.parametrize("points", [1, 7, 16, 1000])
+def test_blocks_part_the_grid(shape, points):
+    grid = {f"a{i}": np.arange(float(n)) for i, n in enumerate(shape)}
+    blocks = partition.Blocks(grid, points_a_block=points)
+    number = np.full(shape, -1)
+    for i in range(blocks.count):
+        block = blocks.block(i)
+        assert (number[block.region] == -1).all()
+        number[block.region] = i
+        assert block.chosen.sum() == blocks.sizes[i] == number[block.region].size
+        first = np.flatnonzero(number.ravel() == i)
+        assert (first == blocks.first(i) + np.arange(first.size)).all()
+        # regions are chunks, so that two writers never share one
+        starts = zip(block.region, blocks.chunk, strict=True)
+        assert all(s.start % c == 0 and s.stop - s.start <= c for s, c in starts)
+    assert (blocks.number(np.arange(number.size)) == number.ravel()).all()
+    # a last axis longer than a block is cut; shorter ones are not
+    assert blocks.sizes.max() <= max(2 * points, shape[-1] if points > 1 else 1)
+
+
+def test_where_is_asked_a_block_at_a_time_and_must_judge_by_values(path, refuses):
+    def chosen(x, y):
+        return x >= 2 * y
+
+    whole = sweep(where=chosen)
+    assert same(sweep(where=chosen, store=path), whole)
+    other = sweep(where=lambda x, y: (x < x.max()) & (y >= 0))
+    assert other["sum"].notnull().sum() == 35
+    refuses(
+        lambda: sweep(where=lambda x, y: (x < x.max()) & (y >= 0), store=path),
+        "`where`", "by its own values", "x = ",
+    )  # fmt: skip
+    refuses(
+        lambda: sweep(where=lambda x, y: (x < -1) & (y < 0), store=path), "leaves none"
+    )

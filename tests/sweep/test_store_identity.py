@@ -1,0 +1,139 @@
+"""Which sweep a store belongs to: another is refused by name."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import stored
+from stored import X, Y, point, same, settled, sweep
+
+import ziegler_jax as zj
+from ziegler_jax.sweep import partition, program, provenance
+
+pytestmark = pytest.mark.usefixtures("small_blocks")
+
+
+def test_another_sweep_is_refused_by_name_and_replaced_on_demand(
+    path, refuses, monkeypatch
+):
+    sweep(store=path)
+    others = [
+        ({"x": X[:-1]}, ("axis `x`", "8 values", "7")),
+        ({"y": Y * (1 + 1e-15)}, ("axis `y`",)),
+        ({"x": np.where(X == X[3], X[3] + 1e-12, X)}, ("axis `x`", "between")),
+        ({"axes": {"y": Y, "x": X}, "x": None, "y": None}, ("axes x, y", "y, x")),
+        ({"where": lambda x, y: x + y > 1}, ("other points",)),
+        ({"precision": "float32"}, ("precision float64", "float32")),
+        ({"batch_size": 5}, ("batch_size 4", "5")),
+    ]
+    for change, parts in others:
+        options = {"x": X, "y": Y, "batch_size": 4, "progress": False, **change}
+        options = {k: v for k, v in options.items() if v is not None}
+        refuses(
+            lambda options=options: zj.sweep(point, store=path, **options),
+            "`store`", str(path), *parts, "overwrite",
+        )  # fmt: skip
+    with monkeypatch.context() as patch:
+        known = provenance.metadata.version
+        patch.setattr(
+            provenance.metadata, "version",
+            lambda name: "9.9" if name == "ziegler_jax" else known(name),
+        )  # fmt: skip
+        refuses(lambda: sweep(store=path), "computed with ziegler_jax", "9.9")
+    assert sweep(store=path, overwrite=True, x=X[:-1]).x.size == 7
+    assert zj.open_sweep(path).attrs["points_done"] == 35
+
+
+@pytest.mark.parametrize("change", ["constant", "table", "helper"])
+def test_a_scene_is_known_by_its_program(path, refuses, monkeypatch, change):
+    """What the source does not show: each of them changes a number somewhere."""
+    sweep(store=path)
+    if change == "constant":
+        monkeypatch.setattr(stored, "FACTOR", 3.0000000001)
+    elif change == "table":  # in place: neither its name nor its identity changes
+        monkeypatch.setattr(stored, "TABLE", stored.TABLE.copy())
+        sweep(store=path)
+        stored.TABLE[3] += 1e-12
+    else:
+        monkeypatch.setattr(stored, "helper", lambda x: x + 1.0000001)
+    refuses(lambda: sweep(store=path), "`store`", "another scene")
+
+
+def test_a_table_that_changed_in_place_is_computed_with(path, monkeypatch):
+    monkeypatch.setattr(stored, "TABLE", stored.TABLE.copy())
+    before = sweep(store=path)["bent"].values
+    stored.TABLE[:] *= 2
+    after = sweep(store=path, overwrite=True)["bent"].values
+    np.testing.assert_allclose(after, 2 * before, rtol=1e-12, atol=0)
+
+
+HASH = """
+import sys
+sys.path[:0] = {path!r}
+import jax
+import stored
+from ziegler_jax.sweep.program import traced
+print(traced(stored.point, ("x", "y"), True, None).digest,
+      traced(stored.settled, ("q", "mu"), True, None).digest)
+"""
+
+
+def test_a_scenes_hash_is_the_same_in_another_process():
+    environment = {**os.environ, "PYTHONHASHSEED": "5"}
+    text = HASH.format(path=[str(Path(__file__).parents[1])])
+    done = subprocess.run(
+        [sys.executable, "-c", text],
+        env=environment, capture_output=True, text=True, timeout=200,
+    )  # fmt: skip
+    here = [
+        program.traced(point, ("x", "y"), True, None).digest,
+        program.traced(settled, ("q", "mu"), True, None).digest,
+    ]
+    assert done.stdout.split() == here, done.stderr
+
+
+def test_every_setting_is_refused_by_name():
+    settings = {"rtol": 1e-4, "solver": "Tsit5", "max_windows": 4}
+    blocks = partition.Blocks({"x": X, "y": Y})
+    scene = program.traced(point, ("x", "y"), True, 4)
+
+    def of(settings):
+        return provenance.identity(scene._replace(attributes=settings), blocks)
+
+    there = json.loads(json.dumps(of(settings=settings)))
+    assert provenance.difference(there, of(settings=settings)) is None
+    for name, value in {"rtol": 1e-5, "solver": "Dopri8", "max_windows": 5}.items():
+        said = provenance.difference(there, of(settings={**settings, name: value}))
+        assert said == f"has {name} {settings[name]}, and this sweep {value}"
+
+
+@pytest.mark.parametrize(
+    "options, parts",
+    [
+        ({"overwrite": True}, ("`overwrite`", "`store`")),
+        ({"client": 3}, ("`client`", "3")),
+    ],
+)
+def test_wrong_options_are_refused(refuses, options, parts):
+    refuses(lambda: sweep(**options), *parts)
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path, refuses):
+    (tmp_path / "thesis.txt").write_text("years of work")
+    for again in (False, True):
+        refuses(
+            lambda a=again: sweep(store=tmp_path, overwrite=a), "`store`", "is none"
+        )
+    assert (tmp_path / "thesis.txt").read_text() == "years of work"
+    refuses(lambda: zj.open_sweep(tmp_path / "nothing"), "`store`", "nothing")
+    refuses(lambda: sweep(store=tmp_path / "thesis.txt"), "`store`", "thesis")
+
+
+def test_a_half_deleted_store_can_be_overwritten(path):
+    sweep(store=path)
+    (path / "zarr.json").unlink()
+    assert same(sweep(store=path, overwrite=True), sweep())

@@ -1,0 +1,129 @@
+"""Sweeps that go on: what is stored is what was computed, and is not computed again."""
+
+import functools
+
+import jax.numpy as jnp
+import pytest
+import xarray as xr
+import zarr
+from stored import MU, Q, lines, same, settled, sweep
+
+import ziegler_jax as zj
+from ziegler_jax import OUTCOME
+from ziegler_jax.results import Variable
+from ziegler_jax.sweep import store
+
+pytestmark = pytest.mark.usefixtures("small_blocks")
+
+
+def test_a_stored_sweep_is_the_one_in_memory(path):
+    found = sweep(store=path)
+    assert same(found, sweep())
+    assert same(zj.open_sweep(path), found)
+    assert {d.chunksizes == {} for d in found.data_vars.values()} == {True}
+    assert found.attrs["points"] == found.attrs["points_done"] == 40
+    assert found.attrs["blocks"] == found.attrs["blocks_done"] == 4
+    with xr.open_zarr(path, consolidated=False, chunks=None) as plain:
+        assert set(plain.data_vars) == set(found.data_vars)
+
+
+def test_lanes_in_legs_and_their_outcomes_are_stored(path, tmp_path):
+    run = functools.partial(
+        zj.sweep, settled, q=Q, mu=MU, where=lambda q, mu: q * mu < 0.5, batch_size=8,
+        progress=False,
+    )  # fmt: skip
+    whole = run()
+    assert same(run(store=path, log=tmp_path / "log"), whole)
+    assert zarr.open_group(path, mode="r")["outcome"].chunks == (3, 3)
+    found = lines(tmp_path / "log")
+    assert sum(line["points"] for line in found) == whole.attrs["points"]
+    assert sum(line["steps"] for line in found) == whole.steps.sum()
+    for code in OUTCOME:
+        if code != OUTCOME.not_computed:
+            counted = sum(line["outcomes"].get(code.name, 0) for line in found)
+            assert counted == (whole.outcome == code).sum()
+    for line in found:
+        low, high = line["ranges"]["q"]
+        part = whole.sel(q=slice(low, high))
+        assert part.q.size == 3 and line["steps"] == part.steps.sum()
+
+
+def test_an_interrupted_sweep_computes_only_what_is_missing(
+    path, tmp_path, monkeypatch
+):
+    keep = store.Store.keep
+
+    def interrupted(self, block, *rest):
+        if block.number == 2:
+            raise KeyboardInterrupt
+        keep(self, block, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store.Store, "keep", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            sweep(store=path, threads=1)
+    part = zj.open_sweep(path)
+    assert (part.attrs["points_done"], part.attrs["blocks_done"]) == (20, 2)
+    whole = sweep()
+    done = whole["sum"].values[:4], part["sum"].values[:4]
+    assert (done[0] == done[1]).all() and part["sum"][4:].isnull().all()
+    found = sweep(store=path, log=tmp_path / "log")
+    assert same(found, whole)
+    assert sorted(line["block"] for line in lines(tmp_path / "log")) == [2, 3]
+    assert same(sweep(store=path, log=tmp_path / "again"), whole)
+    assert not (tmp_path / "again").exists()
+
+
+def test_a_reader_sees_what_is_finished(path):
+    seen = []
+
+    class Watching(store.Store):
+        def keep(self, *block):
+            super().keep(*block)
+            seen.append(zj.open_sweep(path).load())
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "Store", Watching)
+        sweep(store=path, threads=1)
+    counts = [int(ds["sum"].notnull().sum()) for ds in seen]
+    assert counts == [ds.attrs["points_done"] for ds in seen] == [10, 20, 30, 40]
+
+
+def test_codes_are_written_last(path):
+    run = functools.partial(zj.sweep, settled, q=Q[:2], mu=MU, batch_size=8)
+    run(store=path, progress=False)
+    names = store.Store(path)._codes_last()
+    assert names[-1] == "outcome" and len(names) > 3
+
+
+def test_two_sweeps_do_not_write_to_one_store(path, refuses):
+    sweep(store=path)
+    with store.Store(path):
+        refuses(lambda: sweep(store=path, overwrite=True), "`store`", "another sweep")
+    assert same(sweep(store=path, overwrite=True), sweep())
+
+
+class Labelled:
+    """A result with a dimension of words and one of numbers."""
+
+    def __init__(self, x):
+        self.value = jnp.stack([x, 2 * x])
+
+    def variables(self):
+        return {
+            "up_and_down": Variable(self.value, "both", "1", ("branch",)),
+            "both_joints": Variable(self.value, "both", "1", ("joint",)),
+        }
+
+    def coordinates(self):
+        return {"branch": ("up", "down")}
+
+
+def test_labels_come_back_as_they_were(path):
+    run = functools.partial(zj.sweep, Labelled, x=[1.0, 2.0], progress=False)
+    found = run(store=path)
+    assert found.branch.values.tolist() == ["up", "down"]
+    assert found.joint.dtype == int and same(found, run())
+    assert found.up_and_down.sel(branch="down").values.tolist() == [2.0, 4.0]
+    (path / "joint" / "c" / "0").unlink()
+    assert same(run(store=path), run())

@@ -1,0 +1,379 @@
+"""Sweeps: labels, refusals, and lanes that depend on nothing but their own numbers."""
+
+import functools
+import itertools
+import threading
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+from jax import lax
+
+import ziegler_jax as zj
+from ziegler_jax import OUTCOME
+from ziegler_jax.sweep import program, progress, scheduler
+
+# A small scene with a loop: lanes of very unlike length, and one batch of eight.
+
+
+def point(q, mu):
+    friction = zj.SmoothCoulomb(mu, pin_radius=0.05, v_smooth=0.05)
+    return zj.settle(
+        zj.uniform_rods(q, friction=friction), zj.State(omega=(0.0, 0.3)),
+        transient=20.0, window=10.0, max_windows=4, rtol=1e-4, atol=1e-4,
+        observers=(zj.Period(),), max_steps=2000,
+    )  # fmt: skip
+
+
+Q, MU = np.linspace(1.5, 3.5, 9), np.array([0.05, 0.1, 0.2])
+sweep = functools.partial(zj.sweep, point, batch_size=8, progress=False)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The reference: one thread."""
+    return sweep(q=Q, mu=MU, threads=1)
+
+
+def same(one: xr.Dataset, other: xr.Dataset) -> bool:
+    """To the last bit, NaN like NaN."""
+    assert set(one.data_vars) == set(other.data_vars)
+    return all(
+        np.array_equal(
+            one[name].transpose(*other[name].dims).values,
+            other[name].values,
+            equal_nan=one[name].dtype.kind == "f",
+        )
+        for name in one.data_vars
+    )
+
+
+# Labels -------------------------------------------------------------------------------
+
+
+def test_axes_and_results_are_labelled(whole):
+    assert whole.joint_amplitude.dims == ("q", "mu", "joint")
+    assert whole.rod_amplitude.dims == ("q", "mu", "rod")
+    assert whole.period.dims == whole.outcome.dims == ("q", "mu")
+    assert whole.joint.values.tolist() == whole.rod.values.tolist() == [1, 2]
+    assert (whole.q.values == Q).all() and (whole.mu.values == MU).all()
+    assert whole.joint_amplitude.attrs["units"] == "rad"
+    assert whole.period.attrs["units"] == "sqrt(m l^2/k)"
+    assert whole.q.attrs["long_name"] == "follower load F l/k"
+    for name, variable in whole.data_vars.items():
+        assert variable.attrs["long_name"], name
+
+
+def test_outcome_is_a_cf_flag_variable(whole):
+    attrs = whole.outcome.attrs
+    meanings = attrs["flag_meanings"].split()
+    assert [OUTCOME[name] for name in meanings] == list(attrs["flag_values"])
+    assert "units" not in attrs
+    assert OUTCOME.cycle.sentence in attrs["comment"]
+    assert whole.outcome.dtype == np.int8
+    # the scene has more than one
+    assert np.unique(whole.outcome).size >= 2
+
+
+def test_attributes_say_how_it_was_computed(whole):
+    attrs = whole.attrs
+    for package in ("ziegler_jax", "jax", "jaxlib", "diffrax", "numpy"):
+        assert attrs[f"{package}_version"][0].isdigit()
+    assert "def point(q, mu)" in attrs["scene"]
+    expected = {
+        "rtol": 1e-4, "atol": 1e-4, "transient": 20.0, "window": 10.0,
+        "solver": "Tsit5", "max_windows": 4, "precision": "float64", "threads": 1,
+        "batch_size": 8, "points": 27,
+    }  # fmt: skip
+    assert {name: attrs[name] for name in expected} == expected
+    assert 0 < attrs["useful_step_fraction"] <= 1
+    assert attrs["points_per_second"] > 0
+
+
+def test_a_dataset_can_be_stored(whole, tmp_path):
+    whole.to_zarr(tmp_path / "map.zarr", consolidated=False)
+    with xr.open_zarr(tmp_path / "map.zarr", consolidated=False) as back:
+        assert same(back.load(), whole)
+
+
+def test_where_leaves_points_out(whole):
+    found = sweep(q=Q, mu=MU, where=lambda q, mu: q * mu <= 0.3)
+    chosen = Q[:, None] * MU[None, :] <= 0.3
+    assert found.attrs["points"] == chosen.sum() < chosen.size
+    assert ((found.outcome == OUTCOME.not_computed).values == ~chosen).all()
+    assert np.isnan(found.joint_amplitude.values[~chosen]).all()
+    for name in found.data_vars:
+        kept = found[name].values[chosen], whole[name].values[chosen]
+        assert np.array_equal(*kept, equal_nan=True), name
+
+
+@pytest.mark.parametrize(
+    "scalar, names",
+    [
+        (lambda x: x * x, ["value"]),
+        (lambda x: {"one": x * x, "two": 2.0 * x}, ["one", "two"]),
+        (lambda x: {"const": 1.0, "flag": x > 0.5, "one": x * x}, ["flag", "const"]),
+    ],
+    ids=["scalar", "dict", "others"],
+)
+def test_scalars_and_dicts_are_results(scalar, names):
+    x = np.linspace(0, 1, 5)
+    found = zj.sweep(scalar, x=x, progress=False)
+    assert set(names) <= set(found.data_vars)
+    assert found[list(found.data_vars)[-1]].dims == ("x",)
+    if "one" in found:
+        assert (found.one.values == x * x).all()
+
+
+def test_a_dicts_order_does_not_matter():
+    x = np.linspace(0, 1, 5)
+    found = zj.sweep(lambda x: {"b": x + 10, "a": x}, x=x, progress=False)
+    assert (found.a.values == x).all() and (found.b.values == x + 10).all()
+
+
+def test_axes_may_be_named_like_options():
+    def scene(threads, where, x):
+        return threads + 10 * where + 100 * x
+
+    found = zj.sweep(
+        scene, axes={"threads": [1, 2], "where": [3.0]}, x=[4.0], progress=False
+    )
+    assert found.value.sel(threads=2, where=3, x=4).item() == 432
+    assert set(found.value.dims) == {"threads", "where", "x"}
+
+
+# Precision ----------------------------------------------------------------------------
+
+
+def third(x):
+    return {"sine": jnp.sin(x) / 3, "tenth": 0.1 * jnp.ones_like(x)}
+
+
+def test_float64_whatever_jax_is_set_to():
+    x = np.linspace(0, 7, 11)
+    wide = zj.sweep(third, x=x, progress=False)
+    program._kept.clear()
+    with jax.enable_x64(False):
+        narrow = zj.sweep(third, x=x, progress=False)
+    assert narrow.sine.dtype == np.float64 and same(wide, narrow)
+    assert (narrow.tenth == 0.1).all()
+
+
+def test_float32_on_demand():
+    found = zj.sweep(third, x=[0.5], progress=False, precision="float32")
+    assert found.sine.dtype == found.tenth.dtype == np.float32
+    assert found.attrs["precision"] == "float32"
+
+
+# A lane depends on its own numbers alone ----------------------------------------------
+
+
+@pytest.mark.parametrize("threads", [2, 5])
+def test_the_number_of_threads_changes_no_bit(whole, threads):
+    assert same(sweep(q=Q, mu=MU, threads=threads), whole)
+
+
+def test_batch_mates_and_places_change_no_bit(whole):
+    scene = program.traced(point, ("q", "mu"), True, 8)
+    compiled, found = program.compiled(scene), {}
+
+    def put(points, results, steps):
+        for lane, place in enumerate(points.tolist()):
+            found[place] = [r[..., lane].copy() for r in results]
+
+    order = np.random.default_rng(3).permutation(Q.size * MU.size)
+    scheduler.run_lanes(
+        compiled, {"q": Q, "mu": MU}, iter([order]), put, threads=2,
+        on_batch=lambda *_: None,
+    )  # fmt: skip
+    for number, name in enumerate(scene.variables):
+        values = whole[name].values.reshape(order.size, -1)
+        for place, results in found.items():
+            shuffled = np.asarray(results[number], values.dtype).ravel()
+            assert shuffled.tobytes() == values[place].tobytes(), name
+    assert same(sweep(q=Q[2:7], mu=MU[1:]), whole.isel(q=slice(2, 7), mu=slice(1, 3)))
+
+
+@pytest.mark.parametrize("at", [(0, 2), (4, 0), (8, 1)])
+def test_a_point_alone_is_the_same_bit_for_bit(whole, at):
+    i, j = at
+    assert same(sweep(q=Q[[i]], mu=MU[[j]]), whole.isel(q=[i], mu=[j]))
+
+
+@pytest.mark.parametrize("legs", [(3, 3, 3), (64, 1, 7), (10**6, 10**6, 10**6)])
+def test_the_length_of_legs_changes_no_bit(whole, monkeypatch, legs):
+    """Down to three steps a leg, up to all in one."""
+    for name, steps in zip(("FIRST", "SHORTEST", "LONGEST"), legs, strict=True):
+        monkeypatch.setattr(scheduler, f"{name}_LEG", steps)
+    assert same(sweep(q=Q, mu=MU), whole)
+
+
+@pytest.mark.parametrize("alike, stragglers", [(0.0, 0.0), (0.0, 0.5), (2.0, 0.05)])
+def test_when_lanes_are_replaced_changes_no_bit(whole, monkeypatch, alike, stragglers):
+    """All at once, when half have ended, or each when its leg ends."""
+    monkeypatch.setattr(scheduler, "ALIKE", alike)
+    monkeypatch.setattr(scheduler, "STRAGGLERS", stragglers)
+    monkeypatch.setattr(scheduler, "LONGEST_RUN", 50)
+    found = sweep(q=Q, mu=MU)
+    assert same(found, whole)
+    assert 0 < found.attrs["useful_step_fraction"] <= 1
+
+
+def test_lanes_run_in_legs_at_all(whole):
+    """Else the tests above would say nothing of legs."""
+    assert program.traced(point, ("q", "mu"), True, 8).carry is not None
+    assert whole.steps.max() > 2 * scheduler.FIRST_LEG
+
+
+def direct(scene, **columns):
+    """The same numbers without a sweep: one vmapped call."""
+    names = list(columns)
+    mesh = [m.ravel() for m in np.meshgrid(*columns.values(), indexing="ij")]
+    call = jax.jit(jax.vmap(lambda *v: scene(**dict(zip(names, v, strict=True)))))
+    return call(*mesh)
+
+
+def test_a_sweep_is_what_vmap_gives(whole):
+    found = direct(point, q=Q, mu=MU)
+    amplitude = np.asarray(found.amplitude.joint).reshape(whole.joint_amplitude.shape)
+    assert (np.asarray(found.outcome) == whole.outcome.values.ravel()).all()
+    assert (np.asarray(found.steps) == whole.steps.values.ravel()).all()
+    error = np.abs(amplitude - whole.joint_amplitude.values).max()
+    # measured 2.8e-17; another program may round elsewhere
+    assert error < 1e-12
+
+
+def test_lanes_that_fail_do_not_touch_the_others(whole):
+    """Negative friction and loads that overflow, between the good ones."""
+    q, mu = np.array([-1e200, *Q, 1e18, 1e308]), np.array([-0.1, *MU])
+    found = sweep(q=q, mu=mu)
+    assert same(found.sel(q=Q, mu=MU), whole)
+    assert (found.outcome.sel(mu=-0.1) == OUTCOME.invalid).all()
+    bad = found.sel(q=[1e308, 1e18], mu=MU)
+    assert (bad.outcome < OUTCOME.unsettled).all()
+    assert np.isnan(bad.joint_amplitude).all()
+
+
+# What cannot run in legs --------------------------------------------------------------
+
+SHORT = {"transient": 5.0, "window": 5.0, "max_windows": 2, "rtol": 1e-4, "atol": 1e-4}
+
+
+def knee(q, kick):
+    found = zj.settle(zj.uniform_rods(q), zj.State(omega=(0.0, kick)), **SHORT)
+    return found.amplitude.joint[1]
+
+
+def two_settles(q):
+    return {"first": knee(q, 0.1), "second": knee(q, 0.3)}
+
+
+def under_vmap(q):
+    return jax.vmap(lambda kick: knee(q, kick))(np.array([0.1, 0.3])).sum()
+
+
+def with_jvp(q):
+    value, slope = jax.jvp(lambda q: knee(q, 0.2), (q,), (jnp.ones_like(q),))
+    return {"slope": slope, "value": value}
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [two_settles, under_vmap, pytest.param(with_jvp, marks=pytest.mark.slow)],
+)
+def test_scenes_that_cannot_run_in_legs_agree_with_direct_calls(scene):
+    q = np.linspace(1.0, 3.0, 5)
+    found = zj.sweep(scene, q=q, batch_size=4, progress=False)
+    assert program.traced(scene, ("q",), True, 4).carry is None
+    expected = direct(scene, q=q)
+    if not isinstance(expected, dict):
+        expected = {"value": expected}
+    for name, values in expected.items():
+        error = np.abs(found[name].values / np.asarray(values) - 1).max()
+        # measured 1.1e-16; 2.3e-12 of the tangents, on jaxlib 0.12
+        assert error < 1e-10
+
+
+# Errors and interruptions -------------------------------------------------------------
+
+
+def test_what_a_point_raises_comes_through_and_the_next_sweep_runs(whole):
+    def broken(q, mu):
+        raise RuntimeError("my own mistake")
+
+    with pytest.raises(RuntimeError, match="my own mistake"):
+        zj.sweep(broken, q=Q, mu=MU, progress=False)
+    assert same(sweep(q=Q[:1], mu=MU), whole.isel(q=[0]))
+
+
+def test_an_interruption_leaves_no_thread_behind(whole, monkeypatch):
+    class Bar(progress.tqdm):
+        def update(self, done=1):
+            raise KeyboardInterrupt
+
+    threads = threading.active_count()
+    with monkeypatch.context() as patch:
+        patch.setattr(progress, "tqdm", Bar)
+        with pytest.raises(KeyboardInterrupt):
+            sweep(q=np.linspace(1.5, 3.5, 400), mu=MU, threads=2)
+    assert threading.active_count() == threads
+    assert same(sweep(q=Q, mu=MU), whole)
+
+
+def test_left_out_points_are_nan_for_whole_and_complex_numbers():
+    found = zj.sweep(
+        lambda x: {"whole": x.astype(int), "turned": lax.complex(0 * x, x)},
+        x=[1.0, 2.0],
+        where=lambda x: x > 1,
+        progress=False,
+    )
+    assert np.isnan(found.whole[0]) and found.whole[1] == 2
+    assert np.isnan(found.turned[0]) and found.turned[1] == 2j
+
+
+def test_useful_steps_are_not_invented_where_no_lane_runs_in_legs():
+    found = zj.sweep(third, x=[1.0], progress=False)
+    assert np.isnan(found.attrs["useful_step_fraction"])
+
+
+# Batches that are computed twice ------------------------------------------------------
+
+
+def test_some_batches_are_computed_twice_and_give_the_same_bits(monkeypatch):
+    monkeypatch.setattr(scheduler, "CANARY", 3)
+    found = sweep(q=Q, mu=MU)
+    assert found.attrs["canary_checks"] > 0 == found.attrs["canary_mismatches"]
+
+
+def test_a_batch_that_gives_other_bits_the_second_time_is_told(monkeypatch):
+    """As from a processor, or a compiled program, that is wrong now and then."""
+    monkeypatch.setattr(scheduler, "CANARY", 3)
+    monkeypatch.setattr(scheduler, "_CALLS", itertools.count(1))
+    run, calls = scheduler._Work._run, []
+
+    def wrong_now_and_then(self, points, *arguments):
+        found = run(self, points, *arguments)
+        calls.append(points)
+        if len(calls) != 4:
+            return found
+        return jax.tree.map(lambda a: np.asarray(a) + 1, found)
+
+    monkeypatch.setattr(scheduler._Work, "_run", wrong_now_and_then)
+    with pytest.warns(UserWarning, match="1 of .* computed twice gave other numbers"):
+        found = sweep(q=Q, mu=MU, threads=1)
+    assert found.attrs["canary_mismatches"] == 1
+
+
+def test_a_lane_that_takes_no_step_is_told_by_name(monkeypatch):
+    run = scheduler._Work._run
+
+    def stuck(self, points, quota, fresh, values, carried):
+        packed, left, running, steps = run(self, points, quota, fresh, values, carried)
+        at = np.asarray(values[0]) == Q[3]
+        return packed, left, np.asarray(running) | at, np.where(at, 0, steps)
+
+    monkeypatch.setattr(scheduler._Work, "_run", stuck)
+    with pytest.raises(RuntimeError, match="no step .* at 2.25 <= q <= 2.25"):
+        sweep(q=Q, mu=MU, threads=1)

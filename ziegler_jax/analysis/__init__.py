@@ -1,0 +1,1 @@
+"""Questions about motions: cycles, branches, thresholds, exponents, verdicts."""

@@ -1,0 +1,174 @@
+r"""How a threshold moves with the scene, from the tangents of the motion on it.
+
+The motion from a threshold $x^*(p)$ stays on the stable manifold of a saddle, an
+unstable cycle say. Near that every small difference is soon the unstable direction
+alone, $\partial y/\partial x \to a\,e^{\lambda t} v$, $\partial y/\partial p \to b\,
+e^{\lambda t} v$ but for what does not grow: the shift of the saddle and its phase. A
+change of both that stays on the manifold has no part along v,
+
+$$\frac{dx^*}{dp} = -\frac ba = -\lim \frac{\partial_x y \cdot \partial_p y}
+{\partial_x y \cdot \partial_x y},$$
+
+and the ratio is followed until the ends of the search's last interval have parted. What
+did not grow is by then in the ratio as that interval is to the motion. The tangents
+pass through stick and slip by saltation.
+
+Source: J. Palis, Topology 8 (1969) 385-404, on how differences turn near a saddle.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ..motion.scene import float_state
+from ..motion.variational import Method, Variational, Varied, varied
+from ..numerics.numbers import Scalar
+from ..solvers import AbstractFold
+from .shooting import first_order, fixed
+
+PARTED = 0.1  # of the largest state: the ends of the last interval have parted
+DECADE = 10.0  # of growth from one look at the ratio to the next
+CERTAIN = 0.05  # of the largest relative derivative: an error above it refuses all
+
+
+class Ratio(NamedTuple):
+    """The ratio of the tangents, and how long the one along the search's line is."""
+
+    row: Any  # (k,)
+    length: Any
+
+
+class Look(NamedTuple):
+    """The running numbers of `Parting`."""
+
+    varied: Varied
+    best: Ratio  # where the tangent was longest
+    when: Any
+    mark: Ratio  # a decade of growth ago at most
+    earlier: Ratio  # one more
+    largest: Any  # state so far
+
+
+class Parting(AbstractFold):
+    """The ratio of tangents along a motion, until it can get no better."""
+
+    inner: Variational
+    along: Any  # (k,) the search's line
+    width: Scalar
+    window: Scalar
+
+    def integrand(self, column):
+        """The variational equations'."""
+        return self.inner.integrand(column)
+
+    def init(self, column, t0, y0):
+        """Before the first step."""
+        varied = self.inner.init(column, t0, y0)
+        zero = 0.0 * y0[0]
+        ratio = Ratio(jnp.zeros_like(self.along), zero)
+        return Look(varied, ratio, t0 + zero, ratio, ratio, zero)
+
+    def step(self, column, state, step):
+        """Look at the ratio; at an end where it has grown enough, or grows no more."""
+        varied, *_ = self.inner.step(column, state.varied, step)
+        moved = jnp.stack(varied.y)
+        tangent = moved @ self.along
+        square = tangent @ tangent
+        now = Ratio(
+            -(tangent @ moved) / jnp.where(square > 0, square, 1.0), jnp.sqrt(square)
+        )
+        longer = now.length > state.best.length
+        further = now.length > DECADE * state.mark.length
+        size = jnp.sqrt(sum((y * y for y in step.y1), 0.0 * step.t1))
+        look = Look(
+            varied=varied,
+            best=_where(longer, now, state.best),
+            when=jnp.where(longer, step.t1, state.when),
+            mark=_where(further, now, state.mark),
+            earlier=_where(further, state.mark, state.earlier),
+            largest=jnp.maximum(size, state.largest),
+        )
+        over = now.length * self.width > PARTED * look.largest
+        over |= step.t1 > 2 * look.when + self.window
+        if step.modes:
+            m1, m2 = step.event[1]
+            over |= (m1 == 0) & (m2 == 0)
+        return look, jnp.inf, over
+
+
+def _where(flag: Any, new: Any, old: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(flag, a, b), new, old)
+
+
+class Place(NamedTuple):
+    """A threshold."""
+
+    line: Any  # (k,) how the scene's numbers change along the line that was searched
+    width: Any  # of the interval that holds the threshold
+    known: Any  # whether there is one
+    window: Any
+    patience: Any  # the longest time to follow its motion
+
+
+def carried(
+    scene: Callable[[Any], tuple[Any, Any]],
+    x: Any,
+    width: Any,
+    known: Any,
+    window: Any,
+    patience: Any,
+    method: Method,
+) -> Any:
+    """A zero that carries the derivative of the threshold x in the numbers of `scene`.
+
+    It is NaN where no threshold is `known` or the error is above `CERTAIN`.
+    """
+    x = fixed(x)
+    leaves, tree = jax.tree.flatten(scene(x)[0])
+    which = [i for i, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
+    others = [None if i in which else leaf for i, leaf in enumerate(leaves)]
+
+    def numbers(x):
+        column, start = scene(x)
+        leaves = jax.tree.leaves(column)
+        y0 = float_state(start)
+        return jnp.stack([*y0, *(jnp.asarray(leaves[i], y0[0].dtype) for i in which)])
+
+    def make(p):
+        new = list(others)
+        for i, leaf in zip(which, p, strict=True):
+            new[i] = leaf
+        return jax.tree.unflatten(tree, new)
+
+    @jax.custom_jvp
+    def zero(numbers, place):
+        del place
+        return jnp.zeros((), numbers.dtype)
+
+    @zero.defjvp
+    def rule(primals, tangents):
+        numbers, place = primals
+        row = _slope(make, first_order(numbers), place, method)
+        return zero(numbers, place), row @ tangents[0]
+
+    at, line = jax.jvp(numbers, (x,), (jnp.ones_like(x),))
+    return zero(at, fixed(Place(line, width, known, window, patience)))
+
+
+def _slope(make: Callable, numbers: Any, place: Place, method: Method) -> Any:
+    """The threshold's derivatives in the start's four numbers and the column's."""
+    args, inner, method = varied(make, numbers[4:], method)
+    fold = Parting(inner, place.line, place.width, place.window)
+    y0: Any = tuple(numbers[i] for i in range(4))
+    span = jnp.where(place.known, place.patience, 0.0).astype(numbers.dtype)
+    look, *_ = method.run(args, fold, y0, span)
+    best, before = look.best, look.earlier
+    # what does not grow is a share 1 / length of the ratio
+    share = before.length / jnp.where(best.length > 0, best.length, 1.0)
+    error = jnp.abs(best.row - before.row) * share
+    sizes = jnp.abs(numbers)
+    certain = jnp.max(error * sizes) < CERTAIN * jnp.max(jnp.abs(best.row) * sizes)
+    certain &= place.known & (before.length > 0)
+    return jnp.where(certain, best.row, jnp.nan)

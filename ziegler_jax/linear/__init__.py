@@ -1,0 +1,1 @@
+"""The linear column: spectra, critical loads, their derivatives."""

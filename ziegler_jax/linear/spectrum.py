@@ -1,0 +1,230 @@
+r"""The column near $\phi = 0$: eigenvalues, and regimes without them.
+
+$M \ddot\phi + C \dot\phi + K \phi = 0$ with
+
+$$M = \begin{bmatrix} a & b \\ b & d \end{bmatrix},\qquad
+K = \begin{bmatrix} \kappa + 1 - q & \eta q - 1 \\ -1 & 1 - (1-\eta) l_2 q
+\end{bmatrix}$$
+
+and C of the damping law. K is not symmetric: the follower load has no potential, and
+the column can lose stability oscillating. Joint friction has no linear map (in stick
+the joints are rigid): every function here refuses it and names `tangent_column`.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ..context import plain
+from ..model.column import Column
+from ..model.damping import Sum, Viscous
+from ..model.friction import JointReaction, SmoothCoulomb
+from ..numerics.numbers import Scalar
+from ..results import REGIME
+from .characteristic import Characteristic, characteristic, inertia, stiffness, value
+
+
+class Linear(NamedTuple):
+    """M, C, K of the linear column, arrays of shape (2, 2)."""
+
+    mass: jax.Array
+    damping: jax.Array
+    stiffness: jax.Array
+
+
+@plain
+def linearise(column: Column) -> Linear:
+    """M, C and K at the column's own load; C is zero where it has no damping law.
+
+    **Raises:** `ValueError` if the column has friction.
+    """
+    refuse_friction("linearise", column)
+    rows = ((0.0, 0.0), (0.0, 0.0))
+    if column.damping is not None:
+        rows = column.damping.matrix(1.0)
+    mass, stiff = inertia(column), stiffness(column)
+    return Linear(*map(_matrix, (mass, rows, stiff)))
+
+
+@plain
+def spectrum(column: Column) -> jax.Array:
+    r"""The four eigenvalues s of $\det(M s^2 + C s + K) = 0$, in $\sqrt{k/(m l^2)}$.
+
+    By `jnp.linalg.eigvals` of the first-order matrix, one LAPACK call a column: for
+    maps of many points `regime` is tens of times faster. Where two eigenvalues
+    meet (undamped flutter) they carry half the digits, and their derivatives do not
+    exist: differentiate `critical_load`.
+
+    **Returns:** complex, shape (4,), in no order; NaN where the numbers are invalid.
+
+    **Raises:** `ValueError` if the column has friction.
+    """
+    m, c, k = linearise(column)
+    inverse = jnp.array([[m[1, 1], -m[0, 1]], [-m[1, 0], m[0, 0]]])
+    inverse = inverse / (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0])
+    zero, one = jnp.zeros((2, 2), m.dtype), jnp.eye(2, dtype=m.dtype)
+    first_order = jnp.block([[zero, one], [-inverse @ k, -inverse @ c]])
+    valid = characteristic(column).valid
+    values = jnp.linalg.eigvals(jnp.where(valid, first_order, one[0, 0]))
+    return jnp.where(valid, values, jnp.nan)
+
+
+@plain
+def spectral_abscissa(column: Column) -> jax.Array:
+    """The largest real part of the spectrum: the growth rate, in sqrt(k/(m l^2)).
+
+    Undamped and below flutter it is zero up to rounding, about 1e-16, and 1e-8 where
+    two eigenvalues nearly meet.
+    """
+    return jnp.max(jnp.real(spectrum(column)))
+
+
+@plain
+def regime(column: Column) -> jax.Array:
+    r"""Which regime the column is in at its load: a code of `REGIME`.
+
+    By conditions on the characteristic polynomial $p_0 s^4 + \dots + p_4$ alone.
+    Undamped: the roots of $p_0 \sigma^2 + p_2 \sigma + p_4$ in $\sigma = s^2$ are real
+    and negative (marginal), complex (flutter), or one is positive (divergence).
+    Damped: Hurwitz' $p_1, p_3, p_4 > 0$ and $p_1 p_2 p_3 - p_0 p_3^2 - p_1^2 p_4 > 0$
+    (stable); else the number of positive real roots by Sturm's chain. Divergence is
+    any real s > 0, whether or not a pair grows beside it; a point exactly on a
+    boundary counts as marginal.
+
+    Damping however small is told from none, down to the smallest normal number,
+    2.2e-308: growth at a rate of 1e-100 is flutter. Upward the coefficients overflow
+    near 1e75; and where one joint alone is damped beyond about 1e11, flutter cannot
+    be told from divergence with $\det K > 0$.
+
+    **Returns:** int32, `invalid` for such damping, and where numbers only known when
+    traced break a rule.
+
+    **Raises:** `ValueError` if the column has friction.
+    """
+    refuse_friction("regime", column)
+    return _regime(characteristic(column), jnp.asarray(column.q, dtype=float))
+
+
+@plain
+def tangent_column(column: Column) -> Column:
+    r"""The column with smoothed friction replaced by its tangent at rest.
+
+    $\tanh(u/v_{smooth})$ is at rest viscous damping $c_i = \tau_{s,i} / v_{smooth}$,
+    with $\tau_s = \mu_s \rho N$ and N the load at rest (|q| for `FollowerLoad` and
+    `JointReaction`). That is what a linear function may see of friction, and it must
+    be read with care: set-valued friction holds the column at EVERY load, there is
+    no infinitesimal onset. An eigenvalue map of the smoothed column is a map of
+    $v_{smooth}$, a number of the smoothing and not of the friction, and brings the
+    paradox of small damping with it. How far flutter reaches under friction is a
+    question of amplitude: `settle`, `critical_kick`.
+
+    The damping is that at the column's own q. `regime` and `spectrum` of it are right
+    at that q; `critical_load` of it moves q with the damping held.
+
+    **Returns:** a column without friction, its damping the sum of both.
+
+    **Raises:** `ValueError` if the friction is set-valued: it has no tangent.
+    """
+    law = column.friction
+    if law is None:
+        return column
+    if not isinstance(law, SmoothCoulomb):
+        raise ValueError(
+            "Argument `column` must have `SmoothCoulomb` friction or none for "
+            f"`tangent_column`, but has {type(law).__name__}: in stick the joints are "
+            "rigid, and the law has no tangent at rest."
+        )
+    load = law.load_law()
+    if isinstance(load, JointReaction):
+        n1 = n2 = jnp.abs(jnp.asarray(column.q))
+    else:
+        n1, n2 = load.given(column.q)
+    _, (slope1, slope2) = jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))
+    damping = Viscous(slope1 * n1, slope2 * n2)
+    return Column(
+        column.q,
+        column.a,
+        column.b,
+        column.d,
+        column.kappa,
+        column.follower,
+        damping if column.damping is None else Sum(column.damping, damping),
+        m2=column.m2,
+        s1=column.s1,
+        l2=column.l2,
+    )
+
+
+def refuse_friction(who: str, column: Column) -> None:
+    """Raise for a column whose friction a linear function cannot see."""
+    if not isinstance(column, Column):
+        raise ValueError(f"Argument `column` must be a `Column`, but is {column!r}.")
+    if column.friction is not None:
+        raise ValueError(
+            f"Argument `column` must have no friction for `{who}`, but has "
+            f"{type(column.friction).__name__}: friction has no linear map. "
+            "`tangent_column(column)` gives what a linear function may see of a "
+            "smoothed law, viscous damping tau_s / v_smooth."
+        )
+
+
+@jax.jit
+def _regime(p: Characteristic, q: jax.Array) -> jax.Array:
+    p0, p2, p4 = p.p0, value(p.p2, q), value(p.p4, q)
+    gap = p2 * p2 - 4 * p0 * p4
+    if p.p1 is None or p.p3 is None or p.damped is None:
+        stable = jnp.zeros_like(gap, dtype=bool)
+        marginal = (gap >= 0) & (p2 >= 0) & (p4 >= 0)
+        real, lost = gap >= 0, jnp.zeros_like(stable)
+    else:
+        p1, p3 = p.p1, value(p.p3, q)
+        first, ratio = p.damped.p1, value(p.damped.ratio, q)
+        hurwitz = value(p.damped.boundary, q)
+        # a biquadratic: as if there were no law
+        none = (first == 0) & (ratio == 0)
+        stable = (first > 0) & (ratio > 0) & (p4 > 0) & (hurwitz > 0)
+        marginal = (p2 >= 0) & (ratio >= 0) & (p4 >= 0)
+        marginal &= jnp.where(none, gap >= 0, (first > 0) & (hurwitz >= 0))
+        real = _positive_roots(p1 / p0, p2 / p0, p3 / p0, p4 / p0) > 0
+        # large damping: two slow roots, p2 s^2 + p3 s + p4 = 0, that Sturm cannot tell
+        size = jnp.maximum(jnp.abs(p3) / p2, jnp.sqrt(jnp.abs(p4) / p2))
+        slow = (p1 * size < 1e-8 * p2) & (p0 * size * size < 1e-8 * p2) & (p2 > 0)
+        slow_real = (ratio < 0) & (p3 * (p3 / p2) >= 4 * p4)
+        real = (p4 < 0) | jnp.where(slow, slow_real, real)
+        # worst measured: Sturm's chain is right to 1e12
+        lost = (p1 > 1e11 * p0) & ~slow & (p4 >= 0) & ~stable & ~marginal
+    code = jnp.where(real, int(REGIME.divergence), int(REGIME.flutter))
+    code = jnp.where(marginal, int(REGIME.marginal), code)
+    code = jnp.where(stable, int(REGIME.stable), code)
+    valid = p.valid & jnp.isfinite(gap) & ~lost
+    return jnp.where(valid, code, int(REGIME.invalid)).astype(jnp.int32)
+
+
+def _matrix(rows: Any) -> jax.Array:
+    return jnp.stack([jnp.stack([jnp.asarray(x, float) for x in row]) for row in rows])
+
+
+def _positive_roots(b: Scalar, c: Scalar, d: Scalar, e: Scalar) -> Any:
+    """How many distinct positive roots x^4 + b x^3 + c x^2 + d x + e has: Sturm.
+
+    The chain, without its divisions: f, f', then alpha x^2 + beta x + gamma,
+    lambda x + mu and a constant.
+    """
+    alpha, beta, gamma = 3 * b * b / 16 - c / 2, b * c / 8 - 3 * d / 4, b * d / 16 - e
+    u = 3 * b * alpha - 4 * beta
+    lam = u * beta - alpha * (2 * c * alpha - 4 * gamma)
+    mu = u * gamma - alpha * (d * alpha)
+    last = -(alpha * mu * mu - beta * lam * mu + gamma * lam * lam)
+    one = jnp.ones_like(alpha)
+    return _changes(e, d, gamma, mu, last) - _changes(one, one, alpha, lam, last)
+
+
+def _changes(*chain: Any) -> Any:
+    """How often the sign changes along the chain, zeros left out."""
+    count, before = 0, jnp.sign(chain[0])
+    for x in chain[1:]:
+        now = jnp.sign(x)
+        count = count + (now * before < 0).astype(int)
+        before = jnp.where(now == 0, before, now)
+    return count

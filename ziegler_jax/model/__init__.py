@@ -1,0 +1,1 @@
+"""The column and its laws: physics, without a question asked."""

@@ -1,0 +1,400 @@
+r"""The Ziegler column as a value: inertia, springs, follower load, damping, friction.
+
+Lengths in units of rod 1's length l, torques in k (the spring of joint 2), time in
+$\sqrt{m l^2/k}$ with m the reference mass. $\phi_1, \phi_2$ are the rods' absolute
+angles from the vertical, $\omega_1, \omega_2$ their rates, $D = \phi_1 - \phi_2$;
+$u_1 = \omega_1$ and $u_2 = \omega_2 - \omega_1$ are the rates of the joints. Then
+
+$$a \dot\omega_1 + b\cos D\,\dot\omega_2 + b \sin D\,\omega_2^2 + (\kappa+1)\phi_1
+  - \phi_2 = q \sin(\phi_1 - \eta\phi_2) - T_1 + T_2 - (C\omega)_1$$
+$$b\cos D\,\dot\omega_1 + d \dot\omega_2 - b \sin D\,\omega_1^2 - \phi_1 + \phi_2
+  = q\, l_2 \sin((1-\eta)\phi_2) - T_2 - (C\omega)_2$$
+
+with the load $q = F l/k$, the stiffness ratio $\kappa = k_1/k_2$, the follower fraction
+$\eta$ (1: along rod 2; 0: dead load), the damping matrix C and the friction torques
+$T_i$. The published equations that this project started from carry two misprints in
+the velocity terms; these here conserve energy at q = 0 and agree with a multibody code.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..numerics.elementary import sincos
+from ..numerics.materialise import materialise
+from ..numerics.numbers import (
+    Pair,
+    Scalar,
+    Vector4,
+    check_options,
+    equals,
+    is_concrete,
+    number,
+    pair,
+    positive,
+)
+from .damping import AbstractDamping, lengths
+from .friction import AbstractFriction, JointReaction
+from .joint_reactions import joint_reactions, reaction_loads
+from .set_valued import Balance, SetValuedCoulomb, Torques
+
+
+class State(eqx.Module):
+    r"""A start: angles $\phi_1, \phi_2$ (rad) and rates $\omega_1, \omega_2$.
+
+    Springs are wound up by a turn: $\phi$ and $\phi + 2\pi$ are different states, and
+    angles are never reduced. Both rods turned by $2\pi n$ differ in spring 1's torque
+    alone, and in rounding: an angle's last digit, $2^{-52} |\phi|$, is the finest that
+    its sine, and the motion, can know.
+
+    **Arguments:** `phi`, `omega`: two numbers each, finite where concrete.
+    """
+
+    phi: Pair
+    omega: Pair
+
+    def __init__(self, phi: Any = (0.0, 0.0), omega: Any = (0.0, 0.0)):
+        """Keep the four numbers."""
+        self.phi = pair("phi", phi)
+        self.omega = pair("omega", omega)
+
+    @property
+    def y(self) -> Vector4:
+        """The state as four scalars, as `vector_field` takes it."""
+        return (*self.phi, *self.omega)
+
+
+class Column(eqx.Module):
+    r"""A double pendulum on springs under a follower load.
+
+    At D = 0 the mass matrix is [[a, b], [b, d]]. See the module for the equations.
+
+    **Arguments:**
+
+    - `q`: the follower load $F l / k$.
+    - `a`, `b`, `d`: inertia in $m l^2$, with $a, d > 0$ and $ad > b^2$.
+    - `kappa`: $k_1 / k_2$, nonnegative.
+    - `follower`: $\eta$, 1 for a load along rod 2. Known to be 1, its term in the
+        second equation is not in the program.
+    - `damping`: None, `Viscous(c1, c2)` or another damping law.
+    - `friction`: None or a friction law.
+    - `m2`, `s1`, optional: the mass of rod 2 and the first moment of rod 1 about the
+        base (rod 2's about the knee is b), in m and m l. Only the joints' reactions
+        need them; the constructors set them.
+    - `l2`: the load's lever on rod 2, its length in l. Only a load that does not
+        follow ($\eta \ne 1$) needs it, and `Air` must have the same.
+
+    All are leaves: any of them can be traced, mapped over and differentiated.
+
+    **Raises:** `ValueError` where a concrete number breaks its rule.
+    """
+
+    q: Any
+    a: Any
+    b: Any
+    d: Any
+    kappa: Any
+    follower: Any
+    damping: AbstractDamping | None
+    friction: AbstractFriction | None
+    m2: Any
+    s1: Any
+    l2: Any
+
+    def __init__(
+        self,
+        q: Any,
+        a: Any,
+        b: Any,
+        d: Any,
+        kappa: Any = 1.0,
+        follower: Any = 1.0,
+        damping: AbstractDamping | None = None,
+        friction: AbstractFriction | None = None,
+        *,
+        m2: Any = None,
+        s1: Any = None,
+        l2: Any = 1.0,
+    ):
+        """Check and keep the column's numbers."""
+        self.q = number("q", q)
+        self.a = number("a", a, "positive")
+        self.b = number("b", b)
+        self.d = number("d", d, "positive")
+        self.kappa = number("kappa", kappa, "nonnegative")
+        self.follower = number("follower", follower)
+        self.m2 = None if m2 is None else number("m2", m2, "nonnegative")
+        self.s1 = None if s1 is None else number("s1", s1)
+        self.l2 = number("l2", l2, "positive")
+        inertia = (self.a, self.b, self.d)
+        if all(map(is_concrete, inertia)) and not self.a * self.d > self.b**2:
+            raise ValueError(
+                "Arguments `a`, `b`, `d` must make a positive definite inertia, "
+                f"a d > b^2, but are {self.a:g}, {self.b:g}, {self.d:g}."
+            )
+        for name, part, kind in (
+            ("damping", damping, AbstractDamping),
+            ("friction", friction, AbstractFriction),
+        ):
+            if part is not None and not isinstance(part, kind):
+                raise ValueError(
+                    f"Argument `{name}` must be None or a law, but is {part!r}."
+                )
+        for length in lengths(damping):
+            known = is_concrete(length) and is_concrete(self.l2)
+            if known and not math.isclose(length, self.l2, rel_tol=1e-12):
+                raise ValueError(
+                    "Argument `l2` of `Air` must be the column's, "
+                    f"{self.l2:g}, but is {length:g}."
+                )
+        self.damping = damping
+        self.friction = friction
+        if friction is not None and isinstance(friction.load_law(), JointReaction):
+            _needs_masses(self, "the load `JointReaction()`")
+
+    @property
+    def tangential(self) -> bool:
+        """Whether the load is known to follow rod 2: then terms can be left out."""
+        return self.follower is None or equals(self.follower, 1.0)
+
+    def valid(self) -> jax.Array:
+        """Whether the numbers keep their rules: for those only known when traced."""
+        a, b, d = jnp.asarray(self.a), jnp.asarray(self.b), jnp.asarray(self.d)
+        good = (a > 0) & (d > 0) & (a * d > b * b) & (jnp.asarray(self.kappa) >= 0)
+        good &= jnp.isfinite(self.q) & jnp.isfinite(self.follower)
+        good &= (jnp.asarray(self.l2) > 0) & jnp.isfinite(self.l2)
+        if self.m2 is not None:
+            good &= jnp.asarray(self.m2) >= 0
+        if self.s1 is not None:
+            good &= jnp.isfinite(self.s1)
+        if self.damping is not None:
+            good &= self.damping.valid()
+        if self.friction is not None:
+            good &= self.friction.valid()
+        return good
+
+
+PARTS = ("kappa", "follower", "damping", "friction")  # of any column
+
+
+def uniform_rods(
+    q: Any = 0.0, *, m1: Any = 1.0, m2: Any = 1.0, l2: Any = 1.0, **parts: Any
+) -> Column:
+    r"""Two uniform rods: the column of the paper that this project started from.
+
+    $a = m_1/3 + m_2,\ b = m_2 l_2/2,\ d = m_2 l_2^2/3$: with equal rods
+    (the default) 4/3, 1/2, 1/3.
+
+    **Arguments:**
+
+    - `q`: the follower load.
+    - `m1`, `m2`: the rods' masses in the reference mass m; `l2`: rod 2's length in l.
+    - `parts`: `kappa`, `follower`, `damping`, `friction` of `Column`.
+    """
+    check_options("uniform_rods", parts, ("m1", "m2", "l2", *PARTS))
+    m1, m2, l2 = positive(m1=m1, m2=m2, l2=l2)
+    a, b, d = m1 / 3 + m2, m2 * l2 / 2, m2 * l2**2 / 3
+    return Column(q, a, b, d, m2=m2, s1=m1 / 2, l2=l2, **parts)
+
+
+def point_masses(
+    m1: Any = 2.0, m2: Any = 1.0, q: Any = 0.0, *, l2: Any = 1.0, **parts: Any
+) -> Column:
+    r"""Massless rods, m1 at the knee and m2 at the tip: Ziegler's are 2 and 1.
+
+    $a = m_1 + m_2,\ b = m_2 l_2,\ d = m_2 l_2^2$. The knee's mass counts as rod 1's:
+    joint 2 carries the tip mass alone.
+
+    **Arguments:** `m1`, `m2` in the reference mass m, `l2` in l; else as
+    `uniform_rods`. Source: H. Ziegler, Ingenieur-Archiv 20 (1952) 49-56.
+    """
+    check_options("point_masses", parts, ("m1", "m2", "l2", *PARTS))
+    m1, m2, l2 = positive(m1=m1, m2=m2, l2=l2)
+    return Column(q, m1 + m2, m2 * l2, m2 * l2**2, m2=m2, s1=m1, l2=l2, **parts)
+
+
+def vector_field(t: Any, y: Vector4, column: Column) -> Vector4:
+    """The equations of motion, in diffrax's signature.
+
+    **Arguments:** `t`: unused, the column is autonomous; `y`: phi1, phi2, omega1,
+    omega2 as four scalars; `column`.
+
+    **Returns:** their time derivatives, four scalars.
+    """
+    del t
+    _, _, w1, w2 = y
+    forces = _Forces(column, y)
+    law = _set_valued(column, forces)
+    if law is not None:
+        return w1, w2, *law.accelerations(forces.balance())
+    torques = _friction_torques(column, forces, y)
+    a1, a2 = forces.accelerations(torques)
+    return w1, w2, a1, a2
+
+
+def energy(column: Column, y: Vector4) -> jax.Array:
+    r"""Kinetic energy and that of the springs, in units of k.
+
+    $$E = \tfrac12 a\omega_1^2 + b \cos D\,\omega_1\omega_2 + \tfrac12 d\omega_2^2
+    + \tfrac12\kappa\phi_1^2 + \tfrac12(\phi_2-\phi_1)^2$$
+
+    The follower load has no potential: its work is in `power`.
+    """
+    phi1, phi2, w1, w2 = y
+    _, cos_d = sincos(phi1 - phi2)
+    kinetic = column.a * w1 * w1 / 2 + column.d * w2 * w2 / 2
+    kinetic += column.b * cos_d * w1 * w2
+    return kinetic + (column.kappa * phi1**2 + (phi2 - phi1) ** 2) / 2
+
+
+class Power(NamedTuple):
+    """Rates of work in k sqrt(k/(m l^2)): dE/dt = follower - damping - friction."""
+
+    follower: Any
+    damping: Any
+    friction: Any
+
+
+def power(column: Column, y: Vector4) -> Power:
+    """What the load feeds in, and what damping and friction take out.
+
+    A part that the column does not have is None.
+    """
+    _, _, w1, w2 = y
+    forces = _Forces(column, y)
+    load1, load2 = forces.load
+    follower = load1 * w1 + (0.0 if load2 is None else load2 * w2)
+    damping = friction = None
+    if forces.damping is not None:
+        damping = forces.damping[0] * w1 + forces.damping[1] * w2
+    torques = _friction_torques(column, forces, y)
+    if torques is not None:
+        friction = torques[0] * w1 + torques[1] * (w2 - w1)
+    return Power(follower, damping, friction)
+
+
+def joint_balance(column: Column, y: Vector4) -> Balance:
+    """The mass matrix and the forces without friction, for set-valued friction."""
+    return _Forces(column, y).balance()
+
+
+def reactions(column: Column, y: Vector4) -> jax.Array:
+    r"""The forces that the joints transmit, in units of k/l.
+
+    $R_2 = m_2 \ddot r_{c2} - F$ on rod 2 at the knee, $R_1 = m_1 \ddot r_{c1} + R_2$
+    at the base; at rest both balance the load, $|R_i| = |q|$.
+
+    **Arguments:** `column`, with `m2` and `s1`; `y`: four scalars.
+
+    **Returns:** an array of shape (2, 2): joint 1 and 2, components along the
+    horizontal x and the vertical z.
+
+    **Raises:** `ValueError` if the column was built without `m2` and `s1`.
+    """
+    _needs_masses(column, "`reactions`")
+    _, _, a1, a2 = vector_field(0.0, y, column)
+    forces = joint_reactions(column, _Forces(column, y))
+    (along1, across1), (along2, across2) = forces.at(a1, a2)
+    s, c = sincos(y[1])  # from rod 2's frame to the fixed one
+    return jnp.stack(
+        [
+            jnp.stack([across1 * c + along1 * s, along1 * c - across1 * s]),
+            jnp.stack([across2 * c + along2 * s, along2 * c - across2 * s]),
+        ]
+    )
+
+
+class _Forces:
+    """Everything but friction, at one state: what field, power and reactions share."""
+
+    def __init__(self, column: Column, y: Vector4):
+        phi1, phi2, w1, w2 = y
+        self.column, self.y = column, y
+        self.sin_d, self.cos_d = sincos(phi1 - phi2)
+        q, eta = column.q, column.follower
+        if column.tangential:
+            self.load = (q * self.sin_d, None)
+        else:
+            self.load = (
+                q * sincos(phi1 - eta * phi2)[0],
+                q * column.l2 * sincos((1 - eta) * phi2)[0],
+            )
+        self.damping = None
+        if column.damping is not None:
+            (c11, c12), (c21, c22) = column.damping.matrix(self.cos_d)
+            self.damping = (c11 * w1 + c12 * w2, c21 * w1 + c22 * w2)
+        gyro = column.b * self.sin_d
+        spring = phi1 - phi2
+        self.r1 = self.load[0] - column.kappa * phi1 - spring - gyro * (w2 * w2)
+        self.r2 = spring + gyro * (w1 * w1)
+        if self.load[1] is not None:
+            self.r2 = self.r2 + self.load[1]
+        if self.damping is not None:
+            self.r1 = self.r1 - self.damping[0]
+            self.r2 = self.r2 - self.damping[1]
+
+    def balance(self) -> Balance:
+        """What set-valued friction needs to hold a joint."""
+        column, law = self.column, self.column.friction
+        h, reactions = column.b * self.cos_d, None
+        if law is not None and isinstance(law.load_law(), JointReaction):
+            reactions = joint_reactions(column, self)
+        return Balance(column.a, h, column.d, self.r1, self.r2, reactions)
+
+    def solve(self, r1: Scalar, r2: Scalar) -> Pair:
+        """Divide by the mass matrix."""
+        h = self.column.b * self.cos_d
+        inverse = 1 / (self.column.a * self.column.d - h * h)
+        return (
+            (self.column.d * r1 - h * r2) * inverse,
+            (self.column.a * r2 - h * r1) * inverse,
+        )
+
+    def accelerations(self, torques: Pair | None) -> Pair:
+        """The angular accelerations under the joints' friction torques."""
+        if torques is None:
+            return self.solve(self.r1, self.r2)
+        t1, t2 = torques
+        return self.solve(self.r1 - t1 + t2, self.r2 - t2)
+
+
+def _friction_torques(column: Column, forces: _Forces, y: Vector4) -> Pair | None:
+    if column.friction is None:
+        return None
+    law = _set_valued(column, forces)
+    if law is not None:
+        return law.torques(forces.balance())
+    _, _, w1, w2 = y
+    # both accelerations need both: not to be computed for each
+    g1, g2 = materialise(w1, column.friction.levers, w1, w2 - w1)
+    load = column.friction.load_law()
+    if load is None:
+        return g1, g2
+    if isinstance(load, JointReaction):
+        n1, n2 = reaction_loads(column, forces, g1, g2, load.newton_steps)
+    else:
+        n1, n2 = load.given(column.q)
+    return g1 * n1, g2 * n2
+
+
+def _set_valued(column: Column, forces: _Forces) -> Torques | None:
+    """Set-valued friction in the modes of the motion or of the state."""
+    law = column.friction
+    if isinstance(law, SetValuedCoulomb):
+        law = law.prepared(column.q)
+    if not isinstance(law, Torques):
+        return None
+    _, _, w1, w2 = forces.y
+    return law.held_at(forces.balance(), (w1, w2 - w1))
+
+
+def _needs_masses(column: Column, what: str) -> None:
+    if column.m2 is None or column.s1 is None:
+        raise ValueError(
+            f"Arguments `m2` and `s1` of the column must be given for {what}, but are "
+            f"{column.m2!r} and {column.s1!r}; `uniform_rods` and `point_masses` set "
+            "them."
+        )

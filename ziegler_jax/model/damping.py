@@ -1,0 +1,154 @@
+r"""Linear damping: a matrix C with torques $-C\,\omega$ on the two rods."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..numerics.numbers import Pair, Scalar, number
+
+
+class AbstractDamping(eqx.Module):
+    """A damping law: what gives a 2 x 2 matrix.
+
+    Keep its numbers as its own fields: of an attribute of something else, or a global,
+    that a law reads, JAX remembers outside of `sweep` what it was when first traced.
+    """
+
+    @abc.abstractmethod
+    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
+        """The rows of C at the given cosine of phi1 - phi2 (1 for linear maps).
+
+        Sums and products of it alone, where `is_polynomial` says so.
+        """
+
+    @abc.abstractmethod
+    def valid(self) -> Any:
+        """Whether the numbers keep the law's rules; traced where they are."""
+
+
+class Viscous(AbstractDamping):
+    r"""Viscous joints: $c_1 u_1$ and $c_2 u_2$ against the joints' rates.
+
+    $$C = \begin{bmatrix} c_1 + c_2 & -c_2 \\ -c_2 & c_2 \end{bmatrix}$$
+
+    **Arguments:** `c1`, `c2` in $\sqrt{k m l^2}$, nonnegative.
+    """
+
+    c1: Any
+    c2: Any
+
+    def __init__(self, c1: Any, c2: Any):
+        """Check and keep both coefficients."""
+        self.c1 = number("c1", c1, "nonnegative")
+        self.c2 = number("c2", c2, "nonnegative")
+
+    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
+        """The rows of C; they do not depend on the angle."""
+        del cos_d
+        return (self.c1 + self.c2, -self.c2), (-self.c2, self.c2)
+
+    def valid(self) -> Any:
+        """Both coefficients nonnegative."""
+        return (jnp.asarray(self.c1) >= 0) & (jnp.asarray(self.c2) >= 0)
+
+
+class Air(AbstractDamping):
+    r"""External damping: each point of a rod is dragged by $-e_i v$ a unit of length.
+
+    v is the point's whole velocity: $\omega_1 s$ across rod 1, the knee's velocity
+    and $\omega_2 s$ across rod 2 together on rod 2. What the drag takes out is
+    $\omega^T C \omega = \int_0^1 e_1 v^2 ds + \int_0^{l_2} e_2 v^2 ds$, so
+
+    $$C = \begin{bmatrix} e_1/3 + e_2 l_2 & \tfrac12 e_2 l_2^2 \cos D \\
+    \tfrac12 e_2 l_2^2 \cos D & \tfrac13 e_2 l_2^3 \end{bmatrix}$$
+
+    On equal uniform rods $e_1 = e_2$ gives $C = e M$, which only raises q_cr; unequal
+    drag destabilises as the joints' damping does.
+
+    **Arguments:** `e1`, `e2` in $\sqrt{k m}/l^2$, nonnegative; `l2`: rod 2's length
+    in l, positive, the same as the column's: concrete numbers that differ are an
+        error of `Column`; traced ones are not compared.
+    """
+
+    e1: Any
+    e2: Any
+    l2: Any
+
+    def __init__(self, e1: Any, e2: Any, l2: Any = 1.0):
+        """Check and keep both coefficients and the length."""
+        self.e1 = number("e1", e1, "nonnegative")
+        self.e2 = number("e2", e2, "nonnegative")
+        self.l2 = number("l2", l2, "positive")
+
+    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
+        """The rows of C; the rods are coupled through the knee's velocity."""
+        both = self.e2 * self.l2**2 / 2 * cos_d
+        return (
+            (self.e1 / 3 + self.e2 * self.l2, both),
+            (both, self.e2 * self.l2**3 / 3),
+        )
+
+    def valid(self) -> Any:
+        """Both coefficients nonnegative, the length positive."""
+        good = (jnp.asarray(self.e1) >= 0) & (jnp.asarray(self.e2) >= 0)
+        return good & (jnp.asarray(self.l2) > 0)
+
+
+class Sum(AbstractDamping):
+    """Two damping laws at once, e.g. `Sum(Viscous(0.01, 0.01), Air(0.1, 0.1))`.
+
+    **Arguments:** `first`, `second`: damping laws; their matrices add.
+    """
+
+    first: AbstractDamping
+    second: AbstractDamping
+
+    def __init__(self, first: AbstractDamping, second: AbstractDamping):
+        """Keep both laws."""
+        for name, law in (("first", first), ("second", second)):
+            if not isinstance(law, AbstractDamping):
+                raise ValueError(
+                    f"Argument `{name}` must be a damping law, but is {law!r}."
+                )
+        self.first, self.second = first, second
+
+    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
+        """The rows of the sum."""
+        (a11, a12), (a21, a22) = self.first.matrix(cos_d)
+        (b11, b12), (b21, b22) = self.second.matrix(cos_d)
+        return (a11 + b11, a12 + b12), (a21 + b21, a22 + b22)
+
+    def valid(self) -> Any:
+        """Both laws keep their rules."""
+        return self.first.valid() & self.second.valid()
+
+
+def joint_matrix(law: AbstractDamping) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    r"""C at D = 0 in the joints' rates $\omega_1, \omega_2 - \omega_1$, row by row.
+
+    diag(c1, c2) for `Viscous`: however small, c1 is not lost beside c2.
+    """
+    if isinstance(law, Viscous):
+        return law.c1, 0.0, 0.0, law.c2
+    if isinstance(law, Sum):
+        parts = zip(joint_matrix(law.first), joint_matrix(law.second), strict=True)
+        g11, g12, g21, g22 = (x + y for x, y in parts)
+        return g11, g12, g21, g22
+    (c11, c12), (c21, c22) = law.matrix(1.0)
+    return (c11 + c12) + (c21 + c22), c12 + c22, c21 + c22, c22
+
+
+def is_polynomial(law: AbstractDamping | None) -> bool:
+    """Whether the law can be given a power series for the cosine."""
+    if isinstance(law, Sum):
+        return is_polynomial(law.first) and is_polynomial(law.second)
+    return law is None or isinstance(law, Viscous | Air)
+
+
+def lengths(law: AbstractDamping | None) -> list[Any]:
+    """The lengths of rod 2 that a law was given."""
+    if isinstance(law, Sum):
+        return lengths(law.first) + lengths(law.second)
+    return [law.l2] if isinstance(law, Air) else []

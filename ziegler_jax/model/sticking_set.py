@@ -1,0 +1,104 @@
+r"""Where a column rests though its springs and its load pull: the sticking set.
+
+With set-valued friction the equilibrium is not a point. Both joints stick at rest
+wherever the torques that hold them fit,
+
+$$|\lambda_2| = |D + q\,l_2 \sin((1 - \eta)\phi_2)| \le \tau_{s,2}, \qquad
+|\lambda_1| = |q \sin(\phi_1 - \eta\phi_2) - \kappa\phi_1
++ q\,l_2\sin((1 - \eta)\phi_2)| \le \tau_{s,1}.$$
+
+For a load along rod 2 ($\eta = 1$) that is a parallelogram with two curved sides,
+$|D| \le \tau_{s,2}$, $|\kappa\phi_1 - q \sin D| \le \tau_{s,1}$, of the area
+$4\tau_{s,1}\tau_{s,2}/\kappa$ at every q.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..context import plain
+from ..numerics.numbers import Pair
+from .column import Column, joint_balance
+from .set_valued import SetValuedCoulomb
+
+
+class StickingSet(eqx.Module):
+    """The states of rest in which both joints of a column stick."""
+
+    column: Column
+
+    @property
+    def static(self) -> Pair:
+        """The static torques of both joints."""
+        friction: Any = self.column.friction
+        law = friction.prepared(self.column.q)
+        if law.load is None:
+            return law.static
+        # at rest the joints' reactions balance the load alone, whatever the angles
+        one, two = (s * jnp.abs(self.column.q) for s in law.static)
+        return one, two
+
+    def torques(self, phi1: Any, phi2: Any) -> Pair:
+        """The torques that hold both joints at these angles."""
+        zero = jnp.zeros_like(jnp.asarray(phi1, jnp.result_type(float)))
+        return joint_balance(self.column, (phi1, phi2, zero, zero)).held()
+
+    def contains(self, phi1: Any, phi2: Any) -> Any:
+        """Whether the column rests at these angles; arrays of one shape."""
+        torques = self.torques(phi1, phi2)
+        one, two = (
+            jnp.abs(torque) <= most
+            for torque, most in zip(torques, self.static, strict=True)
+        )
+        return one & two
+
+    @property
+    def corners(self) -> Any:
+        r"""The four corners, (4, 2): $\phi_1, \phi_2$ in turn round the set.
+
+        **Raises:** `ValueError` unless the load follows ($\eta = 1$).
+        """
+        self._needs_following("corners")
+        t1, t2 = self.static
+        rows = []
+        for s1, s2 in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
+            phi1 = (self.column.q * jnp.sin(s2 * t2) + s1 * t1) / self.column.kappa
+            rows.append(jnp.stack([phi1, phi1 - s2 * t2]))
+        return jnp.stack(rows)
+
+    @property
+    def area(self) -> Any:
+        r"""$4\tau_{s,1}\tau_{s,2}/\kappa$, in rad^2, for a following load."""
+        self._needs_following("area")
+        t1, t2 = self.static
+        return 4 * t1 * t2 / self.column.kappa
+
+    def _needs_following(self, what: str) -> None:
+        if not self.column.tangential:
+            raise ValueError(
+                f"`{what}` of a sticking set must be asked of a load that follows, "
+                f"`follower` = 1, but that is {self.column.follower!r}; `contains` "
+                "holds for any."
+            )
+
+
+@plain
+def sticking_set(column: Column) -> StickingSet:
+    """The set of angles at which the column rests, held by friction alone.
+
+    **Arguments:** `column`, with `SetValuedCoulomb` friction.
+
+    **Returns:** `StickingSet`: `contains(phi1, phi2)`, `torques(phi1, phi2)`,
+    `corners`, `area`.
+
+    **Raises:** `ValueError` for another friction law.
+    """
+    if not isinstance(column, Column) or not isinstance(
+        column.friction, SetValuedCoulomb
+    ):
+        raise ValueError(
+            "Argument `column` must be a `Column` with `SetValuedCoulomb` friction, "
+            f"but is {column!r}."
+        )
+    return StickingSet(column)

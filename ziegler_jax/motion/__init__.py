@@ -1,0 +1,1 @@
+"""One motion: integrated, settled, observed."""

@@ -1,0 +1,105 @@
+"""Where a motion turned into NaN, for a user who looks for that with `jax_debug_nans`.
+
+The package computes without that flag (`own_flags`). Where it was set and the motion
+could not go on, the column's field is evaluated there once more, operation by operation
+and with the flag: what it raises names the line of a law of the user's own.
+"""
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from ..context import Arguments, plain
+from ..model.column import Column, State, vector_field
+from ..results import OUTCOME
+from ..runtime import own_flags
+from .integrate import follow
+from .scene import prepared
+from .settling import Settling
+
+Result = TypeVar("Result")
+LONG = 1e4  # a motion is followed once more for so long
+# A step that meets NaN is made shorter until it vanishes in front of it.
+BEYOND = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
+
+
+def motion(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """A plain function of a column's motion, whose NaN the user may look for."""
+    computed = plain(function)
+    name = getattr(function, "__name__", "this")
+
+    @wraps(function)
+    def watched(*args: Arguments.args, **options: Arguments.kwargs) -> Result:
+        result = computed(*args, **options)
+        if jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
+            scene = (*args, *(options[k] for k in ("column", "start") if k in options))
+            look_for_nan(name, scene[0], scene[1], result)
+        return result
+
+    return watched
+
+
+def look_for_nan(name: str, column: Any, start: Any, result: Any) -> None:
+    """Raise where the motion ended because it, or what comes next, is not finite.
+
+    **Raises:** `FloatingPointError` from what the column's field raises there.
+    """
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves((column, start, result))):
+        return
+    outcome = int(result.outcome)
+    if outcome not in (OUTCOME.not_finite, OUTCOME.step_vanished):
+        return
+    t, y = _last(column, start, result)
+    at = ", ".join(f"{x:.9g}" for x in y)
+    sentence = (
+        f"The motion in `{name}` is not a finite number at t = {t:.9g}, where "
+        f"(phi1, phi2, omega1, omega2) = ({at}), or just beyond."
+    )
+    found = _raised(column, t, y)
+    if found is not None:
+        raise FloatingPointError(sentence) from found
+    if outcome == OUTCOME.not_finite:
+        raise FloatingPointError(sentence)
+
+
+def _last(column: Column, start: State, result: Any) -> tuple[float, list[float]]:
+    """The last time and state: the result's own, or found by following it once more."""
+    if hasattr(result, "final"):
+        return float(result.time), [float(x) for x in result.final.y]
+    again = Settling(
+        column,
+        start,
+        transient=LONG,
+        window=1.0,
+        max_windows=1,
+        rtol_settle=1.0,
+        observers=(),
+        rtol=1e-6,
+        atol=1e-6,
+        solver=None,
+        escape=1e300,
+        rate_cut=None,
+        max_steps=1_000_000,
+    )
+    with own_flags():
+        run = follow(again)
+    begun = float(np.asarray(result.ts)[0]) if hasattr(result, "ts") else 0.0
+    return begun + float(run.time), [float(x) for x in run.y]
+
+
+def _raised(column: Column, t: float, y: list[float]) -> FloatingPointError | None:
+    """What the field raises at this state, or on the way on from it."""
+    whole, slope = prepared(column), [0.0] * 4
+    with jax.debug_nans(True), jax.disable_jit():
+        for h in BEYOND:
+            try:
+                ahead = tuple(x + h * f for x, f in zip(y, slope, strict=True))
+                now = vector_field(t + h, ahead, whole)  # pyright: ignore
+            except FloatingPointError as error:
+                return error
+            slope = slope if h else [float(f) for f in now]
+    return None

@@ -1,0 +1,389 @@
+r"""What to watch while a lane runs: each observer folds over the accepted steps.
+
+An observer keeps a few running numbers from the start of a window on and turns them
+into a result at its end. One that is not asked for is not in the program.
+"""
+
+import abc
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..model.column import Column, energy, power
+from ..numerics.numbers import Scalar, Vector4, both, keeps, number_or_pair
+from ..results import Variable
+from ..solvers import Step
+
+TIME = "sqrt(m l^2/k)"
+POWER = "k sqrt(k/(m l^2))"
+
+
+class AbstractObserver(eqx.Module):
+    """Running numbers over a window of the motion.
+
+    Keep its numbers as its own fields: of an attribute of something else, or a global,
+    that a law reads, JAX remembers outside of `sweep` what it was when first traced.
+    """
+
+    name: ClassVar[str]  # the attribute of `settle`'s result
+
+    def check(self, column: Column) -> None:
+        """Refuse a column that lacks what is to be observed (ValueError)."""
+        del column
+
+    def valid(self) -> Any:
+        """Whether the observer's numbers keep their rules; traced where they are."""
+        return True
+
+    def integrand(self, column: Column, y: Vector4) -> tuple:
+        """Functions of the state to integrate along the motion."""
+        del column, y
+        return ()
+
+    @abc.abstractmethod
+    def init(self, column: Column, t: Scalar, y: Vector4) -> Any:
+        """The running numbers at a window's start."""
+
+    @abc.abstractmethod
+    def step(self, column: Column, state: Any, step: Step) -> Any:
+        """The running numbers after an accepted step; `integrals` are this one's."""
+
+    @abc.abstractmethod
+    def result(self, column: Column, state: Any, span: Scalar, y: Vector4) -> Any:
+        """What the window of length `span`, which ended at y, amounts to."""
+
+    @abc.abstractmethod
+    def variables(self, result: Any) -> dict[str, Variable]:
+        """The result as named quantities."""
+
+
+class Extent(NamedTuple):
+    """Largest angles in a window, in rad, arrays of shape (2,)."""
+
+    rod: Any
+    joint: Any
+
+
+class Amplitude(AbstractObserver):
+    r"""The largest $|\phi_1|, |\phi_2|$ (rods) and $|\phi_2 - \phi_1|$ (joint 2).
+
+    Each step contributes the extremum of its quintic Hermite interpolant, so that an
+    amplitude does not depend on where the steps happen to end. Joint 1's angle is rod
+    1's.
+    """
+
+    name: ClassVar[str] = "amplitude"
+
+    def init(self, column, t, y):
+        """The start itself."""
+        del column, t
+        phi1, phi2 = y[0], y[1]
+        return tuple(jnp.abs(x) for x in (phi1, phi2, phi2 - phi1))
+
+    def step(self, column, state, step):
+        """The larger of what was and the step's extremum."""
+        del column
+        h = step.t1 - step.t0
+
+        def angles(y):
+            return y[0], y[1], y[1] - y[0]
+
+        # angles, rates and accelerations, in units of the step
+        ends = [angles(step.y0), angles(step.y1)]
+        ends += [tuple(h * v for v in angles(f)) for f in (step.f0, step.f1)]
+        ends += [tuple(h * h * a for a in angles(f[2:])) for f in (step.f0, step.f1)]
+        parts = zip(state, *ends, strict=True)
+        return tuple(jnp.maximum(peak, _peak(*part)) for peak, *part in parts)
+
+    def result(self, column, state, span, y):
+        """Rods and joints apart."""
+        del column, span, y
+        phi1, phi2, knee = state
+        return Extent(jnp.stack([phi1, phi2]), jnp.stack([phi1, knee]))
+
+    def variables(self, result):
+        """`rod_amplitude(rod)` and `joint_amplitude(joint)`."""
+        return {
+            "rod_amplitude": Variable(
+                result.rod, "largest absolute angle of the rod", "rad", ("rod",)
+            ),
+            "joint_amplitude": Variable(
+                result.joint, "largest absolute angle of the joint", "rad", ("joint",)
+            ),
+        }
+
+
+class Mean(AbstractObserver):
+    r"""The mean angles $\bar\phi_1, \bar\phi_2$: where a stuck motion sits.
+
+    The result has shape (2,), in rad.
+    """
+
+    name: ClassVar[str] = "mean"
+
+    def init(self, column, t, y):
+        """No area yet."""
+        del column, t
+        return 0.0 * y[0], 0.0 * y[1]
+
+    def step(self, column, state, step):
+        """Add the integral of the step's quintic."""
+        del column
+        h = step.t1 - step.t0
+
+        def area(i):
+            (x0, v0, a0), (x1, v1, a1) = _ends(step, i)
+            bent = (v0 - v1) / 10 + h * (a0 + a1) / 120
+            return h * ((x0 + x1) / 2 + h * bent)
+
+        return tuple(total + area(i) for i, total in enumerate(state))
+
+    def result(self, column, state, span, y):
+        """Area over time."""
+        del column, y
+        return jnp.stack(state) / span
+
+    def variables(self, result):
+        """`mean_angle(rod)`."""
+        return {
+            "mean_angle": Variable(result, "mean angle of the rod", "rad", ("rod",))
+        }
+
+
+class Period(AbstractObserver):
+    r"""The mean time between upward passages of $\phi_1$ through zero.
+
+    That is the period of a cycle that passes once; of one that passes n times a period
+    it is the n-th part. Fewer than two passages in the window: NaN.
+    """
+
+    name: ClassVar[str] = "period"
+
+    def init(self, column, t, y):
+        """No passage yet: their number, the first and the last."""
+        del column
+        zero = 0.0 * y[0]
+        return zero, t + zero, t + zero
+
+    def step(self, column, state, step):
+        """Find the passage on the step's quintic, with the cubic's slope."""
+        del column
+        count, first, last = state
+        h = step.t1 - step.t0
+        (x0, v0, a0), (x1, v1, a1) = _ends(step, 0)
+        v0, v1, a0, a1 = h * v0, h * v1, h * h * a0, h * h * a1
+        passed = (x0 < 0) & (x1 >= 0)
+        rise = jnp.where(passed, x1 - x0, 1.0)
+        s = -x0 / rise
+        c2, c3 = 3 * (x1 - x0) - 2 * v0 - v1, v0 + v1 - 2 * (x1 - x0)
+        for _ in range(3):  # the secant is within h^2 of the root, each step h^3 nearer
+            value = x0 + s * (v0 + s * (c2 + s * c3) + _quintic(s, c2, c3, a0, a1))
+            slope = v0 + s * (2 * c2 + 3 * s * c3)
+            moved = s - value / jnp.where(slope > 0, slope, rise)
+            s = jnp.clip(moved, 0.0, 1.0)
+        time = step.t0 + s * h
+        return (
+            count + jnp.where(passed, 1.0, 0.0),
+            jnp.where(passed & (count == 0), time, first),
+            jnp.where(passed, time, last),
+        )
+
+    def result(self, column, state, span, y):
+        """Time between first and last, by the number of returns."""
+        del column, span, y
+        count, first, last = state
+        returns = jnp.where(count >= 2, count - 1, 1.0)
+        return jnp.where(count >= 2, (last - first) / returns, jnp.nan)
+
+    def variables(self, result):
+        """`period`."""
+        meaning = "mean time between upward passages of phi1 through zero"
+        return {"period": Variable(result, meaning, TIME)}
+
+
+class StickFraction(AbstractObserver):
+    r"""The share of time in which a joint sticks: $|u_i| <$ `rate_cut`.
+
+    A smoothed law never sticks, it creeps: the cut says how slow counts as sticking.
+    With set-valued friction the modes say it, without a cut unless one is named.
+    The time below the cut is that of the rate's straight line over each step. The
+    result has shape (2,).
+
+    **Arguments:** `rate_cut`: in $\sqrt{k/(m l^2)}$, one number or one a joint; None is
+    the friction law's own (`v_smooth` of the smoothed law, below which its torque has
+    not risen to its peak).
+    """
+
+    rate_cut: Any = None
+    name: ClassVar[str] = "stick_fraction"
+
+    def __init__(self, rate_cut: Any = None):
+        """Keep the cut."""
+        self.rate_cut = (
+            None
+            if rate_cut is None
+            else number_or_pair("rate_cut", rate_cut, "positive")
+        )
+
+    def valid(self):
+        """Positive cuts."""
+        if self.rate_cut is None:
+            return True
+        return keeps("positive", *both(self.rate_cut))
+
+    def check(self, column):
+        """Without friction nothing sticks, unless the cut is named."""
+        if column.friction is None and self.rate_cut is None:
+            raise ValueError(
+                "Argument `rate_cut` of `StickFraction` must be given for a column "
+                "without friction, but is None."
+            )
+
+    def init(self, column, t, y):
+        """No time yet."""
+        del column, t
+        return 0.0 * y[0], 0.0 * y[0]
+
+    def step(self, column, state, step):
+        """Add the step's time below the cut."""
+        cut = self.rate_cut
+        if cut is None:
+            assert column.friction is not None  # `check` saw to it
+            cut = column.friction.rate_cut()
+        h = step.t1 - step.t0
+        if cut is None:
+            return tuple(
+                time + jnp.where(m == 0, h, 0.0)
+                for time, m in zip(state, step.modes, strict=True)
+            )
+        rates0, rates1 = joint_rates(step.y0), joint_rates(step.y1)
+        return tuple(
+            time + h * _share_within(u0, u1, c)
+            for time, u0, u1, c in zip(state, rates0, rates1, both(cut), strict=True)
+        )
+
+    def result(self, column, state, span, y):
+        """Time over time."""
+        del column, y
+        return jnp.stack(state) / span
+
+    def variables(self, result):
+        """`stick_fraction(joint)`."""
+        meaning = "share of time in which the joint sticks"
+        return {"stick_fraction": Variable(result, meaning, "1", ("joint",))}
+
+
+class Balance(NamedTuple):
+    """Mean powers over a window, in k sqrt(k/(m l^2)); a missing part is None."""
+
+    follower: Any
+    damping: Any
+    friction: Any
+    imbalance: Any
+
+
+class EnergyBalance(AbstractObserver):
+    r"""Work of the load, losses in damping and friction, each per unit time.
+
+    The powers are integrated with the stages of the method, to its order. `imbalance`
+    is what is left of $\Delta E = W_{load} - W_{damping} - W_{friction}$ per unit time:
+    the integration's own energy error.
+    """
+
+    name: ClassVar[str] = "power"
+
+    def integrand(self, column, y):
+        """The powers that the column has."""
+        return tuple(p for p in power(column, y) if p is not None)
+
+    def init(self, column, t, y):
+        """The energy at the start, and no work yet."""
+        del t
+        works = jax.eval_shape(lambda: self.integrand(column, y))
+        return energy(column, y), tuple(0.0 * y[0] for _ in works)
+
+    def step(self, column, state, step):
+        """Add the step's work."""
+        del column
+        start, works = state
+        return start, tuple(w + dw for w, dw in zip(works, step.integrals, strict=True))
+
+    def result(self, column, state, span, y):
+        """Work over time, and the balance."""
+        start, works = state
+        means = iter(w / span for w in works)
+        follower = next(means)
+        damping = None if column.damping is None else next(means)
+        friction = None if column.friction is None else next(means)
+        losses = sum(x for x in (damping, friction) if x is not None)
+        change = (energy(column, y) - start) / span
+        return Balance(follower, damping, friction, change - follower + losses)
+
+    def variables(self, result):
+        """`follower_power`, `damping_power`, `friction_power`, `energy_imbalance`."""
+        meanings = {
+            "follower_power": (result.follower, "mean power of the follower load"),
+            "damping_power": (result.damping, "mean power lost in damping"),
+            "friction_power": (result.friction, "mean power lost in joint friction"),
+            "energy_imbalance": (result.imbalance, "energy error per unit time"),
+        }
+        return {
+            name: Variable(value, meaning, POWER)
+            for name, (value, meaning) in meanings.items()
+            if value is not None
+        }
+
+
+def joint_rates(y: Vector4) -> tuple[Scalar, Scalar]:
+    """u1 = omega1 and u2 = omega2 - omega1."""
+    return y[2], y[3] - y[2]
+
+
+def _ends(step: Step, i: int) -> tuple:
+    """Angle, rate and acceleration of rod i at both ends of a step."""
+    ends = (step.y0, step.f0), (step.y1, step.f1)
+    first, second = ((y[i], y[i + 2], f[i + 2]) for y, f in ends)
+    return first, second
+
+
+def _quintic(s, c2, c3, a0, a1):
+    """What the quintic with these second derivatives adds to the cubic, over s."""
+    rest = 1 - s
+    return s * rest * rest * (rest * (a0 / 2 - c2) + s * (a1 / 2 - c2 - 3 * c3))
+
+
+def _peak(x0, x1, v0, v1, a0, a1):
+    """Largest |x| at the end and near the extremum of the quintic with these ends.
+
+    Slopes and second derivatives are per step. Between slopes of unlike sign the cubic
+    of the same ends has exactly one extremum, at the root written here so that nothing
+    cancels. It lies within h^3 of the quintic's, whose value there is within h^6. Of a
+    step whose rise is rounding, or whose numbers underflow, that root is no place in
+    the step: such a number hardly moves, and its end will do.
+    """
+    rise = x1 - x0
+    c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
+    square = c2 * c2 - 3 * c3 * v0
+    root = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    root = jnp.where(v0 > 0, root, -root)
+    apart = (c2 < 0) == (v0 > 0)
+    top = jnp.where(apart, v0, -(root + c2))
+    bottom = jnp.where(apart, root - c2, 3 * c3)
+    turns = (v0 * v1 < 0) & (square > 0) & (jnp.abs(top) <= jnp.abs(bottom))
+    # between 0 and 1 where it turns; elsewhere any harmless number
+    s = top / jnp.where(turns, bottom, 1.0)
+    inner = x0 + s * (v0 + s * (c2 + s * c3) + _quintic(s, c2, c3, a0, a1))
+    end = jnp.abs(x1)
+    return jnp.where(turns, jnp.maximum(end, jnp.abs(inner)), end)
+
+
+def _share_within(u0, u1, cut):
+    """The share of a straight line from u0 to u1 that lies within +-cut."""
+    low, high = jnp.minimum(u0, u1), jnp.maximum(u0, u1)
+    inside = jnp.minimum(high, cut) - jnp.maximum(low, -cut)
+    length = high - low
+    flat = length <= 0
+    share = jnp.maximum(inside, 0.0) / jnp.where(flat, 1.0, length)
+    return jnp.where(flat, jnp.where(jnp.abs(u0) < cut, 1.0, 0.0), share)

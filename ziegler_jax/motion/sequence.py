@@ -1,0 +1,75 @@
+"""Motions one after the other in one lane, where each is decided by those before.
+
+A search and a quasi-static sweep are such sequences. Every lane goes through its own at
+its own pace: in a sweep in legs, so that a lane is refilled when its sequence ends;
+else in a loop whose turns are legs, so that no motion waits for those of other lanes.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..context import current_legs
+from .integrate import Motion, Run
+
+# The rest of a leg in which a motion ends is lost. A call costs about 10 steps.
+LONGEST_LEG = 256
+
+
+class _Sequence(NamedTuple):
+    """Where a lane is."""
+
+    state: Any  # what the motions so far amount to
+    run: Run  # the present motion
+    fresh: Any  # whether the next one begins
+    steps: Any
+
+
+def in_turn(
+    motion: Callable[[Any], Motion],
+    heard: Callable[[Any, Any, Run], Any],
+    running: Callable[[Any], Any],
+    state: Any,
+) -> tuple[Any, Any]:
+    """Follow motions until there is no next one.
+
+    **Arguments:**
+
+    - `motion`: the next motion, from the state.
+    - `heard`: the state after it, from the state, the motion and its ended run.
+    - `running`: whether there is a next one.
+    - `state`: the first state, a pytree of scalars and arrays.
+
+    **Returns:** the last state and the number of steps of all motions.
+    """
+    zero = jnp.zeros((), jnp.int32)
+    first = _Sequence(state, motion(state).begin(), jnp.asarray(False), zero)
+
+    def leg(now: _Sequence, quota: Any) -> _Sequence:
+        present = motion(now.state)
+        run = _where(now.fresh, present.begin(), now.run)
+        before = run.steps
+        run = present.advance(run, quota)
+        ended = ~run.running & running(now.state)
+        state = _where(ended, heard(now.state, present, run), now.state)
+        steps = now.steps + (run.steps - before).astype(jnp.int32)
+        return _Sequence(state, run, ended & running(state), steps)
+
+    legs = current_legs()
+    if legs is not None:
+        now = leg(legs.enter(first), jnp.minimum(legs.quota, LONGEST_LEG))
+        legs.leave(now, running(now.state), now.steps)
+    else:
+        now = lax.while_loop(
+            lambda now: running(now.state), lambda now: leg(now, LONGEST_LEG), first
+        )
+    return now.state, now.steps
+
+
+def _where(flag: Any, new: Any, old: Any) -> Any:
+    return jax.tree.map(
+        lambda a, b: jnp.where(flag, a, b).astype(jnp.result_type(b)), new, old
+    )

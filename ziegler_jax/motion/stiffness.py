@@ -1,0 +1,87 @@
+r"""Whether a stiff method is the cheaper one, by the field's Jacobian at rest.
+
+There, $J = [[0, I], [P, Q]]$. Rates decay with about $\lambda = -\mathrm{tr}\, Q$
+($15.4\, \tau_s / v_{smooth}$ for uniform rods with one torque at both joints), the
+column moves at rates up to about $\omega = \sqrt{\|P\|_F}$. Steps that meet tolerances
+are about $rtol^{1/5} / \omega$ long: a column is stiff where these decay times are
+shorter,
+
+$$\lambda\, rtol^{1/5} > \omega.$$
+"""
+
+from contextlib import ExitStack
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..model.column import Column, vector_field
+from ..model.set_valued import SetValuedCoulomb
+from ..numerics.numbers import Vector4, is_concrete, number
+
+
+def is_stiff(column: Column, rtol: Any) -> jax.Array:
+    r"""Whether `Rosenbrock()` is cheaper for this column than `Explicit()`.
+
+    $$-\mathrm{tr}\, \frac{\partial\dot\omega}{\partial\omega}\, rtol^{1/5} >
+    \left\|\frac{\partial\dot\omega}{\partial\phi}\right\|_F^{1/2}
+    \text{ at } \phi = \omega = 0$$
+
+    On a map of friction cycles and sticking columns (q = 1..4, tau = 0.002..0.16,
+    v_smooth = 0.0003..0.1) that is where the methods' total costs cross, within a
+    factor of 1.5 in the left side, for tolerances from 1e-4 to 1e-10.
+
+    A compiled program holds one method. A sweep that goes from wide layers to thin
+    ones is two sweeps, each over the points of its method, that fill each other up:
+
+    ```python
+    def settled(solver):
+        def point(q, v):
+            return zj.settle(column(q, v), start, rtol=1e-6, solver=solver)
+
+        return point
+
+    ds = zj.sweep(lambda q, v: {"stiff": zj.is_stiff(column(q, v), 1e-6)}, **axes)
+    stiff = ds.stiff == 1
+    thin = zj.sweep(settled(zj.Rosenbrock()), where=lambda **_: stiff.values, **axes)
+    wide = zj.sweep(settled(zj.Explicit()), where=lambda **_: ~stiff.values, **axes)
+    ds = thin.where(stiff, wide)
+    ```
+
+    **Arguments:** `column`; `rtol`: the tolerance of the motion's steps. Where all
+    numbers are known the answer is, too, in 64 bits and under `jax.jit`.
+
+    **Returns:** a boolean. False for numbers that are NaN, and with `SetValuedCoulomb`,
+    whose sticking joints have no fast rates.
+
+    **Raises:** `ValueError` for what is no `Column`, and for a concrete `rtol` that is
+    not positive.
+    """
+    if not isinstance(column, Column):
+        raise ValueError(f"Argument `column` must be a `Column`, but is {column!r}.")
+    rtol = number("rtol", rtol, "positive")
+    with ExitStack() as known:
+        if all(is_concrete(x) for x in jax.tree.leaves((column, rtol))):
+            known.enter_context(jax.ensure_compile_time_eval())
+            known.enter_context(jax.enable_x64(True))
+        if isinstance(column.friction, SetValuedCoulomb):
+            return jnp.zeros((), bool)
+        return _decays_fast(column, rtol)
+
+
+def _decays_fast(column: Column, rtol: Any) -> jax.Array:
+    zero = jnp.zeros((), jnp.result_type(float))
+
+    def accelerations(y: Vector4) -> tuple:
+        return vector_field(0.0, y, column)[2:]
+
+    _, along = jax.linearize(accelerations, (zero,) * 4)
+    one = jnp.ones_like(zero)
+    columns = [
+        along(tuple(one if j == i else zero for j in range(4))) for i in range(4)
+    ]
+    square = zero
+    for change in columns[:2]:
+        square += change[0] ** 2 + change[1] ** 2
+    decay = -(columns[2][0] + columns[3][1])
+    return decay * jnp.asarray(rtol, zero.dtype) ** 0.2 > square**0.25

@@ -1,0 +1,378 @@
+r"""A motion together with its derivatives: the variational equations as a fold.
+
+Of each accepted step $y_1 = \Phi(y_0, p)$ the derivative with the step's length frozen
+is taken, so that what comes out is the exact derivative of the discrete flow. With
+set-valued friction a change of modes at the guard g = 0 adds the saltation
+
+$$\delta y^+ = \delta y^- + (f^- - f^+)\,\delta t, \qquad \delta t = -\frac{
+\partial_y g\,\delta y^- + \partial_p g\,\delta p}{\partial_y g\,f^-}$$
+
+In stick a joint's rate is held, and so is its variation: after a stick phase the map
+has lost a rank. Source: M. di Bernardo et al., Piecewise-smooth Dynamical Systems
+(2008), section 2.5; R. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-smooth
+Mechanical Systems (2004), chapter 7.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax as dfx
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..model.column import Column, joint_balance, vector_field
+from ..model.set_valued import SetValuedCoulomb, Torques
+from ..numerics.materialise import if_any_lane
+from ..numerics.numbers import Scalar, Vector4
+from ..solvers import AbstractFold, Explicit, Observed, StepControl, StickSlip
+from .scene import prepared
+
+FIRST_STEP = 0.01
+TERMS = dfx.ODETerm(vector_field)
+
+
+class Method(NamedTuple):
+    """How motions are integrated."""
+
+    solver: Any  # Explicit, or Linearised
+    rtol: Scalar
+    atol: Scalar
+    max_steps: int
+
+    def machine(self, column: Column, fold: AbstractFold) -> Any:
+        """The observing solver and the controller that the friction law needs."""
+        control = StepControl(self.rtol, self.atol)  # pyright: ignore
+        if _jumps(column):
+            return StickSlip(self.solver, fold, self.atol), control
+        return Observed(self.solver, fold), control
+
+    def run(self, args: Column, fold: AbstractFold, y0: Vector4, t1: Any) -> Any:
+        """Integrate a prepared column from t = 0: the fold's end, y, y', t, steps."""
+        watching, control = self.machine(args, fold)
+        zero = jnp.zeros((), y0[0].dtype)
+        state = control.start(zero, FIRST_STEP, jnp.inf)
+        state = state._replace(left=jnp.asarray(self.max_steps, jnp.int32))
+        solution = dfx.diffeqsolve(
+            TERMS,
+            watching,
+            t0=zero,
+            t1=t1,
+            dt0=FIRST_STEP,
+            y0=y0,
+            args=args,
+            stepsize_controller=control,
+            controller_state=state,
+            saveat=dfx.SaveAt(solver_state=True, controller_state=True),
+            max_steps=None,  # the controller counts
+            throw=False,
+            adjoint=dfx.ForwardMode(),
+        )
+        after: Any = solution.solver_state
+        where: Any = solution.controller_state
+        steps = solution.stats["num_steps"]
+        return after.folded, after.y, after.slope, where.t, steps
+
+
+class Flow(NamedTuple):
+    """The motion at the end of a span, and its k = 4 + n derivatives.
+
+    Columns 0 to 3 are those in the start, the others in the n parameters.
+    """
+
+    y: Any  # (4,)
+    slope: Any  # (4,) the right-hand side there
+    extent: Any  # (3,) largest |phi1|, |phi2|, |phi2 - phi1|
+    moved: Any  # (4, k)
+    extent_moved: Any  # (3, k)
+    arrived: Any  # whether the span was integrated to its end
+    steps: Any
+
+
+def flow(
+    make: Callable[[Any], Column],
+    parameters: Any,
+    y0: Any,
+    span: Any,
+    method: Method,
+    vary: bool = True,
+) -> Flow:
+    """Follow `make(parameters)` from y0 (4,) over a positive span, with derivatives.
+
+    **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them.
+    """
+    args, fold, method = varied(make, parameters, method, vary)
+    start: Any = tuple(y0[i] for i in range(4))
+    folded, y, slope, t, steps = method.run(args, fold, start, span)
+    y, slope = jnp.stack(y), jnp.stack(slope)
+    arrived = (t >= span) & jnp.all(jnp.isfinite(y)) & jnp.all(jnp.isfinite(slope))
+    return Flow(
+        y,
+        slope,
+        jnp.stack(folded.extent),
+        jnp.stack(folded.y),
+        jnp.stack(folded.extent_moves),
+        arrived,
+        steps.astype(jnp.int32),
+    )
+
+
+def varied(
+    make: Callable[[Any], Column], parameters: Any, method: Method, vary: bool = True
+) -> tuple[Column, "Variational", Method]:
+    """The prepared column, the fold that varies its motion, and the method for it."""
+    args, which, moves = prepared(make(parameters)), (), ()
+    if vary:
+        which, moves = _moving(make, parameters)
+    linearised = Linearised(method.solver, which, moves)
+    if not _jumps(args):  # else a step may be cut: its Jacobian is the fold's to find
+        method = method._replace(solver=linearised)
+    return args, Variational(linearised), method
+
+
+def _moving(make: Callable, parameters: Any) -> tuple[tuple, tuple]:
+    """Which leaves of the prepared column move, and their (4 + n,) derivatives."""
+    leaves = jax.tree.leaves(prepared(make(parameters)))
+    which = tuple(i for i, x in enumerate(leaves) if isinstance(x, jax.Array))
+
+    def moving(p):
+        leaves = jax.tree.leaves(prepared(make(p)))
+        return [leaves[i] for i in which]
+
+    zero = jnp.zeros(4, parameters.dtype)
+    slopes = jax.jacfwd(moving)(parameters)
+    return which, tuple(jnp.concatenate([zero, s]) for s in slopes)
+
+
+class Linearised(eqx.Module):
+    """A method whose steps come with their Jacobian, in place of integrals.
+
+    Its error counts with the step's: a cycle however small has multipliers of size one.
+
+    **Arguments:** `solver`; `args`: the prepared column; `which` of its leaves move;
+    `moves`: their derivatives in k = 4 + n directions, (k,) each.
+    """
+
+    solver: Explicit
+    which: tuple = eqx.field(static=True)
+    moves: tuple
+
+    def order(self, terms):
+        """The method's."""
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        """The method's."""
+        return self.solver.error_order(terms)
+
+    def func(self, terms, t0, y0, args):
+        """The right-hand side."""
+        return self.solver.func(terms, t0, y0, args)
+
+    def init(self, terms, t0, t1, y0, args):
+        """The first stage of the first step."""
+        return self.solver.init(terms, t0, t1, y0, args)
+
+    def advance(self, terms, t0, t1, y0, args, first, integrand=None):
+        """A step, and (peaks, their and its own rows of k derivatives)."""
+        del first, integrand
+
+        def over(y, moving):
+            column = self.column(args, moving)
+            first = vector_field(t0, y, column)
+            y1, error, last, *_ = self.solver.advance(terms, t0, t1, y, column, first)
+            peaks = _peaks(t1 - t0, y, first, y1, last)
+            return (y1, peaks, error), last
+
+        def along(dy, dp):
+            at = y0, self.moving(args)
+            return jax.jvp(over, at, (dy, dp), has_aux=True)
+
+        step = jax.vmap(along, out_axes=(None, 0, None))
+        (y1, peaks, error), slopes, last = step(self.unit(y0), list(self.moves))
+        *slopes, errors = slopes
+        # the state's columns alone: steps do not depend on what is differentiated
+        worst = tuple(
+            jnp.maximum(jnp.abs(e), jnp.max(jnp.abs(row[:4])))
+            for e, row in zip(error, errors, strict=True)
+        )
+        return y1, worst, last, (peaks, *slopes), None
+
+    def unit(self, y0: Vector4) -> tuple:
+        """The state's unit vectors among the k directions."""
+        k = self.moves[0].shape[0] if self.moves else 4
+        rows = jnp.eye(4, k, dtype=y0[0].dtype)
+        return tuple(rows[i] for i in range(4))
+
+    def moving(self, args: Column) -> list:
+        """The leaves that move."""
+        # modes stand behind the leaves of a prepared column's friction
+        leaves = jax.tree.leaves(_without_modes(args))
+        return [leaves[i] for i in self.which]
+
+    def column(self, args: Any, moving: list) -> Any:
+        """The column with these leaves in place of its own."""
+        leaves, tree = jax.tree.flatten(_without_modes(args))
+        for i, x in zip(self.which, moving, strict=True):
+            leaves[i] = x
+        column = jax.tree.unflatten(tree, leaves)
+        return in_modes(column, args.friction.modes) if _jumps(args) else column
+
+
+class Varied(NamedTuple):
+    """Variations of the state, and the largest angles with theirs; k directions."""
+
+    y: tuple  # four arrays (k,)
+    extent: tuple  # three numbers
+    extent_moves: tuple  # three arrays (k,)
+
+
+class Variational(AbstractFold):
+    """The variational equations along a motion, with its largest angles."""
+
+    method: Linearised
+
+    def integrand(self, column):
+        """Nothing: the method offers its Jacobian in its place."""
+        del column
+        return None
+
+    def init(self, column, t0, y0):
+        """Unit vectors, and the start's own angles."""
+        del t0
+        rows = self.method.unit(y0)
+        if _jumps(column):
+            rows = (*rows[:2], *_stopped(column, y0, rows[2], rows[3]))
+        angles = y0[0], y0[1], y0[1] - y0[0]
+        signs = [jnp.where(x < 0, -1.0, 1.0) for x in angles]
+        turned = rows[0], rows[1], rows[1] - rows[0]
+        return Varied(
+            rows,
+            tuple(jnp.abs(x) for x in angles),
+            tuple(s * row for s, row in zip(signs, turned, strict=True)),
+        )
+
+    def step(self, column, state, step):
+        """Carry the variations over the step, and over the event at its end."""
+        found = step.integrals
+        if step.modes:
+            ends = step.t0, step.t1, step.y0
+            *_, found, _ = self.method.advance(TERMS, *ends, column, step.f0)
+        peaks, *jacobians = found
+
+        def carry(row):  # the step's Jacobian times what was, and the parameters' own
+            before: Any = sum(row[i] * state.y[i] for i in range(4))
+            return before.at[4:].add(row[4:])
+
+        dy, dpeaks = (tuple(map(carry, rows)) for rows in jacobians)
+        if step.modes:
+            dy = (*dy[:2], *column.friction.hold(dy[2], dy[3]))
+            event = step.event[0] > 0
+            dy = if_any_lane(event, lambda dy: self._saltation(column, step, dy), dy)
+        extent, moves = [], []
+        for old, dold, new, dnew in zip(
+            state.extent, state.extent_moves, peaks, dpeaks, strict=True
+        ):
+            larger = jnp.abs(new) > old
+            extent.append(jnp.where(larger, jnp.abs(new), old))
+            moves.append(jnp.where(larger, jnp.sign(new) * dnew, dold))
+        return Varied(dy, tuple(extent), tuple(moves)), jnp.inf, False
+
+    def _saltation(self, column: Any, step: Any, dy: tuple) -> tuple:
+        """What a change of modes at the step's end does to the variations."""
+        joint, modes = step.event
+        f0 = step.f1
+        f1 = vector_field(step.t1, step.y1, in_modes(column, modes))
+
+        def guard(y, moving):
+            one, two = _guards(self.method.column(column, moving), y)
+            return jnp.where(joint == 2, two, one)
+
+        moving = self.method.moving(column)
+        still = [jnp.zeros_like(x) for x in moving]
+        at = (step.y1, moving)
+        _, rate = jax.jvp(guard, at, (f0, still))
+        along = list(self.method.moves)
+        moved = jax.vmap(lambda *d: jax.jvp(guard, at, d)[1])(dy, along)
+        shift = -moved / jnp.where(rate == 0, -jnp.inf, rate)
+        return tuple(
+            jnp.where(joint > 0, d + (a - b) * shift, d)
+            for d, a, b in zip(dy, f0, f1, strict=True)
+        )
+
+
+def _jumps(args: Any) -> bool:
+    """Whether friction is set-valued."""
+    return isinstance(args.friction, (SetValuedCoulomb, Torques))
+
+
+def in_modes(column: Any, modes: Any) -> Any:
+    """The column with its joints' modes frozen, or free (None)."""
+    return eqx.tree_at(lambda c: c.friction, column, column.friction.in_modes(modes))
+
+
+def _without_modes(args: Any) -> Any:
+    return in_modes(args, None) if _jumps(args) else args
+
+
+def _stopped(column: Any, y: Vector4, dw1: Any, dw2: Any) -> tuple[Any, Any]:
+    """Variations of the rates where joints stick at the start.
+
+    A joint that is set off a little is stopped at once, by an impulse of its friction:
+    the momenta across it are kept.
+    """
+    f = joint_balance(column, y)
+    stuck1, stuck2 = (m == 0 for m in column.friction.modes)
+    both = ((f.a + f.h) * dw1 + (f.h + f.d) * dw2) / (f.a + 2 * f.h + f.d)
+    second = jnp.where(stuck1, dw2 + f.h / f.d * dw1, dw2)
+    still = stuck1 & stuck2
+    first = jnp.where(stuck1, 0.0, jnp.where(stuck2, both, dw1))
+    return first, jnp.where(still, 0.0, jnp.where(stuck2, both, second))
+
+
+def _guards(column: Any, y: Vector4) -> tuple[Any, Any]:
+    """What is positive as long as each joint's mode holds; see `solvers.stickslip`."""
+    law = column.friction
+    spare, rates = law.spare(joint_balance(column, y)), (y[2], y[3] - y[2])
+    return tuple(
+        jnp.where(m == 0, left, m * u)
+        for m, left, u in zip(law.modes, spare, rates, strict=True)
+    )  # type: ignore[return-value]
+
+
+def _peaks(h: Any, y0: Vector4, f0: Vector4, y1: Vector4, f1: Vector4) -> tuple:
+    r"""Where phi1, phi2, phi2 - phi1 turn within a step, else at its end.
+
+    On the quintic of both ends' angles, rates and accelerations, $O(h^6)$. Where an
+    angle turns it does not move to first order: the place carries no derivative.
+    """
+
+    def parts(y, f):
+        angles = (y[0], y[1], y[1] - y[0])
+        rates = (y[2], y[3], y[3] - y[2])
+        return zip(angles, rates, (f[2], f[3], f[3] - f[2]), strict=True)
+
+    peaks = []
+    for (x0, v0, a0), (x1, v1, a1) in zip(parts(y0, f0), parts(y1, f1), strict=True):
+        v0, v1, a0, a1 = h * v0, h * v1, h * h * a0, h * h * a1
+        rise, faster, more = x1 - x0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
+        c = (
+            v0,
+            a0 / 2,
+            10 * rise - 4 * faster + more / 2,
+            7 * faster - 15 * rise - more,
+            6 * rise - 3 * faster + more / 2,
+        )
+        turns = v0 * v1 < 0
+        s = lax.stop_gradient(jnp.where(turns, v0 / (v0 - v1), 1.0))
+        d = lax.stop_gradient(c)
+        for _ in range(3):  # the secant is within h^2: three steps are plenty
+            slope = d[0] + s * (
+                2 * d[1] + s * (3 * d[2] + s * (4 * d[3] + s * 5 * d[4]))
+            )
+            bend = 2 * d[1] + s * (6 * d[2] + s * (12 * d[3] + s * 20 * d[4]))
+            moved = s - slope / jnp.where(bend == 0, jnp.inf, bend)
+            s = jnp.where(turns, jnp.clip(moved, 0.0, 1.0), 1.0)
+        peaks.append(x0 + s * (c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4])))))
+    return tuple(peaks)

@@ -1,0 +1,1 @@
+"""Numbers, series, polynomials, elementary functions: nothing here knows a column."""

@@ -1,0 +1,156 @@
+r"""When a joint's mode ends within a step whose motion is a power series.
+
+Each joint's mode holds as long as a polynomial w of time keeps its side: where the
+joint slips, its rate in its direction, $w \ge 0$; where it sticks, its torque,
+$|w| \le \tau_s$. A polynomial lies within the hull of its Bernstein coefficients and
+crosses a level no more often than they do. They tell that a mode holds over the whole
+step, or that it ends there once. Where they tell neither, the step is halved until they
+do; then the first end is a root, found by Newton's method.
+
+`joints`: for both the coefficients of w, the limit ($\tau_s$, or 0 where the joint
+slips), whether it slips, and how closely the limit is to be met.
+"""
+
+import math
+from typing import Any
+
+import jax.numpy as jnp
+from jax import lax
+
+from .materialise import if_any_lane, materialise
+from .series import sum_of, value, value_and_slope
+
+IN_DOUBT, MORE_DOUBT = 2.0, 3.0
+# Halved so often, what may hide between coefficients, which goes with the square of the
+# time, is below rounding.
+HALVINGS = 26
+NEWTON_STEPS, MOST_ROUNDS = 3, 20  # of them
+
+
+def _look(watched: list, limit: Any, slips: Any, tol: Any, s: Any) -> Any:
+    """Whether a joint's mode holds over the time s, by its Bernstein coefficients.
+
+    **Returns:** 0 if it does. Else, with the sign of the side on which the torque
+    passes its limit (minus where the joint slips): 1 + about where in s it ends, once;
+    IN_DOUBT, if it is left at the end; MORE_DOUBT, if it is not.
+    """
+    n, power, terms = len(watched) - 1, s, [watched[0]]
+    for j, c in enumerate(watched[1:], 1):
+        terms.append(c * power / math.comb(n, j))
+        power = power * s
+    above = below = was = jnp.zeros((), bool)
+    plain, count = ~was, 0.0
+    up = was
+    for i in range(n + 1):
+        b = sum_of([math.comb(i, j) * terms[j] for j in range(i + 1)])
+        up, down = ~slips & (b > limit + tol), b < -limit - tol
+        above, below = above | up, below | down
+        low = up | down
+        plain &= ~was | low
+        count += jnp.where(low, 1.0, 0.0)
+        was = low
+    plain &= ~(above & below)
+    # all before it are fine
+    about = 1 + jnp.clip((n + 0.5 - count) / n, 0.0, 0.999)
+    ends = jnp.where(plain, about, IN_DOUBT)
+    kind = jnp.where(was, ends, jnp.where(plain, 0.0, MORE_DOUBT))
+    return jnp.where(jnp.where(was, up, above), kind, -kind)
+
+
+def first_look(joints: list, s: Any, at: Any) -> tuple[Any, list]:
+    """A time over which both joints' ends are plain, and which they are."""
+
+    def look(s):
+        return [_look(w, limit, slips, tol, s) for w, limit, slips, tol in joints]
+
+    def doubtful(state):
+        _, (one, two), count = state
+        worst = jnp.maximum(jnp.abs(one), jnp.abs(two))
+        return (worst >= IN_DOUBT) & (count < HALVINGS)
+
+    def halve(state):
+        s, _, count = state
+        return 0.5 * s, materialise(at, look, 0.5 * s), count + 1
+
+    begin = s, materialise(at, look, s), jnp.zeros((), jnp.int32)
+    s, ends, _ = lax.while_loop(doubtful, halve, begin)
+    # what is still in doubt counts as an end where the mode is left for good
+    return s, [jnp.where(jnp.abs(e) > IN_DOUBT, 0.0, e) for e in ends]
+
+
+def first_event(joints: list, ends: list, s: Any, at: Any) -> Any:
+    """When the first joint's mode ends, and which joint it is."""
+    first, second = (e != 0 for e in ends)
+
+    def guard(which):
+        """Of one of the joints: limit - side x watched."""
+        rows = []
+        for (watched, limit, *_), e in zip(joints, ends, strict=True):
+            side = jnp.sign(e)
+            rows.append((limit * jnp.abs(side), [-side * c for c in watched]))
+        (limit1, row1), (limit2, row2) = rows
+        row = [jnp.where(which, y, x) for x, y in zip(row1, row2, strict=True)]
+        return [jnp.where(which, limit2, limit1) + row[0], *row[1:]]
+
+    asked = first | second
+    about1, about2 = (jnp.abs(e) - 1 for e in ends)
+    which = second & (~first | (about2 < about1))
+    about = jnp.where(asked, s * jnp.clip(jnp.where(which, about2, about1), 0, 1), 0.0)
+    level = -0.5 * jnp.where(which, joints[1][3], joints[0][3])
+    found = _root(lambda: guard(which), level, about, s, asked, at)
+
+    other = -0.5 * jnp.where(which, joints[0][3], joints[1][3])
+
+    def late():
+        return first & second & (value(guard(~which), found) < 2 * other)
+
+    sooner = materialise(at, late)
+
+    def correct(found):
+        new = _root(lambda: guard(~which), other, 0.5 * found, s, sooner, at)
+        return jnp.where(sooner, new, found)
+
+    found = if_any_lane(sooner, correct, found)
+    which = which ^ sooner
+    return found, (first & asked & ~which, second & which)
+
+
+def _root(guard: Any, level: Any, about: Any, s: Any, asked: Any, at: Any) -> Any:
+    """Where a guard falls to a level within s: Newton's method, kept in a bracket."""
+
+    def nearer(x, times):
+        row = guard()
+        left, right = 0.0 * s, s
+        for _ in range(times):
+            height, slope = value_and_slope(row, x)
+            miss = height - level
+            left, right = jnp.where(miss > 0, x, left), jnp.where(miss > 0, right, x)
+            new = x - miss / jnp.where(slope < 0, slope, -1.0)
+            good = (slope < 0) & (new >= left) & (new <= right)
+            x = jnp.where(good, new, 0.5 * (left + right))
+        # it begins below, or ends there
+        return jnp.where(asked & (row[0] > level), x, 0.0)
+
+    def pair(x):
+        """After some steps and one more, by which the place has its derivative."""
+        x = materialise(at, lambda: nearer(x, NEWTON_STEPS))
+        return x, materialise(at, lambda: nearer(lax.stop_gradient(x), 1))
+
+    def far(state):
+        x, new, count = state
+        return (jnp.abs(new - x) > near * s) & (count < MOST_ROUNDS)
+
+    # what the last step moved is squared by the next
+    near = 0.1 * jnp.sqrt(-level)
+    begin = *pair(about), jnp.zeros((), jnp.int32)
+    _, x, _ = lax.while_loop(far, lambda now: (*pair(now[1]), now[2] + 1), begin)
+    return x
+
+
+def ends_here(joint: Any, s: Any, mine: Any) -> Any:
+    """Whether a joint's mode ends at s: as found, or within its tolerance by chance."""
+    watched, limit, slips, tol = joint
+    now, slope = value_and_slope(watched, s)
+    guard = jnp.where(slips, now, limit - jnp.abs(now))
+    falls = jnp.where(slips, slope, jnp.where(now > 0, -slope, slope)) < 0
+    return mine | ((guard <= tol) & falls)

@@ -1,0 +1,277 @@
+"""Pictures of sweeps: what was computed, and nothing in between.
+
+A cell of a map is one point, never interpolated. Points that were left out stay blank,
+failed ones are hatched, and rest has a colour of its own. Axes take their names,
+symbols and units from the dataset.
+"""
+
+import re
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.patches import Patch
+
+from ..results import OUTCOME
+from .style import (
+    AT_REST,
+    BLUE,
+    CODE_COLOURS,
+    FAILED_COLOUR,
+    FAILED_HATCH,
+    GREY,
+    MARKERS,
+    REST_COLOUR,
+    UNSETTLED_HATCH,
+    VERMILLION,
+    unit_label,
+)
+
+
+def map(
+    dataset: xr.Dataset,
+    variable: str,
+    x: str,
+    y: str,
+    *,
+    ax: Axes | None = None,
+    colorbar: bool = True,
+    legend: bool = True,
+    **style: Any,
+) -> Axes:
+    """Colour the points of a plane by a variable, one cell a point.
+
+    ```python
+    zj.plot.map(ds.sel(joint=2, mu_k=0.1), "joint_amplitude", x="q", y="mu_s")
+    ```
+
+    Where the dataset has an `outcome`, stuck and resting points have one flat colour,
+    unsettled ones are dotted and failed ones hatched. A flag variable (`outcome`,
+    `regime`) is drawn in one colour a code.
+
+    **Arguments:**
+
+    - `dataset`: from `sweep`, reduced to the plane: choose the rest with `sel`.
+    - `variable`: what to colour by.
+    - `x`, `y`: dimensions of the dataset. Cells reach halfway to their neighbours.
+    - `ax`: where to draw; None opens a figure.
+    - `colorbar`, `legend`: whether to explain the colours and the outcomes.
+    - `style`: more for `pcolormesh`, e.g. `vmax` or `cmap` (viridis).
+
+    **Returns:** the axes.
+
+    **Raises:** `ValueError` that names the argument, for a variable or dimension that
+    the dataset does not have and for dimensions left over.
+    """
+    chosen = _variable(dataset, variable, {"x": x, "y": y})
+    ax = plt.subplots(layout="constrained")[1] if ax is None else ax
+    dataset = dataset.sortby([x, y])
+    values = dataset[variable].transpose(y, x)
+    edges = _edges(dataset, x), _edges(dataset, y)
+    if "flag_values" in chosen.attrs:
+        handles = _codes(ax, edges, values)
+    else:
+        handles = []
+        numbers = np.asarray(values, dtype=float)
+        outcome = None
+        if _has_motions(dataset):
+            outcome = np.asarray(dataset["outcome"].transpose(y, x))
+            flat = np.isin(outcome, (OUTCOME.not_computed, *AT_REST))
+            numbers = np.where(flat, np.nan, numbers)
+        mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(numbers), **style)
+        mesh.set_rasterized(True)
+        if colorbar:
+            plt.colorbar(mesh, ax=ax, label=_label(values))
+        if outcome is not None:
+            handles = _outcomes(ax, edges, outcome)
+    ax.set(xlabel=_label(dataset[x]), ylabel=_label(dataset[y]))
+    if legend and handles:
+        # beside the plane, not on its data
+        ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=4)
+    return ax
+
+
+def bifurcation_diagram(
+    dataset: xr.Dataset,
+    variable: str = "joint_amplitude",
+    along: str = "q",
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw a variable over one axis, each point marked by its outcome.
+
+    ```python
+    zj.plot.bifurcation_diagram(ds.sel(joint=2, mu_s=0.12, mu_k=0.1), along="q")
+    ```
+
+    Points are not joined: branches may jump. Failed points, which have no number, are
+    crosses on the axis; points that were left out are not drawn.
+
+    **Arguments:** `dataset`, reduced to one dimension; `variable`; `along`: the
+    dimension; `ax`: where to draw, None opens a figure.
+
+    **Returns:** the axes.
+
+    **Raises:** `ValueError` as `map`.
+    """
+    values = _variable(dataset, variable, {"along": along})
+    ax = plt.subplots(layout="constrained")[1] if ax is None else ax
+    places = np.asarray(dataset[along])
+    numbers = np.asarray(values, dtype=float)
+    if not _has_motions(dataset):
+        ax.plot(places, numbers, "o", color=BLUE, markersize=3)
+    else:
+        outcome = np.asarray(dataset["outcome"])
+        for code, (marker, colour) in MARKERS.items():
+            here = outcome == code
+            if here.any():
+                ax.plot(
+                    places[here],
+                    numbers[here],
+                    marker,
+                    color=colour,
+                    markersize=3.5,
+                    label=code.name,
+                )
+        failed = _failed(outcome)
+        if failed.any():
+            ax.plot(
+                places[failed],
+                np.zeros(failed.sum()),
+                "x",
+                color=VERMILLION,
+                transform=ax.get_xaxis_transform(),
+                clip_on=False,
+                label="failed",
+            )
+        ax.legend()
+    ax.set(xlabel=_label(dataset[along]), ylabel=_label(values))
+    return ax
+
+
+def _variable(dataset: Any, variable: str, dims: dict[str, str]) -> xr.DataArray:
+    """The variable, if it spans these dimensions and no others."""
+    if not isinstance(dataset, xr.Dataset):
+        raise ValueError(
+            "Argument `dataset` must be an `xarray.Dataset`, but is "
+            f"{type(dataset).__name__}."
+        )
+    if variable not in dataset.data_vars:
+        names = ", ".join(str(name) for name in dataset.data_vars)
+        raise ValueError(
+            f"Argument `variable` must be one of {names}, but is {variable!r}."
+        )
+    values = dataset[variable]
+    for argument, dim in dims.items():
+        if dim not in values.dims:
+            raise ValueError(
+                f"Argument `{argument}` must be a dimension of `{variable}`, which has "
+                f"{', '.join(str(d) for d in values.dims) or 'none'}, but is {dim!r}."
+            )
+    names = list(dims.values())
+    if len(set(names)) < len(names):
+        raise ValueError(
+            f"Arguments `x` and `y` must differ, but both are {names[0]!r}."
+        )
+    spare = [str(dim) for dim in values.dims if dim not in names]
+    if spare:
+        raise ValueError(
+            f"Argument `dataset` must have no dimension but {', '.join(names)} in "
+            f"`{variable}`, but has {', '.join(spare)}; choose with "
+            f"`dataset.sel({spare[0]}=...)`."
+        )
+    return values
+
+
+def _has_motions(dataset: xr.Dataset) -> bool:
+    """Whether `outcome` says how motions ended, not how a search did."""
+    meanings = " ".join(code.name for code in OUTCOME)
+    if "outcome" not in dataset:
+        return False
+    return dataset["outcome"].attrs.get("flag_meanings", meanings) == meanings
+
+
+def _edges(dataset: xr.Dataset, dim: str) -> np.ndarray:
+    """Cell edges: halfway between neighbours, and as far beyond the first and last."""
+    centres = np.asarray(dataset[dim], dtype=float)
+    if centres.size == 1:
+        return centres[0] + np.array([-0.5, 0.5])
+    steps = np.diff(centres)
+    if not np.all(steps > 0):
+        raise ValueError(f"Axis `{dim}` must not repeat values, but does.")
+    inner = centres[:-1] + steps / 2
+    ends = centres[0] - steps[0] / 2, centres[-1] + steps[-1] / 2
+    return np.concatenate([ends[:1], inner, ends[1:]])
+
+
+def _failed(outcome: np.ndarray) -> np.ndarray:
+    return (outcome < OUTCOME.unsettled) & (outcome != OUTCOME.not_computed)
+
+
+def _outcomes(ax: Axes, edges: Any, outcome: np.ndarray) -> list[Patch]:
+    """Cells that say how the motion ended; returns what a legend needs."""
+    layers = (
+        ("stuck", np.isin(outcome, AT_REST), REST_COLOUR, None, "none"),
+        ("unsettled", outcome == OUTCOME.unsettled, "none", UNSETTLED_HATCH, "white"),
+        ("failed", _failed(outcome), FAILED_COLOUR, FAILED_HATCH, VERMILLION),
+    )
+    handles = []
+    for name, here, face, hatch, line in layers:
+        if not here.any():
+            continue
+        cells = PolyCollection(
+            _rectangles(edges, here),
+            facecolor=face,
+            edgecolor=line,
+            hatch=hatch,
+            linewidth=0,
+            label=name,
+        )
+        ax.add_collection(cells)
+        back = GREY if name == "unsettled" else face
+        handles.append(Patch(facecolor=back, edgecolor=line, hatch=hatch, label=name))
+    return handles
+
+
+def _rectangles(edges: Any, here: np.ndarray) -> list[np.ndarray]:
+    """The corners of each of the cells `here` (y, x)."""
+    row, column = np.nonzero(here)
+    left, right = edges[0][column], edges[0][column + 1]
+    low, high = edges[1][row], edges[1][row + 1]
+    corners = [(left, low), (right, low), (right, high), (left, high)]
+    return list(np.moveaxis(np.array(corners), -1, 0))
+
+
+def _codes(ax: Axes, edges: Any, values: xr.DataArray) -> list[Patch]:
+    """One colour a code of a CF flag variable, blank where nothing was computed."""
+    codes = np.asarray(values)
+    flags = np.atleast_1d(values.attrs["flag_values"])
+    names = str(values.attrs["flag_meanings"]).split()
+    colours = ListedColormap(CODE_COLOURS[: len(flags)])
+    norm = BoundaryNorm([*(flags - 0.5), flags[-1] + 0.5], len(flags))
+    shown = np.ma.masked_equal(codes, OUTCOME.not_computed)
+    ax.pcolormesh(*edges, shown, cmap=colours, norm=norm, rasterized=True)
+    return [
+        Patch(facecolor=colours(norm(flag)), edgecolor=GREY, label=name)
+        for flag, name in zip(flags, names, strict=True)
+        if flag != OUTCOME.not_computed and (codes == flag).any()
+    ]
+
+
+def _label(values: xr.DataArray) -> str:
+    """Meaning, symbol and units; of one rod or joint, which."""
+    name = str(values.name)
+    text = str(values.attrs.get("long_name", name))
+    for dim in ("rod", "joint"):
+        if dim in values.coords and dim not in values.dims:
+            number = int(values.coords[dim])
+            text = re.sub(rf"(?:the )?\b{dim}\b", f"{dim} {number}", text)
+    symbol = str(values.attrs.get("symbol", name))
+    if symbol != name and name in values.dims:
+        text = f"{text}, {symbol}"
+    units = str(values.attrs.get("units", ""))
+    return f"{text} ({unit_label(units)})" if units else text

@@ -1,0 +1,149 @@
+"""The process: its cores, XLA's one setting, JAX's cache and flags, Ctrl-C."""
+
+import os
+import re
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import jax
+
+_OPTION = "xla_cpu_small_while_loop_byte_threshold=1000000000"
+# jaxlib versions [from, below) whose loops gain from it (measured: 0.10.2 by 1.8 times;
+# 0.12 compiles whole loops by itself and gains nothing).
+_GAINS = ((0, 10, 2), (0, 11, 0))
+
+
+def configure_cpu() -> str:
+    """Let XLA compile a whole solve into one kernel, where that is not the default.
+
+    Puts one option into the environment variable `XLA_FLAGS`, for this process and its
+    children. Call it before JAX computes anything. Without it everything works, on
+    jaxlib 0.10 at about half the speed. It never sets what the installed jaxlib might
+    not know: an unknown flag would abort the process.
+
+    **Returns:** a sentence that says what it did.
+    """
+    if not _gains():
+        installed = metadata.version("jaxlib")
+        return f"jaxlib {installed} needs no setting: nothing was changed."
+    flags = os.environ.get("XLA_FLAGS", "")
+    if _OPTION in flags:
+        return "XLA_FLAGS holds the option already: nothing was changed."
+    if "xla_backend_extra_options" in flags:
+        return (
+            "XLA_FLAGS has backend options of its own, which were left alone; add "
+            f"{_OPTION} to them for speed."
+        )
+    if _backend_started():
+        return (
+            "JAX has started its backend already: nothing was changed. Call "
+            "configure_cpu() before the first computation."
+        )
+    option = f"--xla_backend_extra_options={_OPTION}"
+    os.environ["XLA_FLAGS"] = f"{flags} {option}".strip()
+    return f"{option} was added to XLA_FLAGS."
+
+
+def compiles_whole_loops() -> bool:
+    """Whether XLA makes one kernel of a loop, by itself or because it was told to."""
+    return not _gains() or _OPTION in os.environ.get("XLA_FLAGS", "")
+
+
+def all_cores() -> int:
+    """The cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
+def _gains() -> bool:
+    installed = re.findall(r"\d+", metadata.version("jaxlib"))[:3]
+    return _GAINS[0] <= tuple(map(int, installed)) < _GAINS[1]
+
+
+def _backend_started() -> bool:
+    try:
+        from jax._src import xla_bridge
+
+        return xla_bridge.backends_are_initialized()
+    except (ImportError, AttributeError):  # not public: then assume the best
+        return False
+
+
+def configure_cache(folder: str | os.PathLike | None = None) -> str:
+    """Let JAX keep compiled programs in a folder, for the processes that follow.
+
+    Sets JAX's own persistent compilation cache for this process and, by environment
+    variables, for its children, such as the workers of a local Dask cluster. A program
+    is found again by the same versions of JAX and jaxlib with the same XLA flags on the
+    same kind of processor. Tracing, a second or two a scene, is still done anew. The
+    folder may be deleted at any time.
+
+    **Arguments:** `folder`: made if need be; None is `ziegler_jax` in the user's cache
+    folder (`$XDG_CACHE_HOME` or `~/.cache`).
+
+    **Returns:** a sentence that says where.
+    """
+    if folder is None:
+        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        folder = Path(home) / "ziegler_jax"
+    folder = Path(folder).absolute()
+    folder.mkdir(parents=True, exist_ok=True)
+    settings = {
+        "jax_compilation_cache_dir": str(folder),
+        "jax_persistent_cache_min_compile_time_secs": 0.5,
+    }
+    for name, value in settings.items():
+        jax.config.update(name, value)
+        os.environ[name.upper()] = str(value)
+    return f"Compiled programs are kept in {folder}."
+
+
+@contextmanager
+def held_interrupts() -> Iterator[None]:
+    """Raise a Ctrl-C at the end of this block, not within it; a second one at once.
+
+    Python drops a `KeyboardInterrupt` that meets a finaliser or a collector's callback
+    ("Exception ignored in ..."), and tracing is full of them: the sweep then went on to
+    its end. One that meets a function called from compiled code can leave the tables of
+    JAX half-written. A compilation does not stop for it anyway.
+
+    A handler that is not Python's own is left alone, and so are other threads than the
+    main one, which get no signals.
+    """
+    own = threading.current_thread() is threading.main_thread()
+    if not own or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    pressed = []
+
+    def hold(*_: Any) -> None:
+        pressed.append(True)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    signal.signal(signal.SIGINT, hold)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if pressed:
+            raise KeyboardInterrupt
+
+
+def own_flags() -> AbstractContextManager[Any]:
+    """A context without JAX's debugging flags; nothing where none is set."""
+    config: Any = jax.config
+    nans, infs = config.jax_debug_nans, config.jax_debug_infs
+    if not (nans or infs or config.jax_disable_jit):
+        return nullcontext()
+    flags = ExitStack()
+    flags.enter_context(jax.debug_nans(False))
+    flags.enter_context(jax.debug_infs(False))
+    flags.enter_context(jax.disable_jit(False))
+    return flags

@@ -1,0 +1,1 @@
+"""Maps of any point over named axes."""

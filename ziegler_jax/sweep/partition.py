@@ -1,0 +1,254 @@
+"""A grid cut into blocks: runs of neighbouring points that are kept as one.
+
+A block is a box of the grid, whole along the last axes, a run along one, and a single
+value along those in front: in C order its points follow each other. Lanes of several
+blocks run in one batch, and a block is handed over when its last point has ended; an
+open block thus has a point in some lane, and there are never more of them than lanes.
+"""
+
+import hashlib
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..results import OUTCOME, Variable, empty
+
+# Writing a block costs some 10 ms, computing one seconds; its arrays are about 1 MB.
+POINTS_A_BLOCK = 16_384
+
+
+class Block(NamedTuple):
+    """A part of a grid."""
+
+    number: int
+    region: tuple[slice, ...]  # of the grid
+    axes: dict[str, np.ndarray]  # their values in the block
+    chosen: np.ndarray  # which points are to be computed, in the block's shape
+
+    def ranges(self) -> dict[str, list[float]]:
+        """The least and the largest value of each axis."""
+        return {n: [float(v.min()), float(v.max())] for n, v in self.axes.items()}
+
+    def __str__(self) -> str:
+        """Its number and where it lies."""
+        spans = [f"{a:.17g} <= {n} <= {b:.17g}" for n, (a, b) in self.ranges().items()]
+        return f"block {self.number} ({', '.join(spans)})"
+
+
+class Blocks:
+    """The blocks of a grid, and which of their points are to be computed."""
+
+    def __init__(
+        self,
+        grid: dict[str, np.ndarray],
+        where: Callable[..., Any] | np.ndarray | None = None,
+        points_a_block: int | None = None,
+    ):
+        """Cut the grid; ask `where` about every block, unless it is the answer.
+
+        **Raises:** `ValueError` if `where` breaks its rules or leaves no point.
+        """
+        self.grid, self.where = grid, where
+        self.shape = tuple(values.size for values in grid.values())
+        self.axis, self.chunk = _cut(self.shape, points_a_block or POINTS_A_BLOCK)
+        self.inner = int(np.prod(self.shape[self.axis + 1 :]))
+        self.run = self.chunk[self.axis] * self.inner  # points a whole block
+        self.span = self.shape[self.axis] * self.inner  # points along the cut axis
+        self.along = -(-self.shape[self.axis] // self.chunk[self.axis])
+        self.count = self.along * int(np.prod(self.shape[: self.axis]))
+        self._decide()
+
+    @property
+    def points(self) -> int:
+        """How many points are to be computed."""
+        return int(self.sizes.sum())
+
+    def _decide(self) -> None:
+        """How many points each block has to compute, and a digest of which."""
+        if self.where is None:
+            sizes = np.full(self.count, self.run)
+            short = self.span - (self.along - 1) * self.run
+            sizes[self.along - 1 :: self.along] = short
+            self.sizes, self.digest = sizes, "all"
+            return
+        digest = hashlib.sha256()
+        self.sizes = np.zeros(self.count, np.int64)
+        for number in range(self.count):
+            chosen = self.block(number).chosen
+            self.sizes[number] = chosen.sum()
+            digest.update(np.packbits(chosen).tobytes())
+        if not self.sizes.any():
+            raise ValueError("Argument `where` must leave a point, but leaves none.")
+        if callable(self.where):
+            self._check_pointwise()
+        self.digest = digest.hexdigest()
+
+    def _check_pointwise(self) -> None:
+        """The first and the last point of a block alone are chosen as within it."""
+        block = self.block(int(self.sizes.argmax()))
+        for end in (0, -1):
+            alone = {name: values[[end]] for name, values in block.axes.items()}
+            if asked(self.where, alone).item() != block.chosen.flat[end]:
+                values = ", ".join(f"{name} = {v[0]:g}" for name, v in alone.items())
+                raise ValueError(
+                    "Argument `where` must judge each point by its own values, but "
+                    f"judges {values} otherwise when it is alone."
+                )
+
+    def block(self, number: int) -> Block:
+        """The block of this number, in C order."""
+        outer, part = divmod(number, self.along)
+        front = np.unravel_index(outer, self.shape[: self.axis])
+        first = part * self.chunk[self.axis]
+        last = min(first + self.chunk[self.axis], self.shape[self.axis])
+        region = (
+            *(slice(int(i), int(i) + 1) for i in front),
+            slice(first, last),
+            *(slice(0, size) for size in self.shape[self.axis + 1 :]),
+        )
+        pairs = zip(self.grid.items(), region, strict=True)
+        axes = {name: values[part] for (name, values), part in pairs}
+        if self.where is None:
+            chosen = np.ones(tuple(values.size for values in axes.values()), bool)
+        elif callable(self.where):
+            chosen = asked(self.where, axes)
+        else:
+            chosen = self.where[region]
+        return Block(number, region, axes, chosen)
+
+    def chosen(self) -> np.ndarray:
+        """Which points of the whole grid are to be computed."""
+        if self.where is None:
+            return np.ones(self.shape, bool)
+        return asked(self.where, self.grid) if callable(self.where) else self.where
+
+    def first(self, number: int) -> int:
+        """The place of the block's first point in the grid, in C order."""
+        outer, part = divmod(number, self.along)
+        return outer * self.span + part * self.run
+
+    def number(self, points: np.ndarray) -> np.ndarray:
+        """The blocks that hold these points."""
+        outer, within = np.divmod(points, self.span)
+        return outer * self.along + within // self.run
+
+
+def _cut(shape: Sequence[int], points: int) -> tuple[int, tuple[int, ...]]:
+    """Which axis is cut, and the shape of a whole block of about so many points."""
+    inner = 1
+    for axis in reversed(range(len(shape))):
+        if inner * shape[axis] > points or axis == 0:
+            parts = max(1, round(shape[axis] * inner / points))
+            run = -(-shape[axis] // min(parts, shape[axis]))
+            return axis, (1,) * axis + (run, *shape[axis + 1 :])
+        inner *= shape[axis]
+    raise AssertionError("a grid has an axis")
+
+
+def asked(where: Any, box: dict[str, np.ndarray]) -> np.ndarray:
+    """Which points of a box `where` chooses.
+
+    **Raises:** `ValueError` if it breaks its rules.
+    """
+    mesh = np.meshgrid(*box.values(), indexing="ij", sparse=True)
+    shape = tuple(values.size for values in box.values())
+    try:
+        chosen = np.asarray(where(**dict(zip(box, mesh, strict=True))))
+        valid = np.broadcast_to(chosen, shape)
+    except MemoryError:
+        raise
+    except Exception as error:
+        raise ValueError(
+            "Argument `where` must work on arrays that broadcast (use `&`, not `and`), "
+            f"but raised {type(error).__name__}: {error}"
+        ) from error
+    if valid.dtype != bool:
+        raise ValueError(
+            f"Argument `where` must return booleans, but returned {valid.dtype}."
+        )
+    return valid
+
+
+class Tally(NamedTuple):
+    """What a block cost and how its points ended."""
+
+    points: int
+    seconds: float  # from its first point to its last; others ran meanwhile
+    steps: int  # of its lanes; 0 where they do not run in legs
+    outcomes: dict[str, int]
+
+    @property
+    def failures(self) -> int:
+        """Points whose numbers are NaN."""
+        failed = (code for code in OUTCOME if code < OUTCOME.unsettled)
+        return sum(self.outcomes.get(code.name, 0) for code in failed)
+
+
+class Desk:
+    """The open blocks: results lie here until their block is whole."""
+
+    def __init__(
+        self,
+        blocks: Blocks,
+        variables: dict[str, Variable],
+        keep: Callable[[Block, dict[str, np.ndarray], Tally], None],
+    ):
+        """`keep` is told a whole block, its arrays and its tally, by any thread."""
+        self.blocks, self.variables, self.keep = blocks, variables, keep
+        self.open: dict[int, _Open] = {}
+        self.lock = threading.Lock()
+
+    def hand_out(self, blocks: Iterable[Block]) -> Iterator[np.ndarray]:
+        """The points to compute, as places in the grid, a block at a time."""
+        for block in blocks:
+            points = np.flatnonzero(block.chosen)
+            shape = block.chosen.shape
+            arrays = {n: empty(v, shape).copy() for n, v in self.variables.items()}
+            with self.lock:
+                self.open[block.number] = _Open(block, points, arrays)
+            yield points + self.blocks.first(block.number)
+
+    def put(self, points: np.ndarray, found: list[Any], steps: np.ndarray) -> None:
+        """Take the results of these points, lanes behind."""
+        numbers = self.blocks.number(points)
+        several = (numbers != numbers[0]).any()
+        for number in np.unique(numbers).tolist() if several else [int(numbers[0])]:
+            mine = numbers == number if several else slice(None)
+            opened = self.open[number]
+            places = points[mine] - self.blocks.first(number)
+            for target, result in zip(opened.flat, found, strict=True):
+                target[..., places] = result[..., mine]
+            with self.lock:
+                opened.left -= places.size
+                opened.steps += int(steps[mine].sum())
+                whole = not opened.left
+                if whole:
+                    del self.open[number]
+            if whole:
+                tally = opened.tally(self.variables)
+                self.keep(opened.block, opened.arrays, tally)
+
+
+class _Open:
+    """A block that is being filled."""
+
+    def __init__(self, block: Block, points: np.ndarray, arrays: dict[str, Any]):
+        self.block, self.points, self.left = block, points, points.size
+        self.arrays, ndim = arrays, len(block.region)
+        self.flat = [
+            np.moveaxis(a.reshape(-1, *a.shape[ndim:]), 0, -1) for a in arrays.values()
+        ]
+        self.steps, self.began = 0, time.perf_counter()
+
+    def tally(self, variables: dict[str, Variable]) -> Tally:
+        outcomes: dict[str, int] = {}
+        for variable, values in zip(variables.values(), self.flat, strict=True):
+            if variable.codes is OUTCOME:
+                here = values[..., self.points].ravel()  # several of a point: branches
+                codes = np.bincount(here, minlength=len(OUTCOME))
+                outcomes = {c.name: int(codes[c]) for c in OUTCOME if codes[c]}
+        seconds = time.perf_counter() - self.began
+        return Tally(self.points.size, seconds, self.steps, outcomes)

@@ -1,0 +1,66 @@
+"""What a running sweep tells: a bar for the eye, a line a block for a program."""
+
+import json
+import os
+import threading
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from .partition import Block, Tally
+
+
+class Progress:
+    """A bar with points per second, useful steps, failures and time left; and a log.
+
+    A line of the log is a JSON object: the block's `number`, the least and the largest
+    value of each axis in `ranges`, `points`, `outcomes`, `seconds` from its first point
+    to its last (others ran meanwhile), and the `steps` of its lanes, 0 where they do
+    not run in legs. `steps / points` shows a region that is slow by itself.
+    """
+
+    def __init__(
+        self, done: int, total: int, show: bool | None, log: str | os.PathLike | None
+    ):
+        """Open both."""
+        self._log: Any = None if log is None else open(log, "a", encoding="utf-8")
+        self._lock = threading.Lock()
+        self._bar = tqdm(
+            initial=done,
+            total=total,
+            unit="point",
+            unit_scale=True,
+            smoothing=0.05,
+            disable=None if show is None else not show,
+        )
+        self._failures = 0
+
+    def __enter__(self) -> "Progress":
+        """Nothing else: both are open."""
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        """Close both."""
+        self._bar.close()
+        if self._log is not None:
+            self._log.close()
+
+    def advance(self, points: int, useful_steps: float) -> None:
+        """So many points more have ended."""
+        parts = (
+            [f"{useful_steps:.0%} useful steps"] if np.isfinite(useful_steps) else []
+        )
+        parts += [f"{self._failures} failed"] if self._failures else []
+        self._bar.set_postfix_str(", ".join(parts), refresh=False)
+        self._bar.update(points)
+
+    def finished(self, block: Block, tally: Tally) -> None:
+        """A block is whole and kept; called by any thread."""
+        with self._lock:
+            self._failures += tally.failures
+            if self._log is None:
+                return
+            line = {"block": block.number, "ranges": block.ranges(), **tally._asdict()}
+            self._log.write(json.dumps(line) + "\n")
+            self._log.flush()

@@ -1,0 +1,252 @@
+"""What a sweep is: its identity, and its dataset before anything is computed.
+
+To tell whether a store belongs to a sweep, the scene is known by a hash of its lowered
+program (StableHLO). That sees globals, helpers, attributes and table values, which
+source code hides, and is the same in every process. It does not see what a host
+callback does, and it changes with the version of JAX. Labels, units and origin are
+those of the dataset.
+"""
+
+import functools
+import hashlib
+import inspect
+import json
+import platform
+from collections.abc import Callable, Iterator, Mapping
+from importlib import metadata
+from types import FunctionType, SimpleNamespace
+from typing import Any
+
+import jax
+import numpy as np
+import xarray as xr
+from jax.core import Tracer
+
+from ..results import AXES, empty, flag_attributes
+from ..runtime import compiles_whole_loops
+from .axes import check_name
+from .partition import Blocks
+from .program import Scene, is_the_users
+
+_PACKAGES = ("ziegler_jax", "jax", "jaxlib")
+
+
+def identity(scene: Scene, blocks: Blocks) -> dict[str, Any]:
+    """Everything that a sweep's results depend on, the kind of processor apart."""
+    return {
+        **{name: metadata.version(name) for name in _PACKAGES},
+        "axes": {
+            name: [values.size, float(values[0]), float(values[-1]), digest_of(values)]
+            for name, values in blocks.grid.items()
+        },
+        "where": blocks.digest,
+        "block": list(blocks.chunk),
+        "precision": "float64" if scene.wide else "float32",
+        "settings": dict(scene.attributes),
+        "batch_size": scene.batch_size,
+        "loops": "whole" if compiles_whole_loops() else "in parts",
+        "results": {
+            name: [v.value.dtype.name, *v.dims] for name, v in scene.variables.items()
+        },
+        "scene": scene.digest,
+    }
+
+
+def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
+    """The first difference of two identities as a part of a sentence, or None."""
+    for name in _PACKAGES:
+        if there[name] != here[name]:
+            return f"was computed with {name} {there[name]}, and this is {here[name]}"
+    if list(there["axes"]) != list(here["axes"]):
+        return (
+            f"has the axes {', '.join(there['axes'])}, and this sweep has "
+            f"{', '.join(here['axes'])}"
+        )
+    for name, old in there["axes"].items():
+        new = here["axes"][name]
+        if old != new:
+            which = "" if old[:3] != new[:3] else ", others between them"
+            return (
+                f"has axis `{name}` with {old[0]} values from {old[1]:.17g} to "
+                f"{old[2]:.17g}, and this sweep {new[0]} from {new[1]:.17g} to "
+                f"{new[2]:.17g}{which}"
+            )
+    if there["where"] != here["where"]:
+        return "has other points: `where` chooses others in this sweep"
+    if there["loops"] != here["loops"]:
+        return (
+            f"was computed with loops compiled {there['loops']}, and this sweep "
+            f"compiles them {here['loops']} (see `configure_cpu`)"
+        )
+    for name in ("block", "precision", "batch_size"):
+        if there[name] != here[name]:
+            return f"has {name} {there[name]}, and this sweep {here[name]}"
+    old, new = there["settings"], here["settings"]
+    for name in sorted({*old, *new}):
+        if old.get(name) != new.get(name):
+            return f"has {name} {old.get(name)}, and this sweep {new.get(name)}"
+    if list(there["results"].items()) != list(here["results"].items()):
+        return (
+            f"holds {', '.join(there['results'])}, and this sweep gives "
+            f"{', '.join(here['results'])}, or other types or dimensions of them"
+        )
+    if there["scene"] != here["scene"]:
+        return "is of another scene: its program is not that of this `point`"
+    return None
+
+
+def digest_of(values: np.ndarray) -> str:
+    """A hash of an axis, to the last bit."""
+    return hashlib.sha256(np.ascontiguousarray(values, "<f8").tobytes()).hexdigest()
+
+
+LONGEST_TABLE = 100  # values of an array that are recorded; of longer ones the ends
+
+
+def check_names(scene: Scene) -> None:
+    """Refuse results whose names break the rule, or are an axis's.
+
+    **Raises:** `ValueError`.
+    """
+    taken = set(scene.variables)
+    for name, variable in scene.variables.items():
+        check_name("Result", name)
+        taken |= set(variable.dims)
+    for name in scene.names:
+        if name in taken:
+            raise ValueError(
+                f"Axis `{name}` must be named unlike a result or its dimensions, which "
+                f"are {', '.join(sorted(taken))}."
+            )
+
+
+def template(
+    grid: Mapping[str, np.ndarray],
+    scene: Scene,
+    shape: tuple[int, ...],
+    attributes: Mapping[str, Any],
+) -> xr.Dataset:
+    """The dataset with nothing computed."""
+    data, used, coords = {}, {}, {}
+    for name, variable in scene.variables.items():
+        attrs: dict[str, Any] = {
+            "long_name": variable.long_name,
+            "units": variable.units,
+        }
+        if variable.codes is not None:
+            attrs = {"long_name": variable.long_name, **flag_attributes(variable.codes)}
+        data[name] = (tuple(grid) + variable.dims, empty(variable, shape), attrs)
+        used |= {dim: scene.coordinates[dim] for dim in variable.dims}
+    for name, values in {**used, **grid}.items():
+        if name in used and name not in AXES:  # rods, joints, branches
+            coords[name] = list(values)
+            continue
+        meaning, units, symbol = AXES.get(name, (name, "1", name))
+        attrs = {"long_name": meaning, "units": units, "symbol": symbol}
+        coords[name] = (name, np.asarray(values), attrs)
+    return xr.Dataset(data, coords, attributes)
+
+
+def provenance(scene: Scene, points: int) -> dict[str, Any]:
+    """Where a sweep's numbers come from."""
+    try:
+        source = inspect.getsource(scene.point)
+    except (OSError, TypeError):
+        source = repr(scene.point)
+    return {
+        **_versions(),
+        "scene": source,
+        "scene_constants": json.dumps(constants(scene.point)),
+        **scene.attributes,
+        "precision": "float64" if scene.wide else "float32",
+        "batch_size": scene.batch_size,
+        "points": points,
+    }
+
+
+@functools.cache  # reading them takes 25 ms
+def _versions() -> dict[str, str]:
+    packages = ("ziegler_jax", "jax", "jaxlib", "diffrax", "numpy")
+    versions = {f"{package}_version": metadata.version(package) for package in packages}
+    return {**versions, "python_version": platform.python_version()}
+
+
+def constants(point: Callable) -> dict[str, Any]:
+    """The numbers that a point takes from around it, for the record.
+
+    By the names they go by in its code: globals, enclosed variables, defaults, those of
+    the helpers that it calls (`helper.factor`) and of objects (`cfg.c`). It is a record
+    and no more: whether a scene has changed is seen from its lowered program.
+    """
+    found: dict[str, Any] = {}
+    _record(found, "", point, set())
+    return found
+
+
+def _record(found: dict[str, Any], prefix: str, value: Any, seen: set[int]) -> None:
+    if id(value) in seen or len(seen) > 1000:
+        return
+    seen.add(id(value))
+    for name, inner in _around(value):
+        path = f"{prefix}{name}"
+        plain = _plain(inner)
+        if plain is not None:
+            found[path] = plain
+        else:
+            _record(found, f"{path}.", inner, seen)
+
+
+def _around(value: Any) -> Iterator[tuple[str, Any]]:
+    """What a function, a partial or an object refers to, by name."""
+    if isinstance(value, functools.partial):
+        yield from _around(value.func)
+        yield from ((f"argument {i}", v) for i, v in enumerate(value.args))
+        yield from value.keywords.items()
+        return
+    owner = getattr(value, "__self__", None)
+    function = inspect.unwrap(value) if callable(value) else value
+    function = getattr(function, "__func__", function)
+    if isinstance(function, FunctionType):
+        if not is_the_users(function.__code__.co_filename):
+            return
+        around = inspect.getclosurevars(function)
+        yield from sorted({**around.globals, **around.nonlocals}.items())
+        for parameter in inspect.signature(function).parameters.values():
+            if parameter.default is not parameter.empty:
+                yield parameter.name, parameter.default
+        if owner is not None:
+            yield "self", owner
+    elif isinstance(value, SimpleNamespace) or _is_of_the_users(type(value)):
+        yield from sorted(getattr(value, "__dict__", {}).items())
+
+
+def _is_of_the_users(kind: type) -> bool:
+    """Whether a class is defined in the user's own code."""
+    try:
+        return is_the_users(inspect.getfile(kind))
+    except (OSError, TypeError):  # built in, or typed at a prompt
+        return kind.__module__ == "__main__"
+
+
+def _plain(value: Any) -> Any:
+    """A number, text or table as JSON has it; None for anything else."""
+    if isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray | jax.Array) and not isinstance(value, Tracer):
+        array = np.asarray(value)
+        if array.dtype.kind not in "biuf":
+            return None
+        if array.size <= LONGEST_TABLE:
+            return array.tolist()
+        ends = f"{array.flat[0]:.17g} to {array.flat[-1]:.17g}"
+        return f"array of shape {array.shape}, from {ends}"
+    if isinstance(value, dict):
+        plain = {k: _plain(v) for k, v in value.items() if isinstance(k, str)}
+        whole = len(plain) == len(value) and None not in plain.values()
+        return plain if whole else None
+    if isinstance(value, list | tuple):
+        items = [_plain(v) for v in value]
+        return None if None in items else items
+    return None

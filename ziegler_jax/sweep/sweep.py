@@ -1,0 +1,250 @@
+"""A sweep: any function of named numbers, over named axes, as a labelled dataset."""
+
+import inspect
+import math
+import os
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ..context import Context, is_traced, within
+from ..runtime import all_cores
+from .axes import check_signature, checked_axes
+from .cluster import Recipe, check_client, run_blocks
+from .differences import audit_attributes, checked_share, drawn
+from .memory import Memory, check_room
+from .partition import Block, Blocks, Desk, Tally, asked
+from .program import Scene, compiled, traced
+from .progress import Progress
+from .provenance import check_names, identity, provenance, template
+from .scheduler import Effort, run_lanes
+from .store import Store, prepared
+
+FINER = 0.01  # the audit's tolerances, against the point's own
+
+
+def sweep(
+    point: Callable[..., Any],
+    *,
+    where: Callable[..., Any] | None = None,
+    batch_size: int | None = None,
+    threads: int | None = None,
+    progress: bool | None = None,
+    precision: Literal["float64", "float32"] = "float64",
+    audit: float | None = None,
+    axes: Mapping[str, Any] | None = None,
+    store: str | os.PathLike | None = None,
+    overwrite: bool = False,
+    client: Any = None,
+    log: str | os.PathLike | None = None,
+    **named_axes: Any,
+) -> xr.Dataset:
+    """Compute `point` at every combination of the axes' values.
+
+    ```python
+    def point(q, mu):
+        friction = zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.01)
+        column = zj.uniform_rods(q=q, friction=friction)
+        return zj.settle(column, zj.State(omega=(0.0, 0.2)))
+
+    ds = zj.sweep(point, q=np.linspace(1, 4, 64), mu=np.linspace(0.02, 0.4, 32))
+    ```
+
+    **Arguments:**
+
+    - `point`: a function of named scalars that JAX can trace. It returns a scalar, a
+        dict of scalars, or a result of the library, which knows its dimensions and
+        units. It is traced anew at each sweep, so that whatever it reads is read
+        again, but compiled only if that changed its program. (A function that you give
+        to `jax.jit` yourself and call on plain numbers is JAX's to remember.) Where it
+        runs one `settle`, lanes run in legs and are refilled as they end; whatever else
+        it computes is then computed anew in each leg.
+    - `where`: a function of the same names that says which points to compute. It gets
+        the axes as NumPy arrays that broadcast against each other; with `store`, those
+        of a block at a time, so that it must judge each point by its own values.
+    - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
+        else 128, or 384 where `configure_cpu()` was needed and not called. A lane's
+        result does not depend on its batch mates; another batch size is another
+        program, equal to rounding.
+    - `threads`: None uses every core that the process may use.
+    - `progress`: a bar with points per second; None shows it on a terminal only.
+    - `precision`: of the computation, whatever JAX's own setting.
+    - `audit`: a share of the points, e.g. 0.01 (at least one, drawn at random), that
+        is computed a second time in float64 with `rtol` and `atol` of its `settle` and
+        `trajectory` a hundred times finer. Each variable's attributes then hold
+        `audit_differences`, the `audit_quantiles` of the differences of its values;
+        the dataset's hold `audit_points` and `audit_changed_outcomes`, the share of
+        these whose outcome changed. It tells the error of the steps, not that of
+        `rtol_settle`. Not with `store` or `client`.
+    - `store`: a folder, e.g. `"map.zarr"`, into which every block of about 16 000
+        points goes as soon as it is finished; in memory are the blocks that are not.
+        The same sweep with the same store computes only what is missing or damaged,
+        also after it was killed, and ends in the same numbers to the last bit (on the
+        same kind of processor). A store of another scene, other axes, tolerances,
+        precision or versions is refused. The scene is known by its lowered program,
+        which does not show what a host callback does. `open_sweep` reads the store at
+        any time.
+    - `overwrite`: replace the sweep that is in the store.
+    - `client`: a `dask.distributed.Client`: blocks become tasks of its cluster, one a
+        worker's thread at a time. Its workers must be able to import the package and
+        what `point` needs, and to write to `store` where there is one.
+    - `log`: a file to which a line of JSON is added for every finished block: where
+        it lies, its points, seconds, steps and outcomes.
+    - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
+        them alike. An axis that is named like an option goes into `axes`. Names are of
+        letters, digits and underscores, as those of results are.
+
+    **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
+    or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
+    hold versions, precision, the scene's source with the numbers that it takes from
+    around it, and what this run cost: seconds, the share of useful steps (NaN where
+    lanes do not run in legs), and how many of the batches that were computed a second
+    time, one of 256, gave other bits (`canary_mismatches`, of `canary_checks`; it warns
+    where there are any). With `store`, its arrays stay on the disk until they are
+    looked at.
+
+    **Raises:** `ValueError` that names the argument, its value and the rule; a
+    sweep in memory that would take more than half of what is free; what `point` raises
+    while it runs, with a note of the batch's values; `OSError` where
+    the store cannot be written; `KeyboardInterrupt` after Ctrl-C, as soon as JAX has
+    compiled (after a second one at once). What was finished before stays in the store.
+    """
+    if is_traced():
+        raise ValueError(
+            "A sweep must be called outside of JAX's transformations, but is inside "
+            "one (`jit`, `vmap`, a derivative, another sweep): it compiles and runs "
+            "programs of its own. Give the other sweep one more axis instead."
+        )
+    grid = checked_axes(point, axes, named_axes, inspect.signature(sweep).parameters)
+    if where is not None:
+        if not callable(where):
+            raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
+        check_signature(where, list(grid), "where")
+    batch_size = None if batch_size is None else _count("batch_size", batch_size)
+    threads = None if threads is None else _count("threads", threads)
+    if precision not in ("float64", "float32"):
+        raise ValueError(
+            f"Argument `precision` must be float64 or float32, but is {precision!r}."
+        )
+    share = None if audit is None else checked_share(audit)
+    if share is not None and (store is not None or client is not None):
+        raise ValueError(
+            "Argument `audit` must be left out with `store` or `client`, but is "
+            f"{audit!r}: audit a smaller sweep of the same scene in memory."
+        )
+    if overwrite and store is None:
+        raise ValueError(
+            "Argument `overwrite` must come with `store`, but that is None."
+        )
+    if client is not None:
+        check_client(client)
+    size = math.prod(values.size for values in grid.values())
+    if where is not None and store is None:
+        check_room(f"which of {size} points `where` chooses", size)
+        blocks = Blocks(grid, asked(where, grid))
+    else:
+        if store is None:
+            check_room(f"one number at each of {size} points", 8 * size)
+        blocks = Blocks(grid, where)
+    scene = traced(point, tuple(grid), precision == "float64", batch_size)
+    check_names(scene)
+    if store is None:
+        check_room(f"the results of {size} points", scene.bytes_a_point * size)
+    if threads is None:  # a cluster's worker runs as many blocks as it has threads
+        threads = all_cores() if client is None else 1
+    run = _Run(scene, blocks, threads, client, store)
+    origin = provenance(scene, blocks.points)
+    nothing = template(grid, scene, blocks.shape, origin)
+    if store is None:
+        shelf: Memory | Store = Memory(nothing)
+    else:
+        shelf = prepared(store, nothing, blocks, identity(scene, blocks), overwrite)
+    found = _filled(run, shelf, progress, log)
+    if share is not None:
+        sample = drawn(blocks.chosen(), round(share * blocks.points))
+        with within(Context(factor=FINER)):
+            finer = sweep(
+                point,
+                where=lambda **_: sample,
+                batch_size=batch_size,
+                threads=threads,
+                progress=progress,
+                axes=grid,
+            )
+        audit_attributes(found, finer, sample)
+    return found
+
+
+class _Run(NamedTuple):
+    """What is to be computed, and by whom."""
+
+    scene: Scene
+    blocks: Blocks
+    threads: int
+    client: Any
+    store: str | os.PathLike | None
+
+
+def _filled(run: _Run, shelf: Any, show: bool | None, log: Any) -> xr.Dataset:
+    """The dataset, after what is missing of it has been computed."""
+    scene, blocks = run.scene, run.blocks
+    try:
+        missing = shelf.missing(blocks)
+        if not missing and not shelf.damaged():
+            return shelf.dataset({})
+    except BaseException:
+        shelf.release()  # one that was just made holds its lock
+        raise
+    left = sum(missing.values())
+    seconds = scene.seconds
+    with shelf, Progress(blocks.points - left, blocks.points, show, log) as progress:
+
+        def keep(block: Block, arrays: Any, tally: Tally) -> None:
+            if arrays is not None:  # else a worker has written them
+                shelf.keep(block, arrays, tally)
+            progress.finished(block, tally)
+
+        shelf.mend(blocks.grid)
+        if not missing:
+            return shelf.dataset({})
+        if run.client is None:
+            program = compiled(scene)
+            seconds += program.compile_seconds
+            desk = Desk(blocks, scene.variables, keep)
+            effort = run_lanes(
+                program,
+                blocks.grid,
+                desk.hand_out(map(blocks.block, missing)),
+                desk.put,
+                threads=run.threads,
+                on_batch=progress.advance,
+            )
+        else:
+            place = None if run.store is None else os.path.realpath(run.store)
+            recipe = Recipe.of(scene, threads=run.threads, store=place)
+            effort = run_blocks(
+                run.client, recipe, blocks, missing, keep, progress.advance
+            )
+        return shelf.dataset({**_cost(effort, left, seconds), "threads": run.threads})
+
+
+def _cost(effort: Effort, points: int, seconds: float) -> dict[str, float]:
+    """What this run cost, and how many points it computed."""
+    return {
+        "compile_seconds": round(seconds, 3),
+        "run_seconds": round(effort.seconds, 3),
+        "points_per_second": round(points / max(effort.seconds, 1e-9), 1),
+        "useful_step_fraction": round(effort.useful_steps, 4),
+        "canary_checks": effort.canary_checks,
+        "canary_mismatches": effort.canary_mismatches,
+    }
+
+
+def _count(name: str, x: Any) -> int:
+    if isinstance(x, bool) or not isinstance(x, (int, np.integer)) or x < 1:
+        raise ValueError(
+            f"Argument `{name}` must be a whole number of at least 1, but is {x!r}."
+        )
+    return int(x)
