@@ -27,14 +27,13 @@ from measure import machine, rounded
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
-from ziegler_jax.solvers.tableaus import CALVO7, VERN9
 
 RESULTS = Path(__file__).parent / "results"
 SOLVERS = {
     "Tsit5": zj.Explicit(),
-    "Calvo7": zj.Explicit(*CALVO7),
+    "Calvo7": zj.Explicit(*zj.tableaus.CALVO7),
     "Dopri8": zj.Explicit(dfx.Dopri8.tableau),
-    "Vern9": zj.Explicit(*VERN9),
+    "Vern9": zj.Explicit(*zj.tableaus.VERN9),
     "Rodas5P": zj.Rosenbrock(),
 }
 STICK_SLIP = {"Taylor8": zj.Taylor(), "StickSlip": zj.Explicit()}

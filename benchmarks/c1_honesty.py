@@ -24,13 +24,12 @@ import numpy as np
 from measure import machine, rounded, save
 
 import ziegler_jax as zj
-from ziegler_jax.solvers.tableaus import CALVO7, VERN9
 
 SOLVERS = {
     "Tsit5": zj.Explicit(),
-    "Calvo7": zj.Explicit(*CALVO7),
+    "Calvo7": zj.Explicit(*zj.tableaus.CALVO7),
     "Dopri8": zj.Explicit(dfx.Dopri8.tableau),
-    "Vern9": zj.Explicit(*VERN9),
+    "Vern9": zj.Explicit(*zj.tableaus.VERN9),
     "Rodas5P": zj.Rosenbrock(),
 }
 COLOURS = "#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73"

@@ -130,22 +130,13 @@ def table(only):
 def provenance():
     """The commit that last changed the package, versions, processor."""
     import census
+    from measure import commit
 
-    import ziegler_jax
-
-    folder = Path(ziegler_jax.__file__).parent
-
-    def git(*arguments):
-        command = ["git", "-C", str(folder), *arguments]
-        done = subprocess.run(command, capture_output=True, text=True)
-        return done.stdout.strip() if done.returncode == 0 else ""
-
-    changed = " and changes" if git("status", "--porcelain", ".") else ""
     names = ("jax", "jaxlib", "diffrax", "numpy")
     info = Path("/proc/cpuinfo")
     models = [x for x in info.read_text().splitlines() if "model name" in x]
     return {
-        "commit": (git("log", "-1", "--format=%H", ".") or "unknown") + changed,
+        "commit": commit(),
         "python": platform.python_version(),
         **{name: metadata.version(name) for name in names},
         "processor": models[0].split(":")[1].strip() if models else "unknown",

@@ -3,12 +3,15 @@
 import json
 import os
 import platform
+import subprocess
 import time
 from importlib import metadata
 from pathlib import Path
 
 import jax
 import numpy as np
+
+import ziegler_jax as zj
 
 RESULTS = Path(__file__).with_name("results")
 
@@ -47,11 +50,25 @@ def paired(numerator, denominator):
     return float(np.median(ratios)), [float(ratios.min()), float(ratios.max())]
 
 
+def commit():
+    """The commit that last changed the package that is measured."""
+    folder = Path(zj.__file__).parent
+
+    def git(*arguments):
+        command = ["git", "-C", str(folder), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    changed = " and changes" if git("status", "--porcelain", ".") else ""
+    return (git("log", "-1", "--format=%H", ".") or "unknown") + changed
+
+
 def machine():
     """What the figures belong to."""
     with open("/proc/cpuinfo") as info:
         names = [line.split(":")[1].strip() for line in info if "model name" in line]
     return {
+        "commit": commit(),
         "cpu": names[0] if names else platform.processor(),
         "cores": len(names),
         "clock": os.environ.get("ZIEGLER_CLOCK", "wall"),

@@ -7,12 +7,11 @@ import numpy as np
 from measure import clock
 
 import ziegler_jax as zj
-from ziegler_jax.solvers import tableaus
 
 SOLVERS = {
     "Tsit5": zj.Explicit(),
     "Dopri8": zj.Explicit(dfx.Dopri8.tableau),
-    **{name: zj.Explicit(*method) for name, method in tableaus.ALL.items()},
+    **{name: zj.Explicit(*method) for name, method in zj.tableaus.ALL.items()},
 }
 STIFF_SOLVERS = {"Rodas5P": zj.Rosenbrock()}
 

@@ -2,6 +2,7 @@
 
 import collections
 import os
+import re
 import subprocess
 import sys
 from importlib import metadata
@@ -47,6 +48,20 @@ def test_the_tests_of_rooms_see_imports():
     assert against_the_rule(("numerics", "numbers"), {upwards}) == [upwards]
     assert against_the_rule(("sweep", "sweep"), {("analysis", "onset")})
     assert in_a_circle(FILES | {("numerics", "numbers"): {upwards}})
+
+
+# What tries the inside itself: a batch as a sweep runs it, blocks small enough to kill
+OF_THE_INSIDE = {"d0_soak": {"sweep.program"}, "s0_store": {"sweep"}}
+
+
+def test_benchmarks_and_figures_use_public_names():
+    root = Path(__file__).parents[1]
+    found = {}
+    for path in [*(root / "benchmarks").rglob("*.py"), *root.glob("figures/*.py")]:
+        names = re.findall(r"^ *from ziegler_jax\.(\S+) import", path.read_text(), re.M)
+        if private := set(names) - {"__main__"}:
+            found[path.stem] = private
+    assert found == OF_THE_INSIDE
 
 
 # What is traced -----------------------------------------------------------------------

@@ -40,7 +40,7 @@ from .motion.stiffness import is_stiff
 from .motion.trajectory import Trajectory, trajectory
 from .results import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SPECIAL, VERDICT
 from .runtime import configure_cache, configure_cpu
-from .solvers import Explicit, Rosenbrock, Taylor
+from .solvers import Explicit, Rosenbrock, Taylor, tableaus
 from .sweep.store import open_sweep
 from .sweep.sweep import sweep
 from .sweep.work_precision import work_precision
@@ -115,6 +115,7 @@ __all__ = [
     "sticking_set",
     "sweep",
     "sweep_up_down",
+    "tableaus",
     "tangent_column",
     "trajectory",
     "uniform_rods",

@@ -5,7 +5,14 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from test_critical_loads import KINDS, column_of, kept, load, matrices, random_parameters
+from test_critical_loads import (
+    KINDS,
+    column_of,
+    kept,
+    load,
+    matrices,
+    random_parameters,
+)
 
 import ziegler_jax as zj
 from ziegler_jax.context import Context, within
