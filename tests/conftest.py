@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-from ziegler_jax.sweep import partition
+from ziegler_jax.sweep import partition, program
 
 jax.config.update("jax_enable_x64", True)
 # no silent change of dtype or rank anywhere in the package
@@ -32,6 +32,23 @@ def pytest_addoption(parser):
 def all_faults(request):
     """Whether every attack is to be tried."""
     return request.config.getoption("--faults") == "all"
+
+
+@pytest.fixture(scope="module")
+def unoptimised():
+    """XLA compiles in half the time what then runs slower: where little is computed.
+
+    For claims that no optimisation touches. What was compiled before is not used, nor
+    is it by other tests.
+    """
+    forget = program._kept.clear, jax.clear_caches
+    for step in forget:
+        step()
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
+    for step in forget:
+        step()
 
 
 REFERENCE = Path(__file__).parent / "reference"

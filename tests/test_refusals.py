@@ -12,6 +12,8 @@ from ziegler_jax.context import Context, within
 from ziegler_jax.motion.observers import AbstractObserver
 from ziegler_jax.results import Variable, named_variables
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KICK = zj.State(omega=(0.0, 0.2))
 COLUMN = zj.uniform_rods(2.0)
 SLIDING = zj.uniform_rods(

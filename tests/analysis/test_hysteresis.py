@@ -11,6 +11,8 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax.results import Variable
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 LOADS = np.array([1.1, 1.2, 1.4, 1.7, 2.1, 2.5])
 
 

@@ -10,6 +10,8 @@ import ziegler_jax as zj
 from ziegler_jax.linear.spectrum import _positive_roots
 from ziegler_jax.results import REGIME
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SQRT7 = np.sqrt(7.0)
 
 

@@ -14,6 +14,8 @@ from ziegler_jax import OUTCOME
 from ziegler_jax.model.damping import AbstractDamping
 from ziegler_jax.runtime import own_flags
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KICK = zj.State(omega=(0.0, 0.3))
 SHORT = {"transient": 5.0, "window": 5.0, "max_windows": 2, "rtol": 1e-4, "atol": 1e-4}
 

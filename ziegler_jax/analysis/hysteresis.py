@@ -15,7 +15,7 @@ from ..motion.observers import AbstractObserver
 from ..motion.scene import check_maker, check_scene, float_state, made, recorded
 from ..motion.sequence import in_turn
 from ..motion.settle import settled
-from ..motion.settling import Settling
+from ..motion.settle_problem import Settling
 from ..numerics.numbers import is_concrete
 from ..results import OUTCOME, Variable
 from ..solvers import Explicit

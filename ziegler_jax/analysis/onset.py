@@ -39,7 +39,7 @@ from ..motion.scene import (
     whole_number,
 )
 from ..motion.sequence import in_turn
-from ..motion.settling import Settling
+from ..motion.settle_problem import Settling
 from ..motion.variational import Method
 from ..numerics.numbers import check_options, is_concrete, pair
 from ..results import ONSET, OUTCOME, Variable

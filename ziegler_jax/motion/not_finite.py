@@ -19,7 +19,7 @@ from ..results import OUTCOME
 from ..runtime import own_flags
 from .integrate import follow
 from .scene import prepared
-from .settling import Settling
+from .settle_problem import Settling
 
 Result = TypeVar("Result")
 LONG = 1e4  # a motion is followed once more for so long

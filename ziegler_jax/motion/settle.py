@@ -16,7 +16,7 @@ from .scene import (
     nan_where,
     recorded,
 )
-from .settling import Settling
+from .settle_problem import Settling
 
 
 class Settled(eqx.Module):
