@@ -17,6 +17,7 @@ jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
+from measure import machine  # noqa: E402
 
 import ziegler_jax as zj  # noqa: E402
 
@@ -73,8 +74,8 @@ def main():
         "eigvals_timed_on": SAMPLE,
         "eigvals_over_regime": round(eigvals / regime, 1),
         "eigvals_over_critical_load": round(eigvals / critical, 1),
-        "jax": jax.__version__,
         "backend": jax.default_backend(),
+        **machine(),
     }
     print(json.dumps(result))
 

@@ -11,7 +11,7 @@ import argparse
 import json
 
 import numpy as np
-from measure import rounded
+from measure import commit, rounded
 
 import ziegler_jax as zj
 from ziegler_jax.__main__ import POINTS, SETTLE, grid, point
@@ -47,6 +47,7 @@ def main():
         points = int((ds.outcome != zj.OUTCOME.not_computed).sum())
         result = {
             "benchmark": "a4_settling",
+            "commit": commit(),
             "points": points,
             "max_windows": max_windows,
             "rtol_settle": rtol_settle,

@@ -19,7 +19,7 @@ from functools import partial
 
 import matplotlib
 import numpy as np
-from measure import machine, paired, rounded, save
+from measure import commit, machine, paired, rounded, save
 from scenes import LANES, SCENES, START
 
 import ziegler_jax as zj
@@ -209,7 +209,10 @@ def main():
         about, results = race(SCENES[name], options.repeats)
         for contestant, entries in results.items():
             line = {"scene": name, "contestant": contestant, "points": entries}
-            print(json.dumps(rounded({"benchmark": "b0", **line})), flush=True)
+            print(
+                json.dumps(rounded({"benchmark": "b0", "commit": commit(), **line})),
+                flush=True,
+            )
         summary = {"benchmark": "b0", **about, "at_equal_error": compare(results)}
         print(json.dumps(rounded(summary)), flush=True)
         image = save(f"b0_{name}", {**summary, "contestants": results})

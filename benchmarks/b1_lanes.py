@@ -16,7 +16,7 @@ import os
 import matplotlib
 import numpy as np
 import ours
-from measure import interleaved, machine, paired, rounded, save
+from measure import commit, interleaved, machine, paired, rounded, save
 from peers import cpp
 from scenes import SCENES, START
 
@@ -86,7 +86,10 @@ def main():
             point[cpp.NAME] = float(np.median(times)) / q.size * 1e6
         except RuntimeError as absent:
             result["absent"] = {"cpp": str(absent)}
-        print(json.dumps(rounded({"benchmark": "b1", **point})), flush=True)
+        print(
+            json.dumps(rounded({"benchmark": "b1", "commit": commit(), **point})),
+            flush=True,
+        )
         result["lanes"].append(point)
     q = loads(scene, LOADS)
 
@@ -100,7 +103,10 @@ def main():
     for n in counts:
         ratio, spread = paired(seconds[1], seconds[n])
         point = {"threads": n, "speed_up": ratio, "range": spread}
-        print(json.dumps(rounded({"benchmark": "b1", **point})), flush=True)
+        print(
+            json.dumps(rounded({"benchmark": "b1", "commit": commit(), **point})),
+            flush=True,
+        )
         result["threads"].append(point)
     draw(result, save("b1_lanes", result))
 

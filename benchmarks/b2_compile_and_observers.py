@@ -108,7 +108,10 @@ def main():
     result = {"benchmark": "b2", **machine(), "observers": [], "batches": []}
 
     def say(**row):
-        print(json.dumps(rounded({"benchmark": "b2", **row})), flush=True)
+        print(
+            json.dumps(rounded({"benchmark": "b2", "commit": result["commit"], **row})),
+            flush=True,
+        )
         return row
 
     found = {}

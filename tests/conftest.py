@@ -26,6 +26,7 @@ settings.load_profile("few")
 def pytest_addoption(parser):
     """How hard stores are attacked: see test_stores_under_attack."""
     parser.addoption("--faults", choices=("few", "all"), default="few")
+    parser.addoption("--optimised", action="store_true", help="see `unoptimised`")
 
 
 @pytest.fixture(scope="session")
@@ -35,12 +36,15 @@ def all_faults(request):
 
 
 @pytest.fixture(scope="module")
-def unoptimised():
-    """XLA compiles in half the time what then runs slower: where little is computed.
+def unoptimised(request):
+    """XLA compiles in half the time what then runs slower; `--optimised`: as ever.
 
-    For claims that no optimisation touches. What was compiled before is not used, nor
-    is it by other tests.
+    For refusals and for physics whose tolerances are far above rounding, not for claims
+    about bits. What was compiled before is not used, nor is it by other tests.
     """
+    if request.config.getoption("--optimised"):
+        yield
+        return
     forget = program._kept.clear, jax.clear_caches
     for step in forget:
         step()

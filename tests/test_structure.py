@@ -5,7 +5,7 @@ import os
 import re
 import subprocess
 import sys
-from importlib import metadata
+import tomllib
 from pathlib import Path
 
 import diffrax as dfx
@@ -58,8 +58,14 @@ def test_benchmarks_and_figures_use_public_names():
     root = Path(__file__).parents[1]
     found = {}
     for path in [*(root / "benchmarks").rglob("*.py"), *root.glob("figures/*.py")]:
-        names = re.findall(r"^ *from ziegler_jax\.(\S+) import", path.read_text(), re.M)
-        if private := set(names) - {"__main__"}:
+        text = path.read_text()
+        rooms = set(re.findall(r"from ziegler_jax\.(\S+) import", text))
+        names = set(re.findall(r"from ziegler_jax import (\w+)|\bzj\.(\w+)", text))
+        names = {name for pair in names for name in pair if name}
+        private = names - {"__file__", "__main__", "plot", *zj.__all__} | rooms - {
+            "__main__"
+        }
+        if private or re.search(r"import ziegler_jax\.", text):
             found[path.stem] = private
     assert found == OF_THE_INSIDE
 
@@ -287,5 +293,6 @@ def test_the_public_names_are_there_once():
 
 def test_pictures_are_among_the_public_names_and_types_are_shipped():
     assert "plot" in dir(zj) and "settle" in dir(zj)
-    assert zj.__version__ == metadata.version("ziegler_jax")
+    project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text())["project"]
+    assert zj.__version__ == project["version"]
     assert (PACKAGE / "py.typed").exists()

@@ -136,4 +136,4 @@ def __getattr__(name: str):
 
 def __dir__() -> list[str]:
     """The public names, `plot` among them."""
-    return sorted({*globals(), "plot"})
+    return sorted({*__all__, "plot", "__version__"})

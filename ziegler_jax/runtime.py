@@ -137,7 +137,12 @@ def held_interrupts() -> Iterator[None]:
 
 
 def own_flags() -> AbstractContextManager[Any]:
-    """A context without JAX's debugging flags; nothing where none is set."""
+    """A context without JAX's debugging flags; nothing where none is set.
+
+    The flags are for the user's numbers. Infinity and NaN stand for "none" in many
+    places here, by design, and loops of compiled programs are what a motion is made of.
+    A motion that does end in NaN is told of by `motion.not_finite`.
+    """
     config: Any = jax.config
     nans, infs = config.jax_debug_nans, config.jax_debug_infs
     if not (nans or infs or config.jax_disable_jit):

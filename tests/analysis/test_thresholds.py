@@ -13,7 +13,7 @@ from ziegler_jax.solvers import Explicit
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 # Where the flutter cycle folds, mu_s = mu_k, equal constant torques, to the third digit
-# (see `test_cycle`).
+# (see `test_cycles`).
 FOLDS = {0.01: 1.288, 0.03: 1.328, 0.1: 1.571, 0.26: 1.861}
 
 

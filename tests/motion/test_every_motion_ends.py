@@ -136,9 +136,12 @@ def test_a_branch_ends_within_its_budget(near):
     part = zj.continue_cycle(sliding, near, 2.6, max_steps=half, **options)
     assert int(part.outcome) == ORBIT.not_integrated
     assert 0 < int(part.count) < 5 and int(part.steps) <= half
-    fold = zj.cycle_fold(sliding, near, 2.6, step=0.05, max_steps=half)
+    fine = {"rtol": 1e-9, "atol": 1e-9}
+    fold = zj.cycle_fold(sliding, near, 2.6, step=0.05, max_steps=half, **fine)
     assert int(fold.outcome) == ORBIT.not_integrated
     assert int(fold.steps) <= half and np.isnan(fold.value)
+    named = {**fine, "step": 0.05, "max_steps": half, "bounds": "-inf to inf"}
+    assert named.items() <= fold.attributes().items()
 
 
 def test_results_of_searches_name_their_options(near):
@@ -151,15 +154,6 @@ def test_results_of_searches_name_their_options(near):
     assert found.attrs["solver"] == "Tsit5" and found.attrs["max_steps"] == 5000
     assert found.steps.item() > 0
 
-    def fold(mu):
-        del mu
-        return zj.cycle_fold(
-            sliding, near, 2.6, rtol=1e-7, atol=1e-7, step=0.05, max_points=1
-        )
-
-    attributes = jax.eval_shape(fold, 0.0).attributes()
-    assert attributes["rtol"] == 1e-7 and attributes["max_points"] == 1
-    assert attributes["step"] == 0.05 and attributes["bounds"] == "-inf to inf"
     load = zj.sweep(lambda q: zj.critical_load(zj.uniform_rods(q)), q=[0.0])
     assert load.attrs["kind"] == "flutter"
     for call in (zj.lyapunov_exponents, zj.verdict):

@@ -14,8 +14,6 @@ from hypothesis import strategies as st
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 LANES, MAX_STEPS = 32, 20_000
 SOLVERS = {"explicit": zj.Explicit(), "stiff": zj.Rosenbrock()}
 

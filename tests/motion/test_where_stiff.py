@@ -7,8 +7,6 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 KICK = zj.State(omega=(0.0, 0.3))
 AXES = {"v_smooth": [1e-6, 1e-4, 1e-2, 1e-1], "mu": [0.0, 0.1, 0.4]}
 

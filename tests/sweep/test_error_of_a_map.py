@@ -9,8 +9,6 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax.context import Context, current_context, within
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 matplotlib.use("agg")
 
 TOL = 1e-4

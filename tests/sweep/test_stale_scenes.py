@@ -17,8 +17,6 @@ from ziegler_jax.model.friction import AbstractFriction
 from ziegler_jax.motion.observers import AbstractObserver
 from ziegler_jax.sweep import program
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 START = zj.State(omega=(0.0, 0.3))
 
 

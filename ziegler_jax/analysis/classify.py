@@ -1,9 +1,9 @@
 r"""A verdict on one motion: stuck, a cycle, quasi-periodic, chaotic, or none of them.
 
 Two witnesses are heard while the motion runs. Its passages through the section
-$\phi_1 = 0$, rising: a cycle of p passages a period returns to each. And its two
-largest Lyapunov exponents, which tell quasi-periodic motion (both zero) from chaos (one
-is positive).
+$\phi_1 = 0$, rising: a cycle of p passages a period returns to each, and its tangents
+do not grow meanwhile, as they do beside an unstable one. And its two largest Lyapunov
+exponents, which tell quasi-periodic motion (both zero) from chaos (one is positive).
 """
 
 from typing import Any, NamedTuple
@@ -114,8 +114,9 @@ def verdict(
         before.
     - `cycle`: after the transient a passage of the section comes back to within
         `rtol_return` (of its largest coordinate) after p passages and again after 2p,
-        $p \le 16$, and over these the tangent grew by no more than `zero_rate` a unit
-        of time: beside an unstable cycle a motion comes back as well. References are
+        $p \le 16$, and over these the tangent, relative to the flow, grew by no more
+        than `zero_rate` a unit of time: beside an unstable cycle a motion comes back as
+        well. A `zero_rate` near the tangents' own errors finds no cycle. References are
         renewed after 1, 2, 4, 8, 16 passages (Brent's cycle detection): p is the number
         of passages a period.
 
@@ -310,9 +311,11 @@ class Witnesses(AbstractFold):
         seen = seen._replace(there=seen.there & measuring)
 
         def heard_again(returns):
-            # against the flow's own, which a cycle gives back at the same place
-            length = growing.factors[0] / jnp.sqrt(sum(f * f for f in step.f1))
-            growth = state.grown + growing.logs[0] + jnp.log(length)
+            # at the step's start, relative to the field's own length there: what moves
+            # along the flow has then not grown, wherever on the cycle the step begins
+            before = state.growing
+            length = before.factors[0] / jnp.sqrt(sum(f * f for f in step.f0))
+            growth = state.grown + before.logs[0] + jnp.log(length)
             return returned(returns, seen, growth, self.rtol_return, self.zero_rate)
 
         returns = if_any_lane(seen.there, heard_again, state.returns)

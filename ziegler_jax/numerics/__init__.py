@@ -1,1 +1,1 @@
-"""Numbers, series, polynomials, elementary functions: nothing here knows a column."""
+"""Numbers, series, polynomials, elementary functions: nothing here imports a column."""
