@@ -65,7 +65,7 @@ def create(
     make_folder(path.parent)
     clear_away(path)
     new = path.with_name(f"{_hidden(path)}{uuid4().hex}.new")
-    lock = None
+    lock, made = None, False
     try:
         (new / RECORD).mkdir(parents=True)
         lock = locked(new / RECORD / "lock")
@@ -73,20 +73,25 @@ def create(
         sync_tree(new)
         try:
             os.rename(new, path)
+            made = True
         except OSError:
             if not (path.is_dir() and any(path.iterdir())):
                 raise
-            if lock is not None:
-                os.close(lock)
-            return False, None
+            shutil.rmtree(new, ignore_errors=True)
+        sync_folder(path.parent)
     except BaseException:
-        if lock is not None:
-            os.close(lock)
-        raise
-    finally:
+        _close(lock)
         shutil.rmtree(new, ignore_errors=True)
-    sync_folder(path.parent)
-    return True, lock
+        raise
+    if made:
+        return True, lock
+    _close(lock)
+    return False, None
+
+
+def _close(lock: int | None) -> None:
+    if lock is not None:
+        os.close(lock)
 
 
 def _write_template(
