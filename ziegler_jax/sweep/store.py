@@ -137,7 +137,11 @@ class Store:
         **Raises:** `ValueError` if none is.
         """
         self.path, self.folder, self.lock = path, path / RECORD, lock
-        self.record = recorded(path)
+        try:
+            self.record = recorded(path)
+        except BaseException:
+            self.release()
+            raise
         self._encoders: dict[str, tuple[Any, dict]] = {}
 
     def __enter__(self) -> "Store":
