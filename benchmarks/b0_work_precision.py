@@ -170,7 +170,7 @@ def draw(about, results, path):
     """Log-log, one line a contestant: ours thick, theirs thin and broken."""
     import matplotlib.pyplot as plt
 
-    colours = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+    colours = zj.plot.LINE_COLOURS
     markers = "os^DvPX*<>"
     figure, ax = plt.subplots(figsize=(8.3, 5.0), layout="constrained")
     mine = [n for n in results if n.startswith("ziegler_jax") and results[n]]

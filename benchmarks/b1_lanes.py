@@ -41,8 +41,8 @@ def draw(result, path):
         1, 2, figsize=(8.3, 3.4), layout="constrained", width_ratios=(1.5, 1)
     )
     for name, marker, colour in (
-        ("sweep", "o", "#0072B2"),
-        ("C++ AVX-512", "s", "#D55E00"),
+        ("sweep", "o", zj.plot.BLUE),
+        ("C++ AVX-512", "s", zj.plot.VERMILLION),
     ):
         points = [p for p in result["lanes"] if name in p]
         x = [p["lanes"] for p in points]
@@ -54,7 +54,9 @@ def draw(result, path):
     left.grid(alpha=0.3)
     left.legend()
     threads = [p["threads"] for p in result["threads"]]
-    right.plot(threads, [p["speed_up"] for p in result["threads"]], "o-", c="#0072B2")
+    right.plot(
+        threads, [p["speed_up"] for p in result["threads"]], "o-", c=zj.plot.BLUE
+    )
     right.plot(threads, threads, ":", color="0.5", label="ideal")
     right.set(xlabel="threads", ylabel="speed-up", xticks=threads)
     right.grid(alpha=0.3)

@@ -78,9 +78,9 @@ def draw(result, path):
     compiled = [row["compile_seconds"] for row in rows]
     compiled.append(slope["compile_seconds"]["derivative"])
     over = [row["run_over_none"] for row in rows] + [slope["derivative_over_plain"]]
-    axes[0].barh(names, compiled, color="#56B4E9")
+    axes[0].barh(names, compiled, color=zj.plot.SKY)
     axes[0].set(xlabel="compile (s)")
-    axes[1].barh(names, over, color="#0072B2")
+    axes[1].barh(names, over, color=zj.plot.BLUE)
     axes[1].axvline(1.0, color="0.3", lw=0.8)
     axes[1].set(xlabel="run time over that without", yticks=[])
     for order, style in (("in order", "o-"), ("shuffled", "s--")):
@@ -90,7 +90,7 @@ def draw(result, path):
             [row["useful_step_fraction"] for row in rows],
             style,
             label=order,
-            color="#0072B2" if order == "in order" else "#D55E00",
+            color=zj.plot.BLUE if order == "in order" else zj.plot.VERMILLION,
         )
     axes[2].set(xscale="log", xlabel="batch size", ylabel="useful steps", ylim=(0, 1))
     axes[2].set_xticks(BATCHES, [str(b) for b in BATCHES])

@@ -24,6 +24,7 @@ import jax
 import numpy as np
 from extreme_cases import CASES, LONG, LONG_AMPLITUDE, LONG_BOUND, NOTES, USUAL
 from measure import machine, rounded
+from scenes import models
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
@@ -75,21 +76,17 @@ def runner(solver, steps=MAX_STEPS, set_valued=False):
 
 
 def plain_field(t, y, n):
-    phi1, phi2, w1, w2 = y
-    s, c = np.sin(phi1 - phi2), np.cos(phi1 - phi2)
+    _, _, w1, w2 = y
 
     def torque(u):
         bell = np.exp(-((u / n["v_stribeck"]) ** 2))
         peak = n["mu_k"] + (n["mu_s"] - n["mu_k"]) * bell
         return peak * np.tanh(u / n["v_smooth"]) + n["c"] * u
 
-    t1, t2 = torque(w1), torque(w2 - w1)
-    a, b, d, q, eta = (n[k] for k in ("a", "b", "d", "q", "eta"))
-    r1 = q * np.sin(phi1 - eta * phi2) - n["kappa"] * phi1 - (phi1 - phi2)
-    r1 += -b * s * w2**2 - t1 + t2
-    r2 = q * np.sin((1 - eta) * phi2) + phi1 - phi2 + b * s * w1**2 - t2
-    det = (a * d - b * b) + (b * s) ** 2  # nothing cancels beside the constants
-    return np.array([w1, w2, (d * r1 - b * c * r2) / det, (a * r2 - b * c * r1) / det])
+    torques = torque(w1), torque(w2 - w1)
+    inertia = n["a"], n["b"], n["d"]
+    rates = models.accelerations(np, n["q"], torques, *y, inertia, n["kappa"], n["eta"])
+    return np.array([w1, w2, *rates])
 
 
 class Truth(NamedTuple):

@@ -32,7 +32,6 @@ SOLVERS = {
     "Vern9": zj.Explicit(*zj.tableaus.VERN9),
     "Rodas5P": zj.Rosenbrock(),
 }
-COLOURS = "#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73"
 TOLERANCES = (1e-4, 1e-6, 1e-8)
 LOADS = (1.5, 2.6)  # stable, and in flutter
 START = (0.0, 0.0, 0.0, 0.3)
@@ -97,7 +96,8 @@ def draw(result, path):
         figure, (left, right) = plt.subplots(
             1, 2, figsize=(8.3, 3.6), layout="constrained"
         )
-        for name, marker, colour in zip(SOLVERS, "osD^v", COLOURS, strict=True):
+        colours = zj.plot.LINE_COLOURS[: len(SOLVERS)]
+        for name, marker, colour in zip(SOLVERS, "osD^v", colours, strict=True):
             look = {"marker": marker, "color": colour}
             drift = np.abs(np.array(result["energy_drift"][name]))
             left.loglog(TOLERANCES, drift, **look, label=name)

@@ -2,7 +2,7 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-import onset_style as style
+import style
 
 import ziegler_jax as zj
 
@@ -25,16 +25,14 @@ def main():
     print(ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(7.5, 5))
     held = ds.joint_amplitude.sel(joint=2).where(stuck)
-    mesh = ax.pcolormesh(ds.phi2, ds.omega2, held.T, cmap="cividis")
-    figure.colorbar(
-        mesh, ax=ax, label=r"joint angle held at rest $|\varphi_2 - \varphi_1|$ (rad)"
-    )
-    ax.set_facecolor("#D9E8F4")
+    held.attrs["long_name"] = r"joint angle held at rest $|\varphi_2 - \varphi_1|$"
+    zj.plot.map(held.to_dataset(), held.name, "phi2", "omega2", ax=ax, cmap="cividis")
+    ax.set_facecolor(zj.plot.PALE_BLUE)
     ax.set_title(
         rf"q = 1.8, $\tau$ = {TAU:g} k: {share:.0%} of these starts come to rest",
         loc="left",
     )
-    ax.text(-0.95, 1.2, "flutter cycle", color=style.BLUE)
+    ax.text(-0.95, 1.2, "flutter cycle", color=zj.plot.BLUE)
     ax.set_xlabel(r"angle of rod 2 at the start $\varphi_2(0)$ (rad)")
     ax.set_ylabel(r"its rate $\dot\varphi_2(0)$ ($\sqrt{k/(ml^2)}$)")
     style.save(figure, __file__)

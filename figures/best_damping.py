@@ -2,9 +2,9 @@
 
 import jax
 import jax.numpy as jnp
-import linear_style as style
 import matplotlib.pyplot as plt
 import numpy as np
+import style
 
 import ziegler_jax as zj
 
@@ -12,11 +12,11 @@ import ziegler_jax as zj
 def main():
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), width_ratios=(1.2, 1))
     columns = (
-        (style.SEED, zj.uniform_rods, style.BLUE, "-"),
+        (style.SEED, zj.uniform_rods, zj.plot.BLUE, "-"),
         (
             style.ZIEGLER,
             lambda **parts: zj.point_masses(2, 1, **parts),
-            style.ORANGE,
+            zj.plot.VERMILLION,
             "--",
         ),
     )

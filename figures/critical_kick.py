@@ -5,11 +5,11 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-import onset_style as style
+import style
 
 import ziegler_jax as zj
 
-RATE = r"$\sqrt{k/(ml^2)}$"
+RATE, UNITS = r"$\sqrt{k/(ml^2)}$", "sqrt(k/(m l^2))"
 
 
 def point(q, tau):
@@ -23,15 +23,16 @@ def main():
     print({k: ds.attrs[k] for k in ("run_seconds", "compile_seconds")})
     print(np.unique(ds.outcome, return_counts=True))
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), width_ratios=(1.2, 1))
-    mesh = left.pcolormesh(ds.q, ds.tau, ds.critical_kick.T, norm="log")
-    left.set_facecolor(style.SAND)
+    kick = {"long_name": r"critical kick $\dot\varphi_2(0)$", "units": UNITS}
+    ds.critical_kick.attrs |= kick
+    left.set_yscale("log")
+    zj.plot.map(ds, "critical_kick", x="q", y="tau", ax=left, norm="log")
+    left.set_facecolor(zj.plot.REST_COLOUR)
     left.text(1.22, 0.1, "rest after all\nkicks to 1.6")
     slow = ds.outcome == zj.ONSET.undecided
     qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
     left.plot(qs[slow], ts[slow], "k.", ms=2, label="undecided")
-    left.set_yscale("log")
     left.legend(loc="lower right", frameon=True, markerscale=4)
-    figure.colorbar(mesh, ax=left, label=rf"critical kick $\dot\varphi_2(0)$ ({RATE})")
     left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ (k)")
     left.set_title("Beyond the colour it flutters", loc="left")

@@ -1,9 +1,9 @@
 """Where rest and flutter coexist, and the cycles that meet at the fold between them."""
 
 import jax
-import linear_style as style
 import matplotlib.pyplot as plt
 import numpy as np
+import style
 
 import ziegler_jax as zj
 
@@ -32,12 +32,12 @@ def main():
     fold = np.asarray(folds(tau).value)
     tau, fold = tau[np.isfinite(fold)], fold[np.isfinite(fold)]
     q_cr = float(zj.critical_load(zj.uniform_rods()).q)
-    left.fill_betweenx(tau, fold, 3, color="#FBE6D0", lw=0)
-    left.plot(fold, tau, "o-", color=style.BLUE, lw=2.5, label="fold of cycles")
+    left.fill_betweenx(tau, fold, 3, color=zj.plot.PALE_ORANGE, lw=0)
+    left.plot(fold, tau, "o-", color=zj.plot.BLUE, lw=2.5, label="fold of cycles")
     left.plot(
-        14 / 11, 0, "o", color="w", mec=style.BLUE, label="its limit, $q = 14/11$"
+        14 / 11, 0, "o", color="w", mec=zj.plot.BLUE, label="its limit, $q = 14/11$"
     )
-    left.axvline(q_cr, color=style.ORANGE, ls="--", label="$q_{cr}$, no friction")
+    left.axvline(q_cr, color=zj.plot.VERMILLION, ls="--", label="$q_{cr}$, no friction")
     left.text(0.84, 0.07, "no cycle on\nthis branch", fontsize=11)
     left.text(1.62, 0.05, "rest and flutter")
     left.set(xlim=(0.8, 3), ylim=(0, 0.14), ylabel=r"friction torque $\tau$ ($k$)")
@@ -47,12 +47,14 @@ def main():
     moduli = np.abs(np.asarray(points.multipliers))
     for kind, dash in ((stable, "-"), (~stable, "--")):
         along = np.where(kind | np.roll(kind, 1), q, np.nan)  # to the next kind's first
-        middle.plot(along, points.amplitude.joint[:, 1], dash, color=style.BLUE, lw=2.5)
-        for i, colour in ((1, style.BLUE), (2, style.GREEN)):
+        middle.plot(
+            along, points.amplitude.joint[:, 1], dash, color=zj.plot.BLUE, lw=2.5
+        )
+        for i, colour in ((1, zj.plot.BLUE), (2, zj.plot.GREEN)):
             right.plot(along, moduli[:, i], dash, color=colour, lw=2)
     right.axhline(1, color="0.6", lw=1)
-    right.plot([], color=style.BLUE, label="the largest beside 1")
-    right.plot([], color=style.GREEN, label="the next")
+    right.plot([], color=zj.plot.BLUE, label="the largest beside 1")
+    right.plot([], color=zj.plot.GREEN, label="the next")
     middle.set(ylabel=r"largest $|\varphi_2 - \varphi_1|$ (rad)", ylim=(0, None))
     right.set(ylabel=r"Floquet multipliers $|\mu|$", ylim=(0, 2.5))
     for ax in (middle, right):

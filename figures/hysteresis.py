@@ -2,13 +2,13 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-import onset_style as style
+import style
 
 import ziegler_jax as zj
 
 LOADS = np.linspace(1.2, 2.6, 43)
 SCENES = ((0.02, 0.02), (0.04, 0.04), (0.06, 0.03))  # tau_s, tau_k
-WAYS = (("down", "v", style.BLUE), ("up", "^", style.ORANGE))
+WAYS = (("down", "v", zj.plot.BLUE), ("up", "^", zj.plot.VERMILLION))
 
 
 def point(mu_s, ratio):

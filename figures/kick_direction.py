@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
-import onset_style as style
+import style
 
 import ziegler_jax as zj
 
@@ -20,7 +20,7 @@ def main():
     ds = zj.sweep(point, q=[1.6, 1.9, 2.3], angle=angle)
     print(np.unique(ds.outcome, return_counts=True), ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(6.6, 6), subplot_kw={"projection": "polar"})
-    colours = (style.BLUE, style.GREEN, style.ORANGE)
+    colours = (zj.plot.BLUE, zj.plot.GREEN, zj.plot.VERMILLION)
     around = np.append(np.concatenate([angle, angle + np.pi]), 0.0)
     for q, colour in zip(ds.q.values, colours, strict=True):
         kick = ds.critical_kick.sel(q=q).values

@@ -2,7 +2,7 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-import onset_style as style
+import style
 
 import ziegler_jax as zj
 
@@ -19,11 +19,11 @@ def main():
     ds = zj.sweep(point, mu_s=mu, mu_k=mu, where=lambda mu_s, mu_k: mu_k <= mu_s)
     print(np.unique(ds.outcome, return_counts=True), ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(7.5, 5))
-    mesh = ax.pcolormesh(ds.mu_s, ds.mu_k, ds.flutter_onset.T)
-    figure.colorbar(mesh, ax=ax, label=r"onset load $q = F l/k$ (–)")
+    ds.flutter_onset.attrs["long_name"] = "onset load $q = F l/k$"
+    zj.plot.map(ds, "flutter_onset", x="mu_s", y="mu_k", ax=ax)
     s, k = np.meshgrid(ds.mu_s, ds.mu_k, indexing="ij")
-    ax.plot([0.005, 0.163], [0.005, 0.163], color=style.GREY, lw=1)
-    ax.text(0.09, 0.097, r"$\tau_s = \tau_k$", color=style.GREY, ha="right")
+    ax.plot([0.005, 0.163], [0.005, 0.163], color="0.45", lw=1)
+    ax.text(0.09, 0.097, r"$\tau_s = \tau_k$", color="0.45", ha="right")
     for code, mark, text in (
         (zj.ONSET.repeated, "w.", "rest returns above"),
         (zj.ONSET.undecided, "kx", "undecided"),

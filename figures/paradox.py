@@ -1,9 +1,9 @@
 """Ziegler's paradox: damping however small lowers q_cr, by the ratio c1/c2 alone."""
 
 import jax
-import linear_style as style
 import matplotlib.pyplot as plt
 import numpy as np
+import style
 
 import ziegler_jax as zj
 
@@ -16,10 +16,10 @@ def main():
         (style.ZIEGLER, lambda **parts: zj.point_masses(2, 1, **parts)),
     )
     lines = (
-        (0.3, style.GREEN, "-."),
-        (1.0, style.BLUE, "-"),
-        (4.0, style.PINK, "--"),
-        (20.0, style.ORANGE, ":"),
+        (0.3, zj.plot.GREEN, "-."),
+        (1.0, zj.plot.BLUE, "-"),
+        (4.0, zj.plot.PURPLE, "--"),
+        (20.0, zj.plot.VERMILLION, ":"),
     )
     for ax, (name, make) in zip(axes, columns, strict=True):
         undamped = float(zj.critical_load(make()).q)

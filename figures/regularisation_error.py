@@ -6,14 +6,13 @@ of both laws comes to rest. Right: the observed order of convergence between
 neighbouring v_smooth, median over the loads where both laws agree in their verdict.
 """
 
-from pathlib import Path
-
-import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
+import style
+from matplotlib.colors import LogNorm
 
 import ziegler_jax as zj
 
-matplotlib.use("Agg")
 TAU, KICK = 0.026, (0.0, 0.2)
 
 
@@ -27,7 +26,6 @@ def point(q, v_smooth):
 
 
 def main():
-    zj.configure_cpu()
     q, v = np.linspace(1.2, 2.8, 33), np.geomspace(1e-3, 0.3, 9)
     # two motions a point run in no legs: small batches keep both threads busy
     ds = zj.sweep(point, q=q, v_smooth=v, batch_size=33, progress=False)
@@ -36,26 +34,25 @@ def main():
     wrong = ds.wrong_verdict.values == 1
     order = np.diff(np.log(np.where(wrong, np.nan, error)), axis=1) / np.diff(np.log(v))
 
-    from matplotlib import pyplot as plt
-    from matplotlib.colors import LogNorm
-
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    norm = LogNorm(1e-4, 1.0)
-    colours = left.pcolormesh(q, v, error.T, norm=norm, cmap="cividis")
-    figure.colorbar(colours, ax=left, label="largest amplitude error (rad)")
+    about = {"long_name": "largest amplitude error", "units": "rad"}
+    plane = ds.assign(error=(("q", "v_smooth"), error, about))
+    left.set_yscale("log")
+    colours = {"norm": LogNorm(1e-4, 1.0), "cmap": "cividis"}
+    zj.plot.map(plane, "error", x="q", y="v_smooth", ax=left, **colours)
     i, j = np.nonzero(wrong)
-    left.plot(q[i], v[j], "x", color="#D55E00", label="wrong verdict")
-    left.set(yscale="log", xlabel="load $q = Fl/k$")
+    left.plot(q[i], v[j], "x", color=zj.plot.VERMILLION, label="wrong verdict")
+    left.set(xlabel="load $q = Fl/k$")
     left.set_ylabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
     left.legend(loc="lower left", bbox_to_anchor=(0, 1))
     between = np.sqrt(v[1:] * v[:-1])
     low, middle, high = np.nanpercentile(order[q >= 2.0], [25, 50, 75], axis=0)
-    right.fill_between(between, low, high, color="#0072B2", alpha=0.3, lw=0)
-    right.plot(between, middle, "o-", color="#0072B2")
+    right.fill_between(between, low, high, color=zj.plot.BLUE, alpha=0.3, lw=0)
+    right.plot(between, middle, "o-", color=zj.plot.BLUE)
     right.set(xscale="log", ylabel="order of convergence, $q \\geq 2$")
     right.set_xlabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
     right.axhline(1.0, color="0.6", lw=1)
-    figure.savefig(Path(__file__).with_suffix(".png"), dpi=130)
+    style.save(figure, __file__)
     print(np.c_[between, middle], int(wrong.sum()), "wrong verdicts of", wrong.size)
 
 

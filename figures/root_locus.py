@@ -1,9 +1,9 @@
 """Eigenvalues of the seed's column as the load rises: two frequencies meet at q_cr."""
 
 import jax
-import linear_style as style
 import matplotlib.pyplot as plt
 import numpy as np
+import style
 
 import ziegler_jax as zj
 
@@ -18,17 +18,17 @@ def main():
         (left, s.imag, r"frequency $\mathrm{Im}\,s$  ($\sqrt{k/(ml^2)}$)"),
         (right, s.real, r"growth rate $\mathrm{Re}\,s$  ($\sqrt{k/(ml^2)}$)"),
     ):
-        ax.axvspan(float(begin.q), float(end.q), color="#FBE6D0", lw=0)
-        ax.plot(q, part, ".", ms=2.2, color=style.BLUE)
-        ax.axvline(float(begin.q), color=style.ORANGE, lw=1.5)
-        ax.axvline(float(end.q), color=style.ORANGE, lw=1.5, ls="--")
+        ax.axvspan(float(begin.q), float(end.q), color=zj.plot.PALE_ORANGE, lw=0)
+        ax.plot(q, part, ".", ms=2.2, color=zj.plot.BLUE)
+        ax.axvline(float(begin.q), color=zj.plot.VERMILLION, lw=1.5)
+        ax.axvline(float(end.q), color=zj.plot.VERMILLION, lw=1.5, ls="--")
         ax.set_xlabel("load $q = Fl/k$")
         ax.set_title(name, loc="left")
         ax.set_xlim(0, 6)
         ax.spines[["top", "right"]].set_visible(False)
     left.set_ylim(0, 4.1)
     right.set_ylim(-2.2, 2.2)
-    left.plot(begin.q, begin.frequency, "o", color=style.ORANGE, ms=9, zorder=3)
+    left.plot(begin.q, begin.frequency, "o", color=zj.plot.VERMILLION, ms=9, zorder=3)
     left.annotate(
         f"coalescence\n$q_{{cr}}$ = {float(begin.q):.4f}\n"
         rf"$\omega$ = {float(begin.frequency):.4f}",
@@ -36,7 +36,7 @@ def main():
         (14, 22),
         textcoords="offset points",
     )
-    right.text(3.6, -2.0, "flutter", ha="center", color=style.ORANGE)
+    right.text(3.6, -2.0, "flutter", ha="center", color=zj.plot.VERMILLION)
     right.text(5.35, -0.08, "divergence", ha="center", color="0.3")
     right.text(1.2, 0.12, "oscillates", ha="center", color="0.3")
     right.annotate(

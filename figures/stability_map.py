@@ -1,13 +1,16 @@
 """The seed's column over load and follower fraction: where it flutters or buckles."""
 
-import linear_style as style
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import ListedColormap
+import style
 
 import ziegler_jax as zj
 
-COLOURS = ["#E8EEF2", "#F2B880", "#7FA8C9"]  # marginal, flutter, divergence
+COLOURS = {
+    zj.REGIME.marginal: (zj.plot.GREY, 0.3),
+    zj.REGIME.flutter: (zj.plot.ORANGE, 0.5),
+    zj.REGIME.divergence: (zj.plot.BLUE, 0.4),
+}
 
 
 def regime(q, eta):
@@ -22,19 +25,10 @@ def main():
     q, eta = np.linspace(0, 6, 1201), np.linspace(-0.5, 1.5, 1001)
     ds = zj.sweep(regime, q=q, eta=eta)
     figure, ax = plt.subplots(figsize=(8, 5))
-    low = int(zj.REGIME.marginal)
-    ax.pcolormesh(
-        eta,
-        q,
-        ds.regime,
-        cmap=ListedColormap(COLOURS),
-        vmin=low - 0.5,
-        vmax=low + 2.5,
-        rasterized=True,
-    )
+    zj.plot.map(ds, "regime", x="eta", y="q", ax=ax, legend=False, colours=COLOURS)
     lines = (
-        ("flutter", style.ORANGE, "-", "$q_{cr}$, flutter"),
-        ("divergence", style.BLUE, "--", "$q_{cr}$, divergence"),
+        ("flutter", zj.plot.VERMILLION, "-", "$q_{cr}$, flutter"),
+        ("divergence", zj.plot.BLUE, "--", "$q_{cr}$, divergence"),
     )
     for kind, colour, dash, label in lines:
         found = zj.sweep(lambda eta, kind=kind: load(eta, kind), eta=eta)

@@ -4,28 +4,26 @@ Uniform rods, set-valued friction with mu_s = 4 mu_k, pins of radius 0.1 that ca
 load; rods may turn over. About half a minute on two cores, compilation included.
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.patches import Patch
+import style
 
 import ziegler_jax as zj
 from ziegler_jax import VERDICT
 
 POINTS = 64
 # cycles by their passages of phi1 = 0 a period: dark to light; then the other verdicts
+BLUES = plt.get_cmap("Blues")
 KINDS = {
     "stuck": zj.plot.REST_COLOUR,
-    "cycle, 1 passage": "#08306B",
-    "2": "#2171B5",
-    "3": "#6BAED6",
-    "4 to 16": "#BDD7E7",
-    "more, or slow": "#FFFFFF",
+    "cycle of 1 passage": BLUES(0.95),
+    "cycle of 2": BLUES(0.7),
+    "cycle of 3": BLUES(0.5),
+    "cycle of 4 to 16": BLUES(0.25),
+    "cycle of more, or slow": "white",
     "quasi-periodic": zj.plot.YELLOW,
     "chaotic": zj.plot.VERMILLION,
-    "undecided": "#7F7F7F",
+    "undecided": "0.5",
 }
 
 
@@ -36,27 +34,27 @@ def point(q, mu_k):
 
 
 def main():
-    zj.configure_cpu()
     q, mu_k = np.linspace(1, 7, POINTS), np.linspace(0.005, 0.26, POINTS)
     ds = zj.sweep(point, q=q, mu_k=mu_k)
     verdict = ds.verdict.values
     passages = np.searchsorted([1, 2, 3, 4, 17], ds.period_count.values, side="right")
-    kind = np.where(passages == 0, 5, passages)  # of cycles
-    kind = np.where(verdict == VERDICT.stuck, 0, kind)
-    kind = np.where(verdict == VERDICT.quasi_periodic, 6, kind)
-    kind = np.where(verdict == VERDICT.chaotic, 7, kind)
-    kind = np.where(verdict < VERDICT.stuck, 8, kind)
-    _, ax = plt.subplots(figsize=(8.3, 4.6), layout="constrained")
-    norm = BoundaryNorm(np.arange(len(KINDS) + 1) - 0.5, len(KINDS))
-    ax.pcolormesh(q, mu_k, kind.T, cmap=ListedColormap(list(KINDS.values())), norm=norm)
+    kind = np.where(passages == 0, 6, passages + 1)  # of cycles
+    kind = np.where(verdict == VERDICT.stuck, 1, kind)
+    kind = np.where(verdict == VERDICT.quasi_periodic, 7, kind)
+    kind = np.where(verdict == VERDICT.chaotic, 8, kind)
+    kind = np.where(verdict < VERDICT.stuck, 9, kind)
+    codes = range(1, len(KINDS) + 1)
+    names = " ".join(name.replace(" ", "_") for name in KINDS)
+    flags = {"flag_values": list(codes), "flag_meanings": names}
+    plane = ds.assign(kind=(("q", "mu_k"), kind, flags))
+    figure, ax = plt.subplots(figsize=(8.3, 4.6))
+    colours = dict(zip(codes, KINDS.values(), strict=True))
+    zj.plot.map(plane, "kind", x="q", y="mu_k", ax=ax, colours=colours)
+    handles = ax.get_legend().legend_handles
+    ax.legend(handles=handles, loc="center left", bbox_to_anchor=(1, 0.5))
     ax.set(xlabel="follower load $q = F l/k$", ylabel=r"kinetic friction $\mu_k$")
     ax.set_title(r"$\mu_s = 4\mu_k$, $R_{pin}/l = 0.1$, $N = q$", loc="left")
-    handles = [
-        Patch(facecolor=colour, edgecolor=zj.plot.GREY, label=name)
-        for name, colour in KINDS.items()
-    ]
-    ax.legend(handles=handles, loc="center left", bbox_to_anchor=(1, 0.5))
-    ax.figure.savefig(Path(__file__).with_suffix(".png"), dpi=200)
+    style.save(figure, __file__)
     for name in ("compile_seconds", "run_seconds", "points"):
         print(name, ds.attrs[name])
 

@@ -1,48 +1,60 @@
-"""Uniform rods in plain NumPy: field, divergence, Jacobian, for scipy's integrators.
+"""The column in plain NumPy: field, divergence, Jacobian, for scipy's integrators.
 
-Viscous joints and friction tau tanh(u / v) in both of them. Not the package's code;
-tests and benchmarks share it.
+Uniform rods where nothing else is said; viscous joints and friction tau tanh(u / v) in
+both of them. Not the package's code; tests, benchmarks and figures share it.
 """
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-A, B, D = 4 / 3, 1 / 2, 1 / 3
+A, B, D = UNIFORM = 4 / 3, 1 / 2, 1 / 3
 
 
-def accelerations(m, q, torques, phi1, phi2, w1, w2):
+def accelerations(
+    m, q, torques, phi1, phi2, w1, w2, inertia=UNIFORM, kappa=1.0, follower=1.0
+):
     """(w1', w2') under the joints' torques, or None; sine and cosine are those of `m`.
 
-    a w1' + b cosD w2' + b sinD w2^2 + 2 phi1 - phi2 = q sinD - T1 + T2
-    b cosD w1' + d w2' - b sinD w1^2 - phi1 + phi2   =        - T2,   D = phi1 - phi2
+    a w1' + b cosD w2' + b sinD w2^2 + (kappa + 1) phi1 - phi2
+                                         = q sin(phi1 - eta phi2) - T1 + T2
+    b cosD w1' + d w2' - b sinD w1^2 - phi1 + phi2
+                                         = q sin((1 - eta) phi2) - T2,  D = phi1 - phi2
     """
+    a, b, d = inertia
     s, c = m.sin(phi1 - phi2), m.cos(phi1 - phi2)
-    r1 = q * s - 2.0 * phi1 + phi2 - B * s * w2 * w2
-    r2 = phi1 - phi2 + B * s * w1 * w1
+    if follower == 1.0:
+        push1, push2 = q * s, 0.0
+    else:
+        push1 = q * m.sin(phi1 - follower * phi2)
+        push2 = q * m.sin((1.0 - follower) * phi2)
+    r1 = push1 - (kappa + 1.0) * phi1 + phi2 - b * s * w2 * w2
+    r2 = push2 + phi1 - phi2 + b * s * w1 * w1
     if torques is not None:
         r1, r2 = r1 - torques[0] + torques[1], r2 - torques[1]
-    h = B * c
-    det = A * D - h * h
-    return (D * r1 - h * r2) / det, (A * r2 - h * r1) / det
+    h = b * c
+    # not a d - h h: nothing cancels beside the constants
+    det = (a * d - b * b) + (b * s) * (b * s)
+    return (d * r1 - h * r2) / det, (a * r2 - h * r1) / det
 
 
-def field(y, q, tau, v, c1, c2):
+def field(y, q, tau, v, c1, c2, inertia=UNIFORM):
     _, _, w1, w2 = y
     t1 = tau * np.tanh(w1 / v) + c1 * w1
     t2 = tau * np.tanh((w2 - w1) / v) + c2 * (w2 - w1)
-    return np.array([w1, w2, *accelerations(np, q, (t1, t2), *y)])
+    return np.array([w1, w2, *accelerations(np, q, (t1, t2), *y, inertia)])
 
 
-def divergence(y, q, tau, v, c1, c2):
+def divergence(y, q, tau, v, c1, c2, inertia=UNIFORM):
     """-tr(M^-1 C) - d/dt ln det M with the slopes of friction in C."""
     p1, p2, w1, w2 = y
+    a, b, d = inertia
     s, c = np.sin(p1 - p2), np.cos(p1 - p2)
-    h = B * c
-    det = A * D - h * h
+    h = b * c
+    det = a * d - h * h
     k1 = c1 + tau / v / np.cosh(w1 / v) ** 2
     k2 = c2 + tau / v / np.cosh((w2 - w1) / v) ** 2
-    loss = (D * (k1 + k2) + 2 * h * k2 + A * k2) / det
-    return -loss - 2 * h * B * s * (w1 - w2) / det
+    loss = (d * (k1 + k2) + 2 * h * k2 + a * k2) / det
+    return -loss - 2 * h * b * s * (w1 - w2) / det
 
 
 def jacobian(y, *numbers, step=1e-6):

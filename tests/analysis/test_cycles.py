@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import models
 import numpy as np
 import pytest
 from moreau import motion
@@ -11,7 +12,7 @@ import ziegler_jax as zj
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-UNIFORM, ZIEGLER = (4 / 3, 1 / 2, 1 / 3), (3.0, 1.0, 1.0)
+UNIFORM, ZIEGLER = models.UNIFORM, (3.0, 1.0, 1.0)
 
 
 def rods(q, c, inertia):
@@ -139,17 +140,8 @@ def test_without_damping_left_the_amplitudes_square_is_a_fraction_of_the_load():
 
 
 def divergence_and_motion(t, y, q, c, inertia):
-    a, b, d = inertia
-    phi1, phi2, w1, w2 = y[:4]
-    s, h = np.sin(phi1 - phi2), b * np.cos(phi1 - phi2)
-    inverse = 1 / (a * d - h * h)
-    r1 = q * s - 2 * phi1 + phi2 - b * s * w2 * w2 - 2 * c * w1 + c * w2
-    r2 = phi1 - phi2 + b * s * w1 * w1 + c * w1 - c * w2
-    a1, a2 = (d * r1 - h * r2) * inverse, (a * r2 - h * r1) * inverse
-    # d a1 / d w1 + d a2 / d w2
-    own = d * -2 * c - h * (2 * b * s * w1 + c)
-    own += a * -c - h * (-2 * b * s * w2 + c)
-    return [w1, w2, a1, a2, own * inverse]
+    numbers = (q, 0.0, 1.0, c, c, inertia)  # no friction
+    return [*models.field(y[:4], *numbers), models.divergence(y[:4], *numbers)]
 
 
 def test_one_multiplier_is_1_and_their_product_is_that_of_the_divergence(born):

@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.colors import to_rgba
 
 import ziegler_jax as zj
 
@@ -130,11 +131,42 @@ def test_labels_carry_symbols_and_units(plane):
 def test_a_flag_variable_has_a_colour_a_code(plane):
     ax = zj.plot.map(plane, "outcome", "q", "mu")
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["not_finite", "escaped", "unsettled", "stuck", "cycle"]
+    assert labels == ["not finite", "escaped", "unsettled", "stuck", "cycle"]
     mesh = ax.collections[0]
     colours = {tuple(mesh.get_cmap()(mesh.norm(code))) for code in np.unique(CODES)}
     assert len(colours) == np.unique(CODES).size
+    stuck = mesh.get_cmap()(mesh.norm(int(zj.OUTCOME.stuck)))
+    assert stuck == to_rgba(zj.plot.REST_COLOUR)
     assert mesh.get_array().mask.sum() == (CODES == OUT).sum()
+
+
+def test_some_codes_may_have_other_colours(plane):
+    ax = zj.plot.map(plane, "outcome", "q", "mu", colours={RUN: "lime"})
+    mesh, labels = ax.collections[0], ax.get_legend().get_texts()
+    shown = {label.get_text() for label in labels}
+    assert tuple(mesh.get_cmap()(mesh.norm(int(RUN)))) == (0, 1, 0, 1)
+    assert tuple(mesh.get_cmap()(mesh.norm(8))) != (0, 1, 0, 1) and "stuck" in shown
+
+
+def test_cells_of_a_logarithmic_axis_reach_halfway_as_it_is_seen(plane):
+    _, ax = plt.subplots()
+    ax.set_yscale("log")
+    zj.plot.map(plane, "joint_amplitude", "q", "mu", ax=ax)
+    edges = ax.collections[0].get_coordinates()[:, 0, 1]
+    between = np.sqrt([0.1 * 0.2, 0.2 * 0.4])
+    np.testing.assert_allclose(edges[1:3], between)
+    np.testing.assert_allclose(edges[[0, 3]], [0.1 / np.sqrt(2), 0.4 * np.sqrt(2)])
+    with pytest.raises(ValueError, match="`mu` must be positive .* reaches 0.0"):
+        plane["mu"] = [0.0, 0.2, 0.4]
+        zj.plot.map(plane, "joint_amplitude", "q", "mu", ax=ax)
+
+
+def test_colours_belong_to_codes_and_colour_maps_to_numbers(plane):
+    with pytest.raises(ValueError, match="`cmap` must not .* `outcome`, which holds c"):
+        zj.plot.map(plane, "outcome", "q", "mu", cmap="viridis")
+    with pytest.raises(ValueError, match="`colours` must not .* which holds numbers"):
+        zj.plot.map(plane, "joint_amplitude", "q", "mu", colours={8: "lime"})
+    assert not plt.get_fignums()
 
 
 def test_a_diagram_marks_each_point_by_its_outcome(plane):

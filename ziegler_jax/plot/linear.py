@@ -6,6 +6,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
+from .style import BLUE, VERMILLION
+
 _SYMBOLS = {
     "kappa": r"$\kappa$",
     "follower": r"$\eta$",
@@ -33,8 +35,8 @@ def sensitivity(table: xr.Dataset, ax: Any = None) -> Any:
     order = np.argsort(np.nan_to_num(np.abs(table.elasticity.values)))
     names = [str(name) for name in table.parameter.values[order]]
     bars = table.elasticity.values[order]
-    # blue raises the load, orange lowers it: told apart by the side of zero as well
-    ax.barh(names, np.nan_to_num(bars), color=np.where(bars >= 0, "#0072B2", "#D55E00"))
+    # blue raises the load, vermillion lowers it: told apart by the side of zero as well
+    ax.barh(names, np.nan_to_num(bars), color=np.where(bars >= 0, BLUE, VERMILLION))
     ax.set_yticks(range(len(names)), [_SYMBOLS.get(n, n) for n in names])
     ax.bar_label(
         ax.containers[-1],

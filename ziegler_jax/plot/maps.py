@@ -6,12 +6,14 @@ symbols and units from the dataset.
 """
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
@@ -41,6 +43,7 @@ def map(
     ax: Axes | None = None,
     colorbar: bool = True,
     legend: bool = True,
+    colours: Mapping[int, Any] | None = None,
     **style: Any,
 ) -> Axes:
     """Colour the points of a plane by a variable, one cell a point.
@@ -57,23 +60,38 @@ def map(
 
     - `dataset`: from `sweep`, reduced to the plane: choose the rest with `sel`.
     - `variable`: what to colour by.
-    - `x`, `y`: dimensions of the dataset. Cells reach halfway to their neighbours.
-    - `ax`: where to draw; None opens a figure.
+    - `x`, `y`: dimensions of the dataset. Cells reach halfway to their neighbours, on
+        a logarithmic axis as it is seen there.
+    - `ax`: where to draw, with the scales of its axes (`ax.set_yscale("log")`); None
+        opens a figure.
     - `colorbar`, `legend`: whether to explain the colours and the outcomes.
-    - `style`: more for `pcolormesh`, e.g. `vmax` or `cmap` (viridis).
+    - `colours`: of a flag variable, other colours for some of its codes, e.g.
+        `{zj.REGIME.flutter: "orange"}`.
+    - `style`: more for `pcolormesh`, of numbers e.g. `vmax`, `norm`, `cmap` (viridis).
 
     **Returns:** the axes.
 
     **Raises:** `ValueError` that names the argument, for a variable or dimension that
-    the dataset does not have and for dimensions left over.
+    the dataset does not have, for dimensions left over, for values that a logarithmic
+    axis does not have, and for colours of codes where there are none, or the reverse.
     """
     chosen = _variable(dataset, variable, {"x": x, "y": y})
+    flags = "flag_values" in chosen.attrs
+    misplaced = {"cmap", "norm", "vmin", "vmax"} & set(style) if flags else colours
+    if misplaced:
+        name, kind = (
+            (sorted(misplaced)[0], "codes") if flags else ("colours", "numbers")
+        )
+        raise ValueError(
+            f"Argument `{name}` must not be given for `{variable}`, which holds "
+            f"{kind}; their colours come from `{'colours' if flags else 'cmap'}`."
+        )
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     dataset = dataset.sortby([x, y])
     values = dataset[variable].transpose(y, x)
-    edges = _edges(dataset, x), _edges(dataset, y)
-    if "flag_values" in chosen.attrs:
-        handles = _codes(ax, edges, values)
+    edges = _edges(dataset, x, ax.xaxis), _edges(dataset, y, ax.yaxis)
+    if flags:
+        handles = _codes(ax, edges, values, colours or {}, **style)
     else:
         handles = []
         numbers = np.asarray(values, dtype=float)
@@ -195,17 +213,28 @@ def _has_motions(dataset: xr.Dataset) -> bool:
     return dataset["outcome"].attrs.get("flag_meanings", meanings) == meanings
 
 
-def _edges(dataset: xr.Dataset, dim: str) -> np.ndarray:
-    """Cell edges: halfway between neighbours, and as far beyond the first and last."""
-    centres = np.asarray(dataset[dim], dtype=float)
+def _edges(dataset: xr.Dataset, dim: str, axis: Axis) -> np.ndarray:
+    """Cell edges: halfway between neighbours, and as far beyond the first and last.
+
+    Halfway as the axis shows it: the geometric mean where it is logarithmic.
+    """
+    shown = axis.get_transform()
+    values = np.asarray(dataset[dim], dtype=float)
+    if axis.get_scale() == "log" and values.min() <= 0:
+        raise ValueError(
+            f"Axis `{dim}` must be positive to be shown on a logarithmic axis, but "
+            f"reaches {values.min()}."
+        )
+    centres = np.asarray(shown.transform(values))
     if centres.size == 1:
-        return centres[0] + np.array([-0.5, 0.5])
+        return np.asarray(shown.inverted().transform(centres + np.array([-0.5, 0.5])))
     steps = np.diff(centres)
     if not np.all(steps > 0):
         raise ValueError(f"Axis `{dim}` must not repeat values, but does.")
     inner = centres[:-1] + steps / 2
     ends = centres[0] - steps[0] / 2, centres[-1] + steps[-1] / 2
-    return np.concatenate([ends[:1], inner, ends[1:]])
+    edges = np.concatenate([ends[:1], inner, ends[1:]])
+    return np.asarray(shown.inverted().transform(edges))
 
 
 def _failed(outcome: np.ndarray) -> np.ndarray:
@@ -246,17 +275,22 @@ def _rectangles(edges: Any, here: np.ndarray) -> list[np.ndarray]:
     return list(np.moveaxis(np.array(corners), -1, 0))
 
 
-def _codes(ax: Axes, edges: Any, values: xr.DataArray) -> list[Patch]:
+def _codes(
+    ax: Axes, edges: Any, values: xr.DataArray, colours: Mapping[int, Any], **style: Any
+) -> list[Patch]:
     """One colour a code of a CF flag variable, blank where nothing was computed."""
     codes = np.asarray(values)
     flags = np.atleast_1d(values.attrs["flag_values"])
     names = str(values.attrs["flag_meanings"]).split()
-    colours = ListedColormap(CODE_COLOURS[: len(flags)])
+    usual = zip(flags, CODE_COLOURS, strict=False)
+    chosen = {int(flag): colour for flag, colour in usual} | dict(colours)
+    cmap = ListedColormap([chosen[int(flag)] for flag in flags])
     norm = BoundaryNorm([*(flags - 0.5), flags[-1] + 0.5], len(flags))
     shown = np.ma.masked_equal(codes, OUTCOME.not_computed)
-    ax.pcolormesh(*edges, shown, cmap=colours, norm=norm, rasterized=True)
+    mesh = ax.pcolormesh(*edges, shown, cmap=cmap, norm=norm, **style)
+    mesh.set_rasterized(True)
     return [
-        Patch(facecolor=colours(norm(flag)), edgecolor=GREY, label=name)
+        Patch(facecolor=cmap(norm(flag)), edgecolor=GREY, label=name.replace("_", " "))
         for flag, name in zip(flags, names, strict=True)
         if flag != OUTCOME.not_computed and (codes == flag).any()
     ]

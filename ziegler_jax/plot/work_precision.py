@@ -7,16 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-# Okabe and Ito's colours, which the colour-blind can tell apart, and a marker each
-_STYLES = (
-    ("#0072B2", "o"),
-    ("#D55E00", "s"),
-    ("#009E73", "^"),
-    ("#CC79A7", "D"),
-    ("#E69F00", "v"),
-    ("#56B4E9", "P"),
-    ("#000000", "X"),
-)
+from .style import LINE_COLOURS, LINE_MARKERS
 
 
 def work_precision(
@@ -49,7 +40,8 @@ def work_precision(
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     error, price = dataset[name], dataset["seconds_a_point"]
     for i, solver in enumerate(dataset.solver.values):
-        colour, marker = _STYLES[i % len(_STYLES)]
+        look = i % len(LINE_COLOURS)
+        colour, marker = LINE_COLOURS[look], LINE_MARKERS[look]
         x = price.sel(solver=solver).values
         low, high = (error.sel(solver=solver, quantile=p).values for p in (0.5, 0.95))
         order = np.argsort(x)

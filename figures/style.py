@@ -1,26 +1,25 @@
-"""What the figures of onsets share: type size, the friction, where they go."""
+"""What the figures share: type size, two columns, where they go."""
 
 from pathlib import Path
 
+import jax
 import matplotlib
 
+import ziegler_jax as zj
+
+zj.configure_cpu()
+jax.config.update("jax_enable_x64", True)
 matplotlib.use("Agg")
 matplotlib.rcParams.update(
     {
         "font.size": 12,
         "axes.titlesize": 12,
         "legend.frameon": False,
-        "savefig.dpi": 110,
+        "savefig.dpi": 120,
         "savefig.bbox": "tight",
     }
 )
-
-import ziegler_jax as zj  # noqa: E402
-
-zj.configure_cpu()
-# Okabe and Ito's colours, told apart with any colour vision
-BLUE, ORANGE, GREEN, PINK, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "0.45"
-SAND = "#E8DCC8"  # where the column comes to rest
+SEED, ZIEGLER = "uniform rods", "Ziegler's masses"
 
 
 def dry(q, mu_s, mu_k=None):
@@ -30,6 +29,6 @@ def dry(q, mu_s, mu_k=None):
     return zj.uniform_rods(q, friction=law)
 
 
-def save(figure, script: str) -> None:
+def save(figure, script: str, **options) -> None:
     """Write the figure beside its script."""
-    figure.savefig(Path(script).with_suffix(".png"))
+    figure.savefig(Path(script).with_suffix(".png"), **options)
