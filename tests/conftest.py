@@ -1,8 +1,5 @@
 """What all tests share: 64 bits, strict promotion, and a few helpers."""
 
-import os
-import shutil
-import tempfile
 from pathlib import Path
 
 import jax
@@ -30,28 +27,6 @@ def pytest_addoption(parser):
     """How hard stores are attacked: see test_stores_under_attack."""
     parser.addoption("--faults", choices=("few", "all"), default="few")
     parser.addoption("--optimised", action="store_true", help="see `unoptimised`")
-
-
-CACHE = {
-    "jax_compilation_cache_dir": None,
-    "jax_persistent_cache_min_compile_time_secs": 0.5,
-}
-
-
-def pytest_configure(config):
-    """What one test compiled, no other does: not in another process either."""
-    if hasattr(config, "workerinput"):
-        return  # it has the environment of the process that began it
-    config.compiled = CACHE["jax_compilation_cache_dir"] = tempfile.mkdtemp()
-    for name, value in CACHE.items():
-        os.environ[name.upper()] = str(value)
-        jax.config.update(name, value)
-
-
-def pytest_unconfigure(config):
-    """Leave nothing behind."""
-    if not hasattr(config, "workerinput"):
-        shutil.rmtree(config.compiled, ignore_errors=True)
 
 
 @pytest.fixture(scope="session")
