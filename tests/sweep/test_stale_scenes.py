@@ -13,7 +13,7 @@ import pytest
 
 import ziegler_jax as zj
 from ziegler_jax.model.damping import AbstractDamping
-from ziegler_jax.model.friction import AbstractFriction
+from ziegler_jax.model.friction import AbstractRateFriction
 from ziegler_jax.motion.observers import AbstractObserver
 from ziegler_jax.sweep import program
 
@@ -130,7 +130,7 @@ def test_what_has_changed_since_is_another_scene(where, stored, path, refuses):
 CFG = SimpleNamespace(c=0.0)
 
 
-class OwnFriction(AbstractFriction):
+class OwnFriction(AbstractRateFriction):
     """A law that reads an attribute of an object while it is traced."""
 
     def levers(self, u1, u2):

@@ -7,11 +7,9 @@ import jax.numpy as jnp
 
 from ..context import plain
 from ..model.column import Column, State
-from ..model.friction import SmoothCoulomb
-from ..model.set_valued import SetValuedCoulomb
 from ..motion.observers import Period, StickFraction
 from ..motion.settle import Settled, settle
-from ..numerics.numbers import check_options, is_concrete
+from ..numerics.numbers import check_options
 from ..results import OUTCOME, Variable
 
 
@@ -104,23 +102,13 @@ def regularisation_error(
 
     **Raises:** `ValueError` as `settle` and `SmoothCoulomb`, and for another law.
     """
-    law = column.friction
-    if not isinstance(law, SetValuedCoulomb):
+    law: Any = column.friction
+    if not column.sticks:
         raise ValueError(
             "Argument `column` must be a `Column` with `SetValuedCoulomb` friction, "
             f"but its friction is {law!r}."
         )
-    mu_k = law.mu_k
-    if mu_k is not None and v_stribeck is None and is_concrete(mu_k):
-        mu_k = None if mu_k == law.mu_s else mu_k
-    smooth = SmoothCoulomb(
-        law.mu_s,
-        mu_k,
-        pin_radius=law.pin_radius,
-        v_smooth=v_smooth,
-        v_stribeck=v_stribeck,
-        load=law.load,
-    )
+    smooth = law.smoothed(v_smooth, v_stribeck)
     smoothed = eqx.tree_at(lambda c: c.friction, column, smooth)
     check_options("regularisation_error", options, settle)
     options = {"observers": (Period(), StickFraction()), **options}

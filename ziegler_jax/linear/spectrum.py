@@ -19,7 +19,6 @@ import jax.numpy as jnp
 from ..context import plain
 from ..model.column import Column
 from ..model.damping import Sum, Viscous
-from ..model.friction import JointReaction, SmoothCoulomb
 from ..numerics.numbers import Scalar
 from ..results import REGIME
 from .characteristic import Characteristic, characteristic, inertia, stiffness, value
@@ -126,20 +125,16 @@ def tangent_column(column: Column) -> Column:
 
     **Raises:** `ValueError` if the friction is set-valued: it has no tangent.
     """
-    law = column.friction
+    law: Any = column.friction
     if law is None:
         return column
-    if not isinstance(law, SmoothCoulomb):
+    if column.sticks:
         raise ValueError(
             "Argument `column` must have `SmoothCoulomb` friction or none for "
             f"`tangent_column`, but has {type(law).__name__}: in stick the joints are "
             "rigid, and the law has no tangent at rest."
         )
-    load = law.load_law()
-    if isinstance(load, JointReaction):
-        n1 = n2 = jnp.abs(jnp.asarray(column.q))
-    else:
-        n1, n2 = load.given(column.q)
+    n1, n2 = law.load_law().at_rest(jnp.asarray(column.q))
     _, (slope1, slope2) = jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))
     damping = Viscous(slope1 * n1, slope2 * n2)
     return Column(

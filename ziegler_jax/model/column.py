@@ -17,7 +17,7 @@ the velocity terms; these here conserve energy at q = 0 and agree with a multibo
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -30,16 +30,17 @@ from ..numerics.numbers import (
     Scalar,
     Vector4,
     check_options,
+    checked,
     equals,
     is_concrete,
-    number,
+    keeps_rules,
     pair,
     positive,
 )
 from .damping import AbstractDamping, lengths
-from .friction import AbstractFriction, JointReaction
-from .joint_reactions import joint_reactions, reaction_loads
-from .set_valued import Balance, SetValuedCoulomb, Torques
+from .friction import AbstractFriction
+from .joint_reactions import joint_reactions
+from .set_valued import Balance
 
 
 class State(eqx.Module):
@@ -92,6 +93,18 @@ class Column(eqx.Module):
     **Raises:** `ValueError` where a concrete number breaks its rule.
     """
 
+    rules: ClassVar = {
+        "q": "finite",
+        "a": "positive",
+        "b": "finite",
+        "d": "positive",
+        "kappa": "nonnegative",
+        "follower": "finite",
+        "m2": "nonnegative; none",
+        "s1": "finite; none",
+        "l2": "positive",
+    }
+
     q: Any
     a: Any
     b: Any
@@ -120,15 +133,10 @@ class Column(eqx.Module):
         l2: Any = 1.0,
     ):
         """Check and keep the column's numbers."""
-        self.q = number("q", q)
-        self.a = number("a", a, "positive")
-        self.b = number("b", b)
-        self.d = number("d", d, "positive")
-        self.kappa = number("kappa", kappa, "nonnegative")
-        self.follower = number("follower", follower)
-        self.m2 = None if m2 is None else number("m2", m2, "nonnegative")
-        self.s1 = None if s1 is None else number("s1", s1)
-        self.l2 = number("l2", l2, "positive")
+        self.q, self.a, self.b, self.d = checked(self.rules, q=q, a=a, b=b, d=d)
+        self.kappa, self.follower, self.m2, self.s1, self.l2 = checked(
+            self.rules, kappa=kappa, follower=follower, m2=m2, s1=s1, l2=l2
+        )
         inertia = (self.a, self.b, self.d)
         if all(map(is_concrete, inertia)) and not self.a * self.d > self.b**2:
             raise ValueError(
@@ -152,7 +160,7 @@ class Column(eqx.Module):
                 )
         self.damping = damping
         self.friction = friction
-        if friction is not None and isinstance(friction.load_law(), JointReaction):
+        if friction is not None and friction.on_reactions:
             _needs_masses(self, "the load `JointReaction()`")
 
     @property
@@ -160,16 +168,15 @@ class Column(eqx.Module):
         """Whether the load is known to follow rod 2: then terms can be left out."""
         return self.follower is None or equals(self.follower, 1.0)
 
+    @property
+    def sticks(self) -> bool:
+        """Whether friction is set-valued: joints truly stick, motions have events."""
+        return self.friction is not None and self.friction.sticks
+
     def valid(self) -> jax.Array:
         """Whether the numbers keep their rules: for those only known when traced."""
         a, b, d = jnp.asarray(self.a), jnp.asarray(self.b), jnp.asarray(self.d)
-        good = (a > 0) & (d > 0) & (a * d > b * b) & (jnp.asarray(self.kappa) >= 0)
-        good &= jnp.isfinite(self.q) & jnp.isfinite(self.follower)
-        good &= (jnp.asarray(self.l2) > 0) & jnp.isfinite(self.l2)
-        if self.m2 is not None:
-            good &= jnp.asarray(self.m2) >= 0
-        if self.s1 is not None:
-            good &= jnp.isfinite(self.s1)
+        good = keeps_rules(self.rules, self) & (a * d > b * b)
         if self.damping is not None:
             good &= self.damping.valid()
         if self.friction is not None:
@@ -227,8 +234,8 @@ def vector_field(t: Any, y: Vector4, column: Column) -> Vector4:
     del t
     _, _, w1, w2 = y
     forces = _Forces(column, y)
-    law = _set_valued(column, forces)
-    if law is not None:
+    if column.sticks:
+        law = _set_valued(column, forces)
         return w1, w2, *law.accelerations(forces.balance())
     torques = _friction_torques(column, forces, y)
     a1, a2 = forces.accelerations(torques)
@@ -340,7 +347,7 @@ class _Forces:
         """What set-valued friction needs to hold a joint."""
         column, law = self.column, self.column.friction
         h, reactions = column.b * self.cos_d, None
-        if law is not None and isinstance(law.load_law(), JointReaction):
+        if law is not None and law.on_reactions:
             reactions = joint_reactions(column, self)
         return Balance(column.a, h, column.d, self.r1, self.r2, reactions)
 
@@ -362,33 +369,26 @@ class _Forces:
 
 
 def _friction_torques(column: Column, forces: _Forces, y: Vector4) -> Pair | None:
-    if column.friction is None:
+    law: Any = column.friction
+    if law is None:
         return None
-    law = _set_valued(column, forces)
-    if law is not None:
-        return law.torques(forces.balance())
     _, _, w1, w2 = y
+    if column.sticks:
+        return _set_valued(column, forces).torques(forces.balance())
     # both accelerations need both: not to be computed for each
-    g1, g2 = materialise(w1, column.friction.levers, w1, w2 - w1)
-    load = column.friction.load_law()
+    g1, g2 = materialise(w1, law.levers, w1, w2 - w1)
+    load = law.load_law()
     if load is None:
         return g1, g2
-    if isinstance(load, JointReaction):
-        n1, n2 = reaction_loads(column, forces, g1, g2, load.newton_steps)
-    else:
-        n1, n2 = load.given(column.q)
+    n1, n2 = load.normal(column, forces, g1, g2)
     return g1 * n1, g2 * n2
 
 
-def _set_valued(column: Column, forces: _Forces) -> Torques | None:
+def _set_valued(column: Column, forces: _Forces) -> Any:
     """Set-valued friction in the modes of the motion or of the state."""
-    law = column.friction
-    if isinstance(law, SetValuedCoulomb):
-        law = law.prepared(column.q)
-    if not isinstance(law, Torques):
-        return None
     _, _, w1, w2 = forces.y
-    return law.held_at(forces.balance(), (w1, w2 - w1))
+    law: Any = column.friction
+    return law.prepared(column.q).held_at(forces.balance(), (w1, w2 - w1))
 
 
 def _needs_masses(column: Column, what: str) -> None:

@@ -1,12 +1,12 @@
 r"""Linear damping: a matrix C with torques $-C\,\omega$ on the two rods."""
 
 import abc
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 
-from ..numerics.numbers import Pair, Scalar, number
+from ..numerics.numbers import Pair, Scalar, checked, keeps_rules
 
 
 class AbstractDamping(eqx.Module):
@@ -14,7 +14,11 @@ class AbstractDamping(eqx.Module):
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers outside of `sweep` what it was when first traced.
+    `rules` names for each of them the rule that it keeps: `finite`, `nonnegative`,
+    `positive`; a lane whose traced number breaks its rule ends as `invalid`.
     """
+
+    rules: ClassVar[Mapping[str, str]] = {}
 
     @abc.abstractmethod
     def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
@@ -23,9 +27,9 @@ class AbstractDamping(eqx.Module):
         Sums and products of it alone, where `is_polynomial` says so.
         """
 
-    @abc.abstractmethod
     def valid(self) -> Any:
         """Whether the numbers keep the law's rules; traced where they are."""
+        return keeps_rules(self.rules, self)
 
 
 class Viscous(AbstractDamping):
@@ -36,22 +40,19 @@ class Viscous(AbstractDamping):
     **Arguments:** `c1`, `c2` in $\sqrt{k m l^2}$, nonnegative.
     """
 
+    rules: ClassVar = {"c1": "nonnegative", "c2": "nonnegative"}
+
     c1: Any
     c2: Any
 
     def __init__(self, c1: Any, c2: Any):
         """Check and keep both coefficients."""
-        self.c1 = number("c1", c1, "nonnegative")
-        self.c2 = number("c2", c2, "nonnegative")
+        self.c1, self.c2 = checked(self.rules, c1=c1, c2=c2)
 
     def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
         """The rows of C; they do not depend on the angle."""
         del cos_d
         return (self.c1 + self.c2, -self.c2), (-self.c2, self.c2)
-
-    def valid(self) -> Any:
-        """Both coefficients nonnegative."""
-        return (jnp.asarray(self.c1) >= 0) & (jnp.asarray(self.c2) >= 0)
 
 
 class Air(AbstractDamping):
@@ -72,15 +73,15 @@ class Air(AbstractDamping):
         error of `Column`; traced ones are not compared.
     """
 
+    rules: ClassVar = {"e1": "nonnegative", "e2": "nonnegative", "l2": "positive"}
+
     e1: Any
     e2: Any
     l2: Any
 
     def __init__(self, e1: Any, e2: Any, l2: Any = 1.0):
         """Check and keep both coefficients and the length."""
-        self.e1 = number("e1", e1, "nonnegative")
-        self.e2 = number("e2", e2, "nonnegative")
-        self.l2 = number("l2", l2, "positive")
+        self.e1, self.e2, self.l2 = checked(self.rules, e1=e1, e2=e2, l2=l2)
 
     def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
         """The rows of C; the rods are coupled through the knee's velocity."""
@@ -89,11 +90,6 @@ class Air(AbstractDamping):
             (self.e1 / 3 + self.e2 * self.l2, both),
             (both, self.e2 * self.l2**3 / 3),
         )
-
-    def valid(self) -> Any:
-        """Both coefficients nonnegative, the length positive."""
-        good = (jnp.asarray(self.e1) >= 0) & (jnp.asarray(self.e2) >= 0)
-        return good & (jnp.asarray(self.l2) > 0)
 
 
 class Sum(AbstractDamping):

@@ -11,7 +11,8 @@ published friction coefficient means nothing until all three are stated.
 """
 
 import abc
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -21,29 +22,41 @@ from ..numerics.numbers import (
     Pair,
     Scalar,
     both,
+    checked,
     equals,
     is_concrete,
-    number,
-    number_or_pair,
+    keeps_rules,
 )
+from .joint_reactions import reaction_loads
 
 
 class AbstractLoad(eqx.Module):
-    """Where a joint's normal load comes from."""
+    """Where a joint's normal load comes from.
+
+    `of_motion`: whether the accelerations decide it; else it is that at rest.
+    """
+
+    rules: ClassVar[Mapping[str, str]] = {}
+    of_motion: ClassVar[bool] = False
 
     @abc.abstractmethod
-    def given(self, q: Scalar) -> Pair:
-        """The normal loads of joints 1 and 2, where the motion does not decide them."""
+    def at_rest(self, q: Scalar) -> Pair:
+        """The normal loads of joints 1 and 2 at rest."""
 
     def valid(self) -> Any:
         """Whether the numbers keep the load's rules; traced where they are."""
-        return True
+        return keeps_rules(self.rules, self)
+
+    def normal(self, column: Any, forces: Any, g1: Scalar, g2: Scalar) -> Pair:
+        """The normal loads in a motion, under the torques g1 and g2 a unit of them."""
+        del forces, g1, g2
+        return self.at_rest(column.q)
 
 
 class FollowerLoad(AbstractLoad):
     """$N_1 = N_2 = |q|$: the follower force, which both pins carry at rest."""
 
-    def given(self, q: Scalar) -> Pair:
+    def at_rest(self, q: Scalar) -> Pair:
         """Return |q| for both joints."""
         return jnp.abs(q), jnp.abs(q)
 
@@ -51,20 +64,18 @@ class FollowerLoad(AbstractLoad):
 class ConstantLoad(AbstractLoad):
     """$N_1, N_2$ constant, e.g. a preload of the pins, in units of k/l."""
 
+    rules: ClassVar = {"n": "nonnegative; two"}
+
     n: Any
 
     def __init__(self, n: Any):
         """Set the load: one number, or one a joint, each nonnegative."""
-        self.n = number_or_pair("n", n, "nonnegative")
+        (self.n,) = checked(self.rules, n=n)
 
-    def given(self, q: Scalar) -> Pair:
+    def at_rest(self, q: Scalar) -> Pair:
         """Return n for each joint."""
+        del q
         return both(self.n)
-
-    def valid(self) -> Any:
-        """Both loads nonnegative."""
-        n1, n2 = both(self.n)
-        return (jnp.asarray(n1) >= 0) & (jnp.asarray(n2) >= 0)
 
 
 class JointReaction(AbstractLoad):
@@ -83,6 +94,8 @@ class JointReaction(AbstractLoad):
     accelerations NaN, and the lane ends as `not_finite` or `step_vanished`.
     """
 
+    of_motion: ClassVar[bool] = True
+
     newton_steps: int = eqx.field(static=True, default=4)
 
     def __check_init__(self):
@@ -93,9 +106,13 @@ class JointReaction(AbstractLoad):
                 f"{self.newton_steps!r}."
             )
 
-    def given(self, q: Scalar) -> Pair:
-        """Refuse: the motion decides."""
-        raise ValueError("The load `JointReaction()` is not given by `q` alone.")
+    def at_rest(self, q: Scalar) -> Pair:
+        """Return |q| for both joints: the reactions balance the load alone."""
+        return jnp.abs(q), jnp.abs(q)
+
+    def normal(self, column: Any, forces: Any, g1: Scalar, g2: Scalar) -> Pair:
+        """The magnitudes of the reactions."""
+        return reaction_loads(column, forces, g1, g2, self.newton_steps)
 
 
 def normal_load(load: Any) -> AbstractLoad:
@@ -114,19 +131,32 @@ class AbstractFriction(eqx.Module):
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers outside of `sweep` what it was when first traced.
+    `rules` names for each of them the rule that it keeps: `finite`, `nonnegative`,
+    `positive`; a lane whose traced number breaks its rule ends as `invalid`.
+
+    `sticks`: whether joints truly stick, so that motions have events.
     """
 
-    @abc.abstractmethod
-    def levers(self, u1: Scalar, u2: Scalar) -> Pair:
-        r"""Torque per unit of normal load, $\rho_i \mu_i(u_i)$, of both joints."""
+    rules: ClassVar[Mapping[str, str]] = {}
+    sticks: ClassVar[bool] = False
 
-    @abc.abstractmethod
     def valid(self) -> Any:
         """Whether the numbers keep the law's rules; traced where they are."""
+        return keeps_rules(self.rules, self)
 
     @abc.abstractmethod
     def load_law(self) -> AbstractLoad | None:
-        """The normal load that the law rests on; None if it is in the levers."""
+        """The normal load that the law rests on; None if it is in the torques."""
+
+    @property
+    def on_reactions(self) -> bool:
+        """Whether the motion decides its load: what the joints transmit."""
+        load = self.load_law()
+        return load is not None and load.of_motion
+
+    def settings(self) -> dict[str, Any]:
+        """What of it belongs into the record of a result."""
+        return {}
 
     def prepared(self, q: Scalar) -> "AbstractFriction":
         """The same law for a motion under q, as cheap to evaluate as it can be."""
@@ -138,7 +168,15 @@ class AbstractFriction(eqx.Module):
         """The joint rate below which a joint counts as sticking; None if by mode."""
 
 
-class SmoothCoulomb(AbstractFriction):
+class AbstractRateFriction(AbstractFriction):
+    """A friction law whose torques are functions of the joints' rates."""
+
+    @abc.abstractmethod
+    def levers(self, u1: Scalar, u2: Scalar) -> Pair:
+        r"""Torque per unit of normal load, $\rho_i \mu_i(u_i)$, of both joints."""
+
+
+class SmoothCoulomb(AbstractRateFriction):
     r"""Static and kinetic Coulomb friction, smoothed by a hyperbolic tangent.
 
     $$\mu(u) = \Bigl[\mu_k + (\mu_s - \mu_k)\, e^{-(u/v_{stribeck})^2}\Bigr]
@@ -181,6 +219,14 @@ class SmoothCoulomb(AbstractFriction):
     the outcome `invalid`.
     """
 
+    rules: ClassVar = {
+        "mu_s": "nonnegative; two",
+        "mu_k": "nonnegative; two or none",
+        "pin_radius": "nonnegative; two",
+        "v_stribeck": "positive; two or none",
+        "v_smooth": "positive",
+    }
+
     mu_s: Any
     mu_k: Any
     pin_radius: Any
@@ -211,16 +257,13 @@ class SmoothCoulomb(AbstractFriction):
                 "Argument `mu_k` must be given where `v_stribeck` is: the Stribeck "
                 "rate says how fast friction falls from `mu_s` to `mu_k`."
             )
-        self.mu_s = number_or_pair("mu_s", mu_s, "nonnegative")
-        self.mu_k = (
-            None if mu_k is None else number_or_pair("mu_k", mu_k, "nonnegative")
-        )
-        self.pin_radius = number_or_pair("pin_radius", pin_radius, "nonnegative")
-        self.v_smooth = number("v_smooth", v_smooth, "positive")
-        self.v_stribeck = (
-            None
-            if v_stribeck is None
-            else number_or_pair("v_stribeck", v_stribeck, "positive")
+        self.mu_s, self.mu_k, self.pin_radius, self.v_smooth, self.v_stribeck = checked(
+            self.rules,
+            mu_s=mu_s,
+            mu_k=mu_k,
+            pin_radius=pin_radius,
+            v_smooth=v_smooth,
+            v_stribeck=v_stribeck,
         )
         self.load = normal_load(load)
         kinetic_at_most_static(self.mu_s, self.mu_k)
@@ -231,9 +274,9 @@ class SmoothCoulomb(AbstractFriction):
 
     def prepared(self, q: Scalar) -> AbstractFriction:
         """The same law with everything worked out that the motion does not change."""
-        if isinstance(self.load, JointReaction):
+        if self.load.of_motion:
             return self._worked_out((1.0, 1.0), self.load)
-        return self._worked_out(self.load.given(q))
+        return self._worked_out(self.load.at_rest(q))
 
     def _worked_out(self, normal: Pair, load: AbstractLoad | None = None) -> "_Ready":
         lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
@@ -253,17 +296,9 @@ class SmoothCoulomb(AbstractFriction):
         )
 
     def valid(self) -> Any:
-        """0 <= mu_k <= mu_s, pin_radius >= 0, rates > 0."""
-        good = (jnp.asarray(self.v_smooth) > 0) & jnp.isfinite(self.v_smooth)
-        good &= self.load.valid()
-        for mu_s, rho in zip(both(self.mu_s), both(self.pin_radius), strict=True):
-            good &= (jnp.asarray(mu_s) >= 0) & (jnp.asarray(rho) >= 0)
-        if self.mu_k is not None:
-            for rate in both(self.v_stribeck):
-                good &= jnp.asarray(rate) > 0
-            for mu_s, mu_k in zip(both(self.mu_s), both(self.mu_k), strict=True):
-                good &= (jnp.asarray(mu_k) >= 0) & (jnp.asarray(mu_k) <= mu_s)
-        return good
+        """Each number's rule, the load's, and mu_k <= mu_s."""
+        good = keeps_rules(self.rules, self) & self.load.valid()
+        return good & falls_to_kinetic(self.mu_s, self.mu_k)
 
     def load_law(self) -> AbstractLoad:
         """The normal load."""
@@ -274,7 +309,7 @@ class SmoothCoulomb(AbstractFriction):
         return self.v_smooth
 
 
-class _Ready(AbstractFriction):
+class _Ready(AbstractRateFriction):
     """A smoothed law with its constants worked out: no division is left to a stage."""
 
     kinetic: Pair
@@ -296,10 +331,6 @@ class _Ready(AbstractFriction):
 
         return lever(u1, 0), lever(u2, 1)
 
-    def valid(self) -> Any:
-        """What it was made from has been checked."""
-        return True
-
     def load_law(self) -> AbstractLoad | None:
         """None: the load is in the levers; or the joints' reactions."""
         return self.load
@@ -307,6 +338,16 @@ class _Ready(AbstractFriction):
     def rate_cut(self) -> Scalar:
         """As the law it was made from."""
         return self.v_smooth
+
+
+def falls_to_kinetic(mu_s: Any, mu_k: Any) -> Any:
+    """Whether mu_k <= mu_s in both joints; None for mu_k is mu_s."""
+    if mu_k is None:
+        return True
+    good: Any = True
+    for s, k in zip(both(mu_s), both(mu_k), strict=True):
+        good &= jnp.asarray(k) <= s
+    return good
 
 
 def kinetic_at_most_static(mu_s: Any, mu_k: Any) -> None:

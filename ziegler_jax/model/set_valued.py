@@ -14,17 +14,18 @@ where the other joint slips, and $\lambda_1 = r_1 + r_2$, $\lambda_2 = r_2$ wher
 stick. A joint can stick as long as $|\lambda_i| \le \tau_{s,i}$.
 """
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..numerics.numbers import Pair, Scalar, both, number_or_pair
+from ..numerics.numbers import Pair, Scalar, both, checked, is_concrete, keeps_rules
 from .friction import (
     AbstractFriction,
     AbstractLoad,
-    JointReaction,
+    SmoothCoulomb,
+    falls_to_kinetic,
     kinetic_at_most_static,
     normal_load,
 )
@@ -87,6 +88,13 @@ class SetValuedCoulomb(AbstractFriction):
     give the outcome `invalid`.
     """
 
+    rules: ClassVar = {
+        "mu_s": "nonnegative; two",
+        "mu_k": "nonnegative; two or none",
+        "pin_radius": "nonnegative; two",
+    }
+    sticks: ClassVar[bool] = True
+
     mu_s: Any
     mu_k: Any
     pin_radius: Any
@@ -103,18 +111,16 @@ class SetValuedCoulomb(AbstractFriction):
         release: Release = "stick-first",
     ):
         """Check and keep the law's numbers."""
-        self.mu_s = number_or_pair("mu_s", mu_s, "nonnegative")
-        self.mu_k = (
-            None if mu_k is None else number_or_pair("mu_k", mu_k, "nonnegative")
+        self.mu_s, self.mu_k, self.pin_radius = checked(
+            self.rules, mu_s=mu_s, mu_k=mu_k, pin_radius=pin_radius
         )
-        self.pin_radius = number_or_pair("pin_radius", pin_radius, "nonnegative")
         self.load = normal_load(load)
         if release not in RELEASES:
             raise ValueError(
                 f"Argument `release` must be one of {', '.join(RELEASES)}, but is "
                 f"{release!r}."
             )
-        if isinstance(self.load, JointReaction) and release != "stick-first":
+        if self.load.of_motion and release != "stick-first":
             raise ValueError(
                 'Argument `release` must be "stick-first" with the load '
                 f"`JointReaction()`, but is {release!r}."
@@ -122,14 +128,10 @@ class SetValuedCoulomb(AbstractFriction):
         self.release = release
         kinetic_at_most_static(self.mu_s, self.mu_k)
 
-    def levers(self, u1: Scalar, u2: Scalar) -> Pair:
-        """Refuse: the torque at rest is not a function of the rates."""
-        raise ValueError("Set-valued friction has no torque as a function of the rate.")
-
     def prepared(self, q: Scalar) -> "Torques":
         """The same law as torques."""
-        load = self.load if isinstance(self.load, JointReaction) else None
-        normal = self.load.given(q) if load is None else (1.0, 1.0)
+        load = self.load if self.load.of_motion else None
+        normal = self.load.at_rest(q) if load is None else (1.0, 1.0)
         lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
         kinetic = static = tuple(
             x * mu for x, mu in zip(lever, both(self.mu_s), strict=True)
@@ -140,14 +142,27 @@ class SetValuedCoulomb(AbstractFriction):
         return Torques(static, kinetic, self.release, None, load)
 
     def valid(self) -> Any:
-        """0 <= mu_k <= mu_s, pin_radius >= 0."""
-        good: Any = self.load.valid()
-        for mu_s, rho in zip(both(self.mu_s), both(self.pin_radius), strict=True):
-            good &= (jnp.asarray(mu_s) >= 0) & (jnp.asarray(rho) >= 0)
-        if self.mu_k is not None:
-            for mu_s, mu_k in zip(both(self.mu_s), both(self.mu_k), strict=True):
-                good &= (jnp.asarray(mu_k) >= 0) & (jnp.asarray(mu_k) <= mu_s)
-        return good
+        """Each number's rule, the load's, and mu_k <= mu_s."""
+        good = keeps_rules(self.rules, self) & self.load.valid()
+        return good & falls_to_kinetic(self.mu_s, self.mu_k)
+
+    def smoothed(self, v_smooth: Any, v_stribeck: Any = None) -> SmoothCoulomb:
+        """The smoothed law with the same coefficients, pin radius and load."""
+        mu_k = self.mu_k
+        if mu_k is not None and v_stribeck is None and is_concrete(mu_k):
+            mu_k = None if mu_k == self.mu_s else mu_k
+        return SmoothCoulomb(
+            self.mu_s,
+            mu_k,
+            pin_radius=self.pin_radius,
+            v_smooth=v_smooth,
+            v_stribeck=v_stribeck,
+            load=self.load,
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """The rule that chooses modes."""
+        return {"release": self.release}
 
     def load_law(self) -> AbstractLoad:
         """The normal load."""
@@ -166,15 +181,13 @@ class Torques(AbstractFriction):
     the torques are per unit of them; None: there is none left.
     """
 
+    sticks: ClassVar[bool] = True
+
     static: Pair
     kinetic: Pair
     release: Release = eqx.field(static=True)
     modes: Pair | None
-    load: JointReaction | None = None
-
-    def levers(self, u1: Scalar, u2: Scalar) -> Pair:
-        """Refuse: the torque at rest is not a function of the rates."""
-        raise ValueError("Set-valued friction has no torque as a function of the rate.")
+    load: Any = None  # `JointReaction`
 
     def in_modes(self, modes: Pair) -> "Torques":
         """The same law with the modes frozen."""
@@ -339,10 +352,6 @@ class Torques(AbstractFriction):
             for one, two in ((0, 0), (1, 2), (3, 4))
         )
         return still, up, down
-
-    def valid(self) -> Any:
-        """What it was made from has been checked."""
-        return True
 
     def load_law(self) -> AbstractLoad | None:
         """None: the load is in the torques; or the joints' reactions."""

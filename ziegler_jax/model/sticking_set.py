@@ -20,7 +20,6 @@ import jax.numpy as jnp
 from ..context import plain
 from ..numerics.numbers import Pair
 from .column import Column, joint_balance
-from .set_valued import SetValuedCoulomb
 
 
 class StickingSet(eqx.Module):
@@ -35,8 +34,8 @@ class StickingSet(eqx.Module):
         law = friction.prepared(self.column.q)
         if law.load is None:
             return law.static
-        # at rest the joints' reactions balance the load alone, whatever the angles
-        one, two = (s * jnp.abs(self.column.q) for s in law.static)
+        normal = law.load.at_rest(self.column.q)
+        one, two = (s * n for s, n in zip(law.static, normal, strict=True))
         return one, two
 
     def torques(self, phi1: Any, phi2: Any) -> Pair:
@@ -94,9 +93,7 @@ def sticking_set(column: Column) -> StickingSet:
 
     **Raises:** `ValueError` for another friction law.
     """
-    if not isinstance(column, Column) or not isinstance(
-        column.friction, SetValuedCoulomb
-    ):
+    if not isinstance(column, Column) or not column.sticks:
         raise ValueError(
             "Argument `column` must be a `Column` with `SetValuedCoulomb` friction, "
             f"but is {column!r}."

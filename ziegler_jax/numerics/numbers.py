@@ -88,6 +88,38 @@ def keeps(rule: str, *numbers: Any) -> Any:
     return good
 
 
+def checked(rules: Mapping[str, str], **values: Any) -> list[Any]:
+    """Numbers as a module keeps them, by a table of rules.
+
+    **Arguments:** `rules`: for each name a rule of `number`, and what there may be
+    beside one number: `positive; two`, a pair, one a joint; `positive; two or none`.
+
+    **Raises:** `ValueError` as `number`.
+    """
+    kept = []
+    for name, x in values.items():
+        rule, _, beside = rules[name].partition("; ")
+        read = number_or_pair if "two" in beside else number
+        absent = x is None and "none" in beside
+        kept.append(None if absent else read(name, x, rule))
+    return kept
+
+
+def keeps_rules(rules: Mapping[str, str], owner: Any) -> Any:
+    """Whether an object's numbers keep the same rules: those only known when traced."""
+    good: Any = True
+    for name, rule in rules.items():
+        value, rule = getattr(owner, name), rule.partition("; ")[0]
+        for x in value if isinstance(value, tuple) else (value,):
+            if x is None:
+                continue
+            x = jnp.asarray(x)
+            good &= jnp.isfinite(x)
+            if rule != "finite":
+                good &= x > 0 if rule == "positive" else x >= 0
+    return good
+
+
 def positive(**values: Any) -> list[Any]:
     """Positive numbers; NaN for a traced one that is not, so that its lane is invalid.
 
