@@ -4,13 +4,14 @@
 
 counts it, of this checkout or of another's package: lines, lines of code without
 docstrings, comments and blank lines, files in the longest folder, rooms, imports
-against the rule, circles.
+against the rule, circles, calls of diffrax, laws asked for by their class.
 """
 
 import ast
 import collections
 import graphlib
 import io
+import re
 import sys
 import tokenize
 from pathlib import Path
@@ -61,6 +62,35 @@ def code_lines(text):
     return len(lines)
 
 
+def calls(package, name):
+    """The files that call `name`, each as often as it does, with the calls."""
+    for file in plan(package):
+        tree = ast.parse(package.joinpath(*file).with_suffix(".py").read_text())
+        for node in ast.walk(tree):
+            called = getattr(node, "func", None)
+            if name in (getattr(called, "id", None), getattr(called, "attr", None)):
+                yield file, node
+
+
+def asked_for_laws(package):
+    """Where `isinstance` asks for a final law outside of the law's own file."""
+    home = {}
+    for file in plan(package):
+        tree = ast.parse(package.joinpath(*file).with_suffix(".py").read_text())
+        for node in ast.walk(tree):
+            bases = [getattr(b, "id", "") for b in getattr(node, "bases", [])]
+            if any(
+                re.fullmatch(r"Abstract\w*(Damping|Friction|Load)", b) for b in bases
+            ):
+                home[node.name] = file
+    return [
+        (file, law)
+        for file, node in calls(package, "isinstance")
+        for law in (getattr(x, "id", None) for x in ast.walk(node.args[1]))
+        if not str(law).startswith("Abstract") and home.get(law, file) != file
+    ]
+
+
 def count(package):
     """What `python tests/house.py` prints."""
     files = plan(package)
@@ -76,6 +106,8 @@ def count(package):
             len(against_the_rule(file, other)) for file, other in files.items()
         ),
         "a circle": in_a_circle(files) is not None,
+        "calls of diffeqsolve": len(list(calls(package, "diffeqsolve"))),
+        "laws asked for by isinstance": len(asked_for_laws(package)),
     }
 
 

@@ -12,7 +12,7 @@ import diffrax as dfx
 import jax
 import numpy as np
 import pytest
-from house import against_the_rule, in_a_circle, plan
+from house import against_the_rule, asked_for_laws, calls, in_a_circle, plan
 from house import count as count_house
 
 import ziegler_jax as zj
@@ -36,6 +36,12 @@ def test_no_folder_and_no_file_is_too_large_to_find_ones_way():
     assert numbers["files in the longest folder"] <= 16
     lines = {path: path.read_text().count("\n") for path in PACKAGE.rglob("*.py")}
     assert max(lines.values()) <= 400
+
+
+def test_one_place_integrates_and_no_law_is_asked_for_by_its_class():
+    (file, _), *others = calls(PACKAGE, "diffeqsolve")
+    assert file == ("motion", "integrate") and not others
+    assert not asked_for_laws(PACKAGE)
 
 
 def test_the_tests_of_rooms_see_imports():

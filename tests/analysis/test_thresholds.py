@@ -7,7 +7,7 @@ import pytest
 
 import ziegler_jax as zj
 from ziegler_jax.analysis.threshold import carried
-from ziegler_jax.motion.variational import Method
+from ziegler_jax.motion.integrate import Method
 from ziegler_jax.solvers import Explicit
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..model.column import Column, State, power
-from ..motion.integrate import Motion, follow
+from ..motion.integrate import Method, Motion, follow
 from ..motion.not_finite import motion
 from ..motion.observers import TIME, joint_rates
 from ..motion.scene import (
@@ -28,6 +28,7 @@ from ..motion.scene import (
     valid_scene,
     whole_number,
 )
+from ..motion.section import Plane, passage
 from ..motion.tangents import Growing, grow, in_logs, unit_tangents
 from ..motion.windows import first_stop, last_stop, told_apart
 from ..numerics.materialise import if_any_lane
@@ -35,7 +36,7 @@ from ..numerics.numbers import Scalar, keeps, number
 from ..results import OUTCOME, VERDICT, Variable
 from ..solvers import AbstractFold, Explicit, Step
 from .lyapunov import RATE, Rates, no_rates, standard_errors, with_block
-from .poincare import Plane, Returns, no_returns, passage, returned
+from .poincare import Returns, no_returns, returned
 
 SURE = 3.0  # standard errors
 NEAR = 1e-3  # of a point: a passage this near one before it is on its way to a cycle
@@ -179,14 +180,11 @@ def verdict(
             column,
             y0,
             fold,
-            solver=fold.solver,
-            rtol=rtol,
-            atol=atol,
+            Method(fold.solver, rtol, atol, limit),
             valid=good & keeps("positive", rtol, atol),
             first_stop=first_stop(fold.transient, fold.block),
             end=last_stop(fold.transient, fold.block, blocks),
             at_end=OUTCOME.unsettled,
-            max_steps=limit,
         )
     )
     rates, returns = run.folded.rates, run.folded.returns

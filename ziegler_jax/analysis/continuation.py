@@ -33,9 +33,10 @@ from ..motion.scene import recorded, whole_number
 from ..motion.variational import Flow
 from ..numerics.numbers import check_options, is_concrete
 from ..results import ORBIT, SPECIAL, Variable
+from .implicit import fixed, undifferentiated
 from .march import Kept, Road
 from .periodic_orbit import attracts, multipliers
-from .shooting import attached, fixed, solve, undifferentiated
+from .shooting import attached, solve
 
 
 class Points(eqx.Module):

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..model.column import Column, State
-from ..motion.integrate import Motion, follow
+from ..motion.integrate import Method, Motion, follow
 from ..motion.not_finite import motion
 from ..motion.observers import TIME
 from ..motion.scene import (
@@ -148,14 +148,10 @@ def lyapunov_exponents(
             column,
             y0,
             fold,
-            solver=fold.solver,
-            rtol=rtol,
-            atol=atol,
+            Method(fold.solver, rtol, atol, limit),
             valid=good,
             first_stop=first_stop(fold.transient, fold.block),
             end=last_stop(fold.transient, fold.block, blocks),
-            at_end=OUTCOME.complete,
-            max_steps=limit,
         )
     )
     failed = run.outcome < OUTCOME.unsettled

@@ -13,8 +13,9 @@ from ..motion.scene import check_maker, check_scene, float_state, made, whole_nu
 from ..numerics.numbers import is_concrete, keeps, number
 from ..results import ORBIT, SPECIAL
 from ..solvers import Explicit
+from .implicit import fixed
 from .periodic_orbit import approximation, method_for, settings_of
-from .shooting import Shot, blank_shot, fixed, newton, shoot, solve
+from .shooting import Shot, blank_shot, newton, shoot, solve
 
 SMALLEST_STEP = 1e-6  # on the arc
 STRAIGHT = 0.9  # the cosine of the largest turn between two points

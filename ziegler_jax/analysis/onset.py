@@ -40,11 +40,10 @@ from ..motion.scene import (
 )
 from ..motion.sequence import in_turn
 from ..motion.settle_problem import Settling
-from ..motion.variational import Method
 from ..numerics.numbers import check_options, is_concrete, pair
 from ..results import ONSET, OUTCOME, Variable
 from ..solvers import Explicit
-from .shooting import fixed
+from .implicit import fixed
 from .threshold import carried
 
 RESTS, MOVES, NONE = -1.0, 1.0, 0.0
@@ -282,7 +281,7 @@ def _search(
         search.over & (outcome == ONSET.found),
         last.watch.window,
         last.end,
-        Method(last.method, last.rtol, last.atol, max_steps),
+        last.method._replace(max_steps=max_steps),
     )
     return Onset(
         value=value + change,

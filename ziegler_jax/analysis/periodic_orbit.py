@@ -20,7 +20,7 @@ import jax.numpy as jnp
 
 from ..context import plain
 from ..model.column import Column, State
-from ..model.set_valued import SetValuedCoulomb
+from ..motion.integrate import Method
 from ..motion.observers import TIME, Amplitude, Extent
 from ..motion.scene import (
     check_scene,
@@ -31,22 +31,21 @@ from ..motion.scene import (
     valid_scene,
     whole_number,
 )
-from ..motion.variational import Flow, Method
+from ..motion.variational import Flow
 from ..numerics.numbers import keeps, number
 from ..results import ORBIT, Variable
 from ..runtime import own_flags
 from ..solvers import Explicit
+from .implicit import fixed, undifferentiated
 from .shooting import (
     SHORTEST,
     attached,
     blank_shot,
     closing,
     first_return,
-    fixed,
     newton,
     shoot,
     solve,
-    undifferentiated,
 )
 
 AT_REST = 1e-8  # a motion that starts no faster is none
@@ -240,8 +239,7 @@ def method_for(
 ) -> Method:
     """The method of a periodic orbit's motions."""
     rtol, atol = tolerances(rtol, atol)
-    jumps = isinstance(column.friction, SetValuedCoulomb)
-    usual = Explicit() if jumps else Explicit(dfx.Dopri8.tableau)
+    usual = Explicit() if column.sticks else Explicit(dfx.Dopri8.tableau)
     return Method(
         explicit_method(solver, usual), rtol, atol, whole_number("max_steps", max_steps)
     )

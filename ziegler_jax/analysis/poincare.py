@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..model.column import Column, State
-from ..motion.integrate import Motion, follow
+from ..motion.integrate import Method, Motion, follow
 from ..motion.not_finite import motion
 from ..motion.scene import (
     check_scene,
@@ -22,51 +22,14 @@ from ..motion.scene import (
     valid_scene,
     whole_number,
 )
-from ..numerics.hermite import Course, place, rough_place
-from ..numerics.materialise import if_any_lane
+from ..motion.section import Passage, Plane, passage
 from ..numerics.numbers import Scalar, Vector4, keeps, number
 from ..results import OUTCOME
-from ..solvers import AbstractFold, Explicit, Step
+from ..solvers import AbstractFold, Explicit
 
 Coordinate = Literal["phi1", "phi2", "omega1", "omega2"]
 COORDINATES = get_args(Coordinate)
 LONGEST_PERIOD = 16  # passages
-
-
-class Plane(NamedTuple):
-    """A coordinate (0 to 3), its level, and the direction of passage."""
-
-    coordinate: int = 0
-    level: Scalar = 0.0
-    rising: bool = True
-
-
-class Passage(NamedTuple):
-    """Whether a step passes the plane, when and where."""
-
-    there: Any
-    time: Scalar
-    y: Vector4
-
-
-def passage(plane: Plane, step: Step) -> Passage:
-    """The step's passage through the plane, on its cubic Hermite interpolant."""
-    i, h = plane.coordinate, step.t1 - step.t0
-    sign = -1.0 if plane.rising else 1.0
-    g0, g1 = (sign * (y[i] - plane.level) for y in (step.y0, step.y1))
-    there = (g0 > 0) & (g1 <= 0)
-
-    def locate(found):
-        del found
-        zero = 0.0 * h
-        v0, v1 = sign * h * step.f0[i], sign * h * step.f1[i]
-        guard = Course(g0, g1, v0, v1, zero)
-        x = place(guard, 0.0, rough_place(guard, zero, zero + 1.0), zero, zero + 1.0)
-        ends = zip(step.y0, step.y1, step.f0, step.f1, strict=True)
-        y = tuple(Course(a, b, h * f, h * g, zero)(x) for a, b, f, g in ends)
-        return Passage(there, step.t0 + x * h, y)  # type: ignore[arg-type]
-
-    return if_any_lane(there, locate, Passage(there, step.t1, step.y1))
 
 
 class Returns(NamedTuple):
@@ -197,19 +160,16 @@ def poincare(
     y0 = float_state(start)
     good = valid_scene(column, y0) & fold.valid() & keeps("positive", rtol, atol)
     end = fold.transient + fold.span
+    limit = whole_number("max_steps", max_steps)
     run = follow(
         Motion(
             column,
             y0,
             fold,
-            solver=explicit_method(solver, Explicit()),
-            rtol=rtol,
-            atol=atol,
+            Method(explicit_method(solver, Explicit()), rtol, atol, limit),
             valid=good,
             first_stop=end,
             end=end + fold.span,
-            at_end=OUTCOME.complete,
-            max_steps=whole_number("max_steps", max_steps),
         )
     )
     seen = run.folded

@@ -3,15 +3,17 @@ r"""Shooting: where a motion returns, Newton's method, and the flow as JAX sees 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 
 from ..model.column import Column
-from ..motion.scene import prepared
-from ..motion.variational import Flow, Method, flow
+from ..motion.integrate import Method, Motion
+from ..motion.section import Plane, passage
+from ..motion.variational import Flow, flow
 from ..numerics.numbers import Scalar, Vector4
+from ..results import OUTCOME
 from ..solvers import AbstractFold
+from .implicit import implicit, moving
 
 TOLERANCE = 1e-8  # of the last Newton step; what is left is its square, and rounding
 LARGEST_MOVE = 0.3  # of a Newton step: more is cut
@@ -35,34 +37,23 @@ class Passages(AbstractFold):
         zero = 0.0 * y0[0]
         return zero, t0 + zero, t0 + zero, y0
 
+    def outcome(self, state):
+        """`complete` once they are over."""
+        over = jnp.where(state[0] > self.loops, OUTCOME.complete, OUTCOME.not_computed)
+        return over.astype(jnp.int32)
+
     def step(self, column, state, step):
-        """Find the passage on the step's cubic, by Newton from the secant."""
+        """Count the step's passage."""
         del column
-        count, first, last, place = state
-        h = step.t1 - step.t0
-
-        def cubic(i):
-            x0, x1 = step.y0[i], step.y1[i]
-            v0, v1 = h * step.f0[i], h * step.f1[i]
-            return x0, v0, 3 * (x1 - x0) - 2 * v0 - v1, v0 + v1 - 2 * (x1 - x0)
-
-        passed = (step.y0[0] < self.section) & (step.y1[0] >= self.section)
-        x0, v0, c2, c3 = cubic(0)
-        rise = jnp.where(passed, step.y1[0] - x0, 1.0)
-        s = (self.section - x0) / rise
-        for _ in range(2):
-            value = x0 - self.section + s * (v0 + s * (c2 + s * c3))
-            slope = v0 + s * (2 * c2 + 3 * s * c3)
-            s = jnp.clip(s - value / jnp.where(slope > 0, slope, rise), 0.0, 1.0)
-        here = tuple(
-            x + s * (v + s * (c + s * d)) for x, v, c, d in map(cubic, range(4))
-        )
-        time = step.t0 + s * h
-        first = jnp.where(passed & (count == 0), time, first)
-        last = jnp.where(passed, time, last)
-        place = tuple(jnp.where(passed, a, b) for a, b in zip(here, place, strict=True))
-        count = count + jnp.where(passed, 1.0, 0.0)
-        return (count, first, last, place), jnp.inf, count > self.loops
+        count, first, last, where = state
+        found = passage(Plane(level=self.section), step)
+        there = found.there
+        first = jnp.where(there & (count == 0), found.time, first)
+        last = jnp.where(there, found.time, last)
+        pairs = zip(found.y, where, strict=True)
+        where = tuple(jnp.where(there, a, b) for a, b in pairs)
+        count = count + jnp.where(there, 1.0, 0.0)
+        return (count, first, last, where), jnp.inf, count > self.loops
 
 
 def first_return(
@@ -76,11 +67,11 @@ def first_return(
     """Where a motion from `start` closes roughly: z, whether it does in time, steps."""
     y0: Any = tuple(lax.stop_gradient(jnp.asarray(x)) for x in start)
     span = jnp.asarray(patience, y0[0].dtype)
-    (count, first, last, place), *_, steps = method.run(
-        prepared(column), Passages(section, loops), y0, span
-    )
+    motion = Motion(column, y0, Passages(section, loops), method, end=span)
+    run = motion.advance(motion.begin())
+    count, first, last, place = run.folded
     z = jnp.stack([*place[1:], last - first])
-    return z, count > loops, steps.astype(jnp.int32)
+    return z, count > loops, run.steps
 
 
 class Found(NamedTuple):
@@ -188,64 +179,11 @@ def attached(
     is the motion from y0 over the span with its derivatives in all n leaves: one
     product with a Jacobian, forward or reverse.
     """
-    leaves, tree = jax.tree.flatten(column)
-    traced = [i for i, x in enumerate(leaves) if isinstance(x, jax.Array)]
-    if not traced:
+    p, make = moving(column, y0.dtype)
+    if not p.size:
         return jnp.zeros(size, y0.dtype)
-
-    def make(p):
-        new = list(leaves)
-        for i, x in zip(traced, p, strict=True):
-            new[i] = x
-        return jax.tree.unflatten(tree, new)
 
     def slope(p, y0, span, *extra):
         return linear(flow(make, p, y0, span, method), *extra)
 
-    @jax.custom_jvp
-    def zeros(p, *fixed):
-        del fixed
-        return jnp.zeros(size, p.dtype)
-
-    @zeros.defjvp
-    def rule(primals, tangents):
-        return zeros(*primals), first_order(slope(*primals)) @ tangents[0]
-
-    p = jnp.stack([jnp.asarray(leaves[i], y0.dtype) for i in traced])
-    return zeros(p, *fixed((y0, span, *extra)))
-
-
-@jax.custom_jvp
-def first_order(x: Any) -> Any:
-    """The same; a derivative of it is refused."""
-    return x
-
-
-@first_order.defjvp
-def _refuse_second(primals, tangents):
-    raise ValueError(
-        "Periodic orbits, their folds and thresholds have first derivatives only: "
-        "the second ones would need second variations. Take differences of the first."
-    )
-
-
-@jax.custom_jvp
-def undifferentiated(x: Any) -> Any:
-    """The same; a derivative of it is refused."""
-    return x
-
-
-@undifferentiated.defjvp
-def _refuse_first(primals, tangents):
-    raise ValueError(
-        "The monodromy matrix, its multipliers and `stable` have no derivatives here: "
-        "they would need second variations. Read them outside of what is "
-        "differentiated, or take differences."
-    )
-
-
-def fixed(tree: Any) -> Any:
-    """The same numbers without derivatives; concrete ones stay concrete."""
-    return jax.tree.map(
-        lambda x: lax.stop_gradient(x) if isinstance(x, jax.Array) else x, tree
-    )
+    return implicit((size,), slope, p, y0, span, *extra)

@@ -22,11 +22,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..motion.integrate import Method, Motion
 from ..motion.scene import float_state
-from ..motion.variational import Method, Variational, Varied, varied
+from ..motion.variational import Variational, Varied, varied
 from ..numerics.numbers import Scalar
+from ..results import OUTCOME
 from ..solvers import AbstractFold
-from .shooting import first_order, fixed
+from .implicit import fixed, implicit, moving
 
 PARTED = 0.1  # of the largest state: the ends of the last interval have parted
 DECADE = 10.0  # of growth from one look at the ratio to the next
@@ -49,6 +51,7 @@ class Look(NamedTuple):
     mark: Ratio  # a decade of growth ago at most
     earlier: Ratio  # one more
     largest: Any  # state so far
+    outcome: Any
 
 
 class Parting(AbstractFold):
@@ -68,7 +71,8 @@ class Parting(AbstractFold):
         varied = self.inner.init(column, t0, y0)
         zero = 0.0 * y0[0]
         ratio = Ratio(jnp.zeros_like(self.along), zero)
-        return Look(varied, ratio, t0 + zero, ratio, ratio, zero)
+        none = jnp.asarray(OUTCOME.not_computed, jnp.int32)
+        return Look(varied, ratio, t0 + zero, ratio, ratio, zero, none)
 
     def step(self, column, state, step):
         """Look at the ratio; at an end where it has grown enough, or grows no more."""
@@ -89,13 +93,15 @@ class Parting(AbstractFold):
             mark=_where(further, now, state.mark),
             earlier=_where(further, state.mark, state.earlier),
             largest=jnp.maximum(size, state.largest),
+            outcome=state.outcome,
         )
         over = now.length * self.width > PARTED * look.largest
         over |= step.t1 > 2 * look.when + self.window
         if step.modes:
             m1, m2 = step.event[1]
             over |= (m1 == 0) & (m2 == 0)
-        return look, jnp.inf, over
+        outcome = jnp.where(over, OUTCOME.complete, look.outcome).astype(jnp.int32)
+        return look._replace(outcome=outcome), jnp.inf, over
 
 
 def _where(flag: Any, new: Any, old: Any) -> Any:
@@ -126,35 +132,19 @@ def carried(
     It is NaN where no threshold is `known` or the error is above `CERTAIN`.
     """
     x = fixed(x)
-    leaves, tree = jax.tree.flatten(scene(x)[0])
-    which = [i for i, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
-    others = [None if i in which else leaf for i, leaf in enumerate(leaves)]
+    dtype = jnp.result_type(float)
+    _, make = moving(scene(x)[0], dtype)
 
     def numbers(x):
         column, start = scene(x)
-        leaves = jax.tree.leaves(column)
-        y0 = float_state(start)
-        return jnp.stack([*y0, *(jnp.asarray(leaves[i], y0[0].dtype) for i in which)])
+        y0 = jnp.stack(float_state(start))
+        return jnp.concatenate([y0, moving(column, dtype)[0]])
 
-    def make(p):
-        new = list(others)
-        for i, leaf in zip(which, p, strict=True):
-            new[i] = leaf
-        return jax.tree.unflatten(tree, new)
-
-    @jax.custom_jvp
-    def zero(numbers, place):
-        del place
-        return jnp.zeros((), numbers.dtype)
-
-    @zero.defjvp
-    def rule(primals, tangents):
-        numbers, place = primals
-        row = _slope(make, first_order(numbers), place, method)
-        return zero(numbers, place), row @ tangents[0]
+    def slope(numbers, place):
+        return _slope(make, numbers, place, method)
 
     at, line = jax.jvp(numbers, (x,), (jnp.ones_like(x),))
-    return zero(at, fixed(Place(line, width, known, window, patience)))
+    return implicit((), slope, at, Place(line, width, known, window, patience))
 
 
 def _slope(make: Callable, numbers: Any, place: Place, method: Method) -> Any:
@@ -163,7 +153,8 @@ def _slope(make: Callable, numbers: Any, place: Place, method: Method) -> Any:
     fold = Parting(inner, place.line, place.width, place.window)
     y0: Any = tuple(numbers[i] for i in range(4))
     span = jnp.where(place.known, place.patience, 0.0).astype(numbers.dtype)
-    look, *_ = method.run(args, fold, y0, span)
+    motion = Motion(args, y0, fold, method, end=span)
+    look = motion.advance(motion.begin()).folded
     best, before = look.best, look.earlier
     # what does not grow is a share 1 / length of the ratio
     share = before.length / jnp.where(best.length > 0, best.length, 1.0)

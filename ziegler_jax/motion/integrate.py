@@ -1,14 +1,15 @@
-"""One motion with running numbers, to where its fold ends it; in a sweep in legs."""
+"""The one place where a motion is integrated: to its end, or to where its fold ends it.
+
+Every question about a motion is a fold over its steps. In a sweep motions run in legs.
+"""
 
 from typing import Any, NamedTuple
 
 import diffrax as dfx
-import jax
 import jax.numpy as jnp
 
 from ..context import current_legs
 from ..model.column import Column, vector_field
-from ..model.set_valued import SetValuedCoulomb
 from ..numerics.numbers import Scalar, Vector4
 from ..results import OUTCOME
 from ..solvers import (
@@ -55,19 +56,28 @@ class Run(NamedTuple):
         return self.outcome == OUTCOME.not_computed
 
 
+class Method(NamedTuple):
+    """How motions are integrated."""
+
+    solver: Any
+    rtol: Scalar
+    atol: Scalar
+    max_steps: Any  # may be traced
+
+
 class Motion:
-    """A column, a fold over its steps that ends it, and the machine that this needs.
+    """A column, a fold over its steps that may end it, and the machine that this needs.
 
     **Arguments:**
 
-    - `column`, `y0`: the scene.
-    - `fold`: its running numbers carry an `outcome`, which is `not_computed` until it
-        ends the motion.
-    - `solver`, `rtol`, `atol`, `max_steps`: the method and its budget.
+    - `column`, `y0`: the scene; the column may be prepared already.
+    - `fold`: says by its `outcome` whether it has ended the motion.
+    - `method`: the method and its budget.
+    - `end`: the time at which the motion ends with the outcome `at_end`, unless the
+        fold ended it before.
     - `valid`: whether the numbers keep their rules; else the outcome is `invalid`.
-    - `first_stop`: the first time on which a step must end.
-    - `end`: a time before which the fold ends the motion, and `at_end`: its outcome if
-        the fold does not, as where windows are rounded.
+    - `start`: the time at which it begins; `first_step`: about how long its first step
+        is; `first_stop`: the first time on which a step must end.
     """
 
     def __init__(
@@ -75,39 +85,37 @@ class Motion:
         column: Column,
         y0: Vector4,
         fold: AbstractFold,
+        method: Method,
         *,
-        solver: Any,
-        rtol: Scalar,
-        atol: Scalar,
-        valid: Any,
-        first_stop: Scalar,
         end: Scalar,
-        at_end: OUTCOME,
-        max_steps: int,
+        at_end: OUTCOME = OUTCOME.complete,
+        valid: Any = True,
+        start: Scalar = 0.0,
+        first_step: Scalar = FIRST_STEP,
+        first_stop: Scalar = jnp.inf,
     ):
         """Choose the machine."""
-        self.column, self.y0, self.fold = column, y0, fold
-        self.method, self.rtol, self.atol = solver, rtol, atol
-        self.valid, self.first_stop, self.end = valid, first_stop, end
-        self.at_end, self.max_steps = at_end, max_steps
+        self.column, self.y0, self.fold, self.method = column, y0, fold, method
+        self.end, self.at_end, self.valid = end, at_end, valid
+        self.start, self.first_step, self.first_stop = start, first_step, first_stop
         self.args = prepared(column)
-        self.solver, self.control = machine(column, solver, fold, rtol, atol)
+        self.solver, self.control = machine(self.args, fold, method)
         self.terms = dfx.ODETerm(vector_field)
 
     def begin(self) -> Run:
         """The motion before its first step."""
-        zero = jnp.zeros((), self.y0[0].dtype)
+        t0 = jnp.zeros((), self.y0[0].dtype) + self.start
         invalid = jnp.where(self.valid, OUTCOME.not_computed, OUTCOME.invalid)
         return Run(
-            solver=self.solver.init(self.terms, zero, zero, self.y0, self.args),
-            control=self.control.start(zero, FIRST_STEP, self.first_stop),
+            solver=self.solver.init(self.terms, t0, t0, self.y0, self.args),
+            control=self.control.start(t0, self.first_step, self.first_stop),
             steps=jnp.zeros((), jnp.int32),
             outcome=invalid.astype(jnp.int32),
         )
 
     def advance(self, run: Run, quota: Any = None) -> Run:
         """The motion after at most `quota` more steps; None: at its end."""
-        left = self.max_steps - run.steps
+        left = self.method.max_steps - run.steps
         left = left if quota is None else jnp.minimum(left, quota)
         t = run.control.t
         solution = dfx.diffeqsolve(
@@ -130,13 +138,12 @@ class Motion:
         after: Any = solution.solver_state
         where: Any = solution.controller_state
         steps = run.steps + solution.stats["num_steps"]
-        ended = after.folded.outcome
+        ended = self.fold.outcome(after.folded)
         over = (ended == OUTCOME.not_computed) & (where.t >= self.end)
         ended = jnp.where(over, self.at_end, ended)
-        spent = (ended == OUTCOME.not_computed) & (steps >= self.max_steps)
+        spent = (ended == OUTCOME.not_computed) & (steps >= self.method.max_steps)
         ended = jnp.where(spent, OUTCOME.budget_spent, ended)
-        if isinstance(self.solver, StickSlip | TaylorSlip):
-            ended = unless_chattering(self.solver, after, ended)
+        ended = jnp.where(self.solver.chatters(after), OUTCOME.chattering, ended)
         ended = outcome_of(solution.result, after.slope, ended)
         outcome = jnp.where(run.running, ended, run.outcome)
         return Run(after, where, steps, outcome)
@@ -152,13 +159,14 @@ def follow(motion: Motion) -> Run:
     return run
 
 
-def machine(column: Column, solver: Any, fold: Any, rtol: Any, atol: Any) -> Any:
+def machine(column: Column, fold: AbstractFold, method: Method) -> Any:
     """The observing solver and the controller that the friction law needs."""
+    solver, rtol, atol, _ = method
     if isinstance(solver, Taylor):
         control = Reached(rtol, atol)  # pyright: ignore
         return TaylorSlip(solver, fold, rtol, atol), control
     control = StepControl(rtol, atol, layer_of(column, solver))  # pyright: ignore
-    if isinstance(column.friction, SetValuedCoulomb):
+    if column.sticks:
         if solver.bend is None:
             raise ValueError(
                 "Argument `solver` must have an interpolant of its own with set-valued "
@@ -166,10 +174,3 @@ def machine(column: Column, solver: Any, fold: Any, rtol: Any, atol: Any) -> Any
             )
         return StickSlip(solver, fold, atol), control
     return Observed(solver, fold), control
-
-
-def unless_chattering(
-    solver: StickSlip | TaylorSlip, state: Any, otherwise: Any
-) -> jax.Array:
-    """`chattering` where events follow each other without time between."""
-    return jnp.where(solver.chatters(state), OUTCOME.chattering, otherwise)

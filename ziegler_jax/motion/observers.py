@@ -12,9 +12,11 @@ import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, energy, power
+from ..numerics.hermite import Quintic
 from ..numerics.numbers import Scalar, Vector4, both, keeps, number_or_pair
 from ..results import Variable
 from ..solvers import Step
+from .section import Plane, angles, passage
 
 TIME = "sqrt(m l^2/k)"
 POWER = "k sqrt(k/(m l^2))"
@@ -85,17 +87,10 @@ class Amplitude(AbstractObserver):
     def step(self, column, state, step):
         """The larger of what was and the step's extremum."""
         del column
-        h = step.t1 - step.t0
-
-        def angles(y):
-            return y[0], y[1], y[1] - y[0]
-
-        # angles, rates and accelerations, in units of the step
-        ends = [angles(step.y0), angles(step.y1)]
-        ends += [tuple(h * v for v in angles(f)) for f in (step.f0, step.f1)]
-        ends += [tuple(h * h * a for a in angles(f[2:])) for f in (step.f0, step.f1)]
-        parts = zip(state, *ends, strict=True)
-        return tuple(jnp.maximum(peak, _peak(*part)) for peak, *part in parts)
+        one, two = angles(step)
+        knee = Quintic(*(b - a for a, b in zip(one, two, strict=True)))
+        pairs = zip(state, (one, two, knee), strict=True)
+        return tuple(jnp.maximum(before, path.largest()) for before, path in pairs)
 
     def result(self, column, state, span, y):
         """Rods and joints apart."""
@@ -132,13 +127,8 @@ class Mean(AbstractObserver):
         """Add the integral of the step's quintic."""
         del column
         h = step.t1 - step.t0
-
-        def area(i):
-            (x0, v0, a0), (x1, v1, a1) = _ends(step, i)
-            bent = (v0 - v1) / 10 + h * (a0 + a1) / 120
-            return h * ((x0 + x1) / 2 + h * bent)
-
-        return tuple(total + area(i) for i, total in enumerate(state))
+        pairs = zip(state, angles(step), strict=True)
+        return tuple(total + h * path.mean() for total, path in pairs)
 
     def result(self, column, state, span, y):
         """Area over time."""
@@ -168,26 +158,14 @@ class Period(AbstractObserver):
         return zero, t + zero, t + zero
 
     def step(self, column, state, step):
-        """Find the passage on the step's quintic, with the cubic's slope."""
+        """Count the step's passage."""
         del column
         count, first, last = state
-        h = step.t1 - step.t0
-        (x0, v0, a0), (x1, v1, a1) = _ends(step, 0)
-        v0, v1, a0, a1 = h * v0, h * v1, h * h * a0, h * h * a1
-        passed = (x0 < 0) & (x1 >= 0)
-        rise = jnp.where(passed, x1 - x0, 1.0)
-        s = -x0 / rise
-        c2, c3 = 3 * (x1 - x0) - 2 * v0 - v1, v0 + v1 - 2 * (x1 - x0)
-        for _ in range(3):  # the secant is within h^2 of the root, each step h^3 nearer
-            value = x0 + s * (v0 + s * (c2 + s * c3) + _quintic(s, c2, c3, a0, a1))
-            slope = v0 + s * (2 * c2 + 3 * s * c3)
-            moved = s - value / jnp.where(slope > 0, slope, rise)
-            s = jnp.clip(moved, 0.0, 1.0)
-        time = step.t0 + s * h
+        found = passage(Plane(), step)
         return (
-            count + jnp.where(passed, 1.0, 0.0),
-            jnp.where(passed & (count == 0), time, first),
-            jnp.where(passed, time, last),
+            count + jnp.where(found.there, 1.0, 0.0),
+            jnp.where(found.there & (count == 0), found.time, first),
+            jnp.where(found.there, found.time, last),
         )
 
     def result(self, column, state, span, y):
@@ -339,44 +317,6 @@ class EnergyBalance(AbstractObserver):
 def joint_rates(y: Vector4) -> tuple[Scalar, Scalar]:
     """u1 = omega1 and u2 = omega2 - omega1."""
     return y[2], y[3] - y[2]
-
-
-def _ends(step: Step, i: int) -> tuple:
-    """Angle, rate and acceleration of rod i at both ends of a step."""
-    ends = (step.y0, step.f0), (step.y1, step.f1)
-    first, second = ((y[i], y[i + 2], f[i + 2]) for y, f in ends)
-    return first, second
-
-
-def _quintic(s, c2, c3, a0, a1):
-    """What the quintic with these second derivatives adds to the cubic, over s."""
-    rest = 1 - s
-    return s * rest * rest * (rest * (a0 / 2 - c2) + s * (a1 / 2 - c2 - 3 * c3))
-
-
-def _peak(x0, x1, v0, v1, a0, a1):
-    """Largest |x| at the end and near the extremum of the quintic with these ends.
-
-    Slopes and second derivatives are per step. Between slopes of unlike sign the cubic
-    of the same ends has exactly one extremum, at the root written here so that nothing
-    cancels. It lies within h^3 of the quintic's, whose value there is within h^6. Of a
-    step whose rise is rounding, or whose numbers underflow, that root is no place in
-    the step: such a number hardly moves, and its end will do.
-    """
-    rise = x1 - x0
-    c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
-    square = c2 * c2 - 3 * c3 * v0
-    root = jnp.sqrt(jnp.where(square > 0, square, 1.0))
-    root = jnp.where(v0 > 0, root, -root)
-    apart = (c2 < 0) == (v0 > 0)
-    top = jnp.where(apart, v0, -(root + c2))
-    bottom = jnp.where(apart, root - c2, 3 * c3)
-    turns = (v0 * v1 < 0) & (square > 0) & (jnp.abs(top) <= jnp.abs(bottom))
-    # between 0 and 1 where it turns; elsewhere any harmless number
-    s = top / jnp.where(turns, bottom, 1.0)
-    inner = x0 + s * (v0 + s * (c2 + s * c3) + _quintic(s, c2, c3, a0, a1))
-    end = jnp.abs(x1)
-    return jnp.where(turns, jnp.maximum(end, jnp.abs(inner)), end)
 
 
 def _share_within(u0, u1, cut):

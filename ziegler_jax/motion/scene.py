@@ -12,8 +12,6 @@ import numpy as np
 from ..context import overridden_tolerances
 from ..model.column import Column, State
 from ..model.damping import is_polynomial
-from ..model.friction import JointReaction
-from ..model.set_valued import SetValuedCoulomb
 from ..numerics.numbers import Scalar, Vector4, is_concrete, number
 from ..results import OUTCOME
 from ..solvers import Explicit, Rosenbrock, Taylor
@@ -58,7 +56,7 @@ def prepared(column: Column) -> Column:
     if column.friction is not None:
         friction = column.friction.prepared(column.q)
         column = eqx.tree_at(lambda c: c.friction, column, friction)
-    if column.tangential:
+    if column.tangential and column.follower is not None:
         column = eqx.tree_at(lambda c: c.follower, column, None)
     return column
 
@@ -76,9 +74,9 @@ def explicit_method(solver: Any, otherwise: Explicit) -> Explicit:
 def has_series(column: Column) -> bool:
     """Whether `Taylor` can follow this column."""
     law = column.friction
-    if not isinstance(law, SetValuedCoulomb) or not is_polynomial(column.damping):
+    if law is None or not law.sticks or not is_polynomial(column.damping):
         return False
-    return not isinstance(law.load_law(), JointReaction)
+    return not law.on_reactions
 
 
 def usual_method(column: Column) -> Taylor | Explicit:
@@ -106,7 +104,7 @@ def method_of(solver: Any, column: Column, otherwise: Any) -> Any:
             "Argument `solver` must be `Explicit(...)`, `Rosenbrock()`, `Taylor()` or "
             f"None, but is {solver!r}."
         )
-    if isinstance(column.friction, SetValuedCoulomb):
+    if column.sticks:
         raise ValueError(
             "Argument `solver` must be `Taylor()` or `Explicit()` with "
             "`SetValuedCoulomb` friction, which is not stiff, but is `Rosenbrock()`."

@@ -4,10 +4,9 @@ from typing import Any
 
 from ..context import overridden_solver
 from ..model.column import Column, State
-from ..model.set_valued import SetValuedCoulomb
 from ..numerics.numbers import keeps, number
 from ..results import OUTCOME
-from .integrate import Motion
+from .integrate import Method, Motion
 from .observers import AbstractObserver
 from .scene import (
     check_scene,
@@ -49,7 +48,7 @@ class Settling(Motion):
         y0 = float_state(start)
         rtol, atol = tolerances(rtol, atol)
         solver = overridden_solver(solver)
-        method = method_of(solver, column, usual_method(column))
+        solver = method_of(solver, column, usual_method(column))
         self.watch = watch = Windows(
             transient=number("transient", transient, "nonnegative"),
             window=number("window", window, "positive"),
@@ -65,35 +64,26 @@ class Settling(Motion):
             column,
             y0,
             watch,
-            solver=method,
-            rtol=rtol,
-            atol=atol,
+            Method(solver, rtol, atol, whole_number("max_steps", max_steps)),
             valid=valid,
             first_stop=first_stop(watch.transient, watch.window),
             end=last_stop(watch.transient, watch.window, watch.max_windows),
             at_end=OUTCOME.unsettled,
-            max_steps=whole_number("max_steps", max_steps),
         )
 
     def settings(self) -> dict[str, Any]:
         """The options, for the record."""
         watch = self.watch
         return {
-            "solver": self.method.name,
-            "rtol": self.rtol,
-            "atol": self.atol,
+            "solver": self.method.solver.name,
+            "rtol": self.method.rtol,
+            "atol": self.method.atol,
             "transient": watch.transient,
             "window": watch.window,
             "max_windows": watch.max_windows,
-            "max_steps": self.max_steps,
+            "max_steps": self.method.max_steps,
             "rtol_settle": watch.rtol_settle,
             "escape": watch.escape,
             "rate_cut": "by modes" if watch.by_modes else watch.rate_cut,
-            **_rule(self.column),
+            **(self.column.friction.settings() if self.column.friction else {}),
         }
-
-
-def _rule(column: Column) -> dict[str, str]:
-    """The name of the friction law's rule, where it has one."""
-    law = column.friction
-    return {"release": law.release} if isinstance(law, SetValuedCoulomb) else {}

@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, vector_field
-from ..model.set_valued import SetValuedCoulomb
 from ..numerics.numbers import Vector4, is_concrete, number
 
 
@@ -64,7 +63,7 @@ def is_stiff(column: Column, rtol: Any) -> jax.Array:
         if all(is_concrete(x) for x in jax.tree.leaves((column, rtol))):
             known.enter_context(jax.ensure_compile_time_eval())
             known.enter_context(jax.enable_x64(True))
-        if isinstance(column.friction, SetValuedCoulomb):
+        if column.sticks:
             return jnp.zeros((), bool)
         return _decays_fast(column, rtol)
 

@@ -64,7 +64,7 @@ def unit_tangents(column: Any, y: Vector4, count: int) -> Growing:
     """
     zero = 0.0 * y[0]
     vectors = tuple(tuple(zero + x for x in row) for row in HADAMARD[:count])
-    if isinstance(column.friction, Torques):
+    if column.sticks:
         vectors = tuple(_held(column.friction, v) for v in vectors)
     vectors, _ = orthonormal(vectors)  # type: ignore[arg-type]
     return Growing(vectors, (zero + 1.0,) * count, (zero,) * count)
@@ -88,7 +88,7 @@ def grow(
         return (step.t1 - step.t0) * factor.astype(square.dtype)
 
     longest = materialise(step.t0, allowed)
-    if isinstance(column.friction, Torques):
+    if column.sticks:
         event = step.event[0] > 0
 
         def jump(before):

@@ -10,23 +10,19 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..context import overridden_solver
-from ..model.column import Column, State, vector_field
-from ..model.set_valued import SetValuedCoulomb
+from ..model.column import Column, State
 from ..numerics.numbers import keeps
 from ..results import OUTCOME
-from ..solvers import AbstractFold, Explicit, StepControl
+from ..solvers import AbstractFold, Explicit
 from . import not_finite
-from .integrate import FIRST_STEP, machine, unless_chattering
+from .integrate import FIRST_STEP, Method, Motion, follow
 from .scene import (
     Solver,
     check_scene,
     float_state,
     increasing_times,
-    layer_of,
     method_of,
     nan_where,
-    outcome_of,
-    prepared,
     tolerances,
     usual_method,
     valid_scene,
@@ -53,13 +49,17 @@ class Events(eqx.Module):
 class Recorded(NamedTuple):
     """What `Record` keeps."""
 
-    events: Events
+    events: Events | None
     ys: Any  # (4, n): the states at `ts`, NaN where the lane has not been
     seen: Any  # how many of them are there
+    outcome: Any
 
 
 class Record(AbstractFold):
-    """The states at given times, on which steps end, and room for `size` events."""
+    """The states at given times, on which steps end, and room for `size` events.
+
+    There are none without stick and slip: then `size` is not asked for.
+    """
 
     ts: Any
     size: int
@@ -71,30 +71,36 @@ class Record(AbstractFold):
 
     def init(self, column, t0, y0):
         """The start, with the modes that it begins in."""
-        n, dtype = self.size, jnp.result_type(y0[0])
-        none = Events(
-            jnp.full(n, jnp.nan, dtype),
-            jnp.zeros(n, jnp.int32),
-            jnp.zeros((n, 2), jnp.int32),
-            jnp.zeros((), jnp.int32),
-            column.friction.release,
-        )
-        events = _with(none, True, t0, 0, column.friction.modes)
+        n, dtype, events = self.size, jnp.result_type(y0[0]), None
+        if column.sticks:
+            none = Events(
+                jnp.full(n, jnp.nan, dtype),
+                jnp.zeros(n, jnp.int32),
+                jnp.zeros((n, 2), jnp.int32),
+                jnp.zeros((), jnp.int32),
+                column.friction.release,
+            )
+            events = _with(none, True, t0, 0, column.friction.modes)
         ys = jnp.full((4, self.ts.shape[0]), jnp.nan, dtype)
-        return Recorded(events, ys.at[:, 0].set(jnp.stack(y0)), jnp.array(1, jnp.int32))
+        ys = ys.at[:, 0].set(jnp.stack(y0))
+        none = jnp.asarray(OUTCOME.not_computed, jnp.int32)
+        return Recorded(events, ys, jnp.array(1, jnp.int32), none)
 
     def step(self, column, state, step):
         """Add the event on which the step ended, and the state if it was waited for."""
         del column
-        joint, modes = step.event
-        events = _with(state.events, joint > 0, step.t1, joint, modes)
+        events = state.events
+        if step.modes:
+            joint, modes = step.event
+            events = _with(events, joint > 0, step.t1, joint, modes)
         due = step.t1 >= self.ts[state.seen]
         place = jnp.where(due, state.seen, self.ts.shape[0])  # beyond: dropped
         ys = state.ys.at[:, place].set(jnp.stack(step.y1), mode="drop")
         seen = state.seen + due.astype(jnp.int32)
         over = seen >= self.ts.shape[0]
         following = self.ts[jnp.minimum(seen, self.ts.shape[0] - 1)]
-        return Recorded(events, ys, seen), following, over
+        outcome = jnp.where(over, OUTCOME.complete, state.outcome).astype(jnp.int32)
+        return Recorded(events, ys, seen, outcome), following, over
 
 
 def _with(log: Events, happened: Any, t: Any, joint: Any, modes: Any) -> Events:
@@ -164,77 +170,27 @@ def trajectory(
     # diffrax refuses bad times, and a span of none; nothing moves on from NaN
     ts = jnp.where(good, ts, jnp.arange(ts.size, dtype=ts.dtype))
     y0 = nan_where(~good, y0)
-    limit = whole_number("max_steps", max_steps)
-    if isinstance(column.friction, SetValuedCoulomb):
-        method = method_of(solver, column, usual_method(column))
-        return _stick_slip(column, y0, ts, good, rtol, atol, method, limit, max_events)
-    method = method_of(solver, column, Explicit(dfx.Dopri8.tableau))
-    control = StepControl(rtol, atol, layer_of(column, method))  # pyright: ignore
-    solution = dfx.diffeqsolve(
-        dfx.ODETerm(vector_field),
-        method,
-        t0=ts[0],
-        t1=ts[-1],
-        dt0=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
-        y0=y0,
-        args=prepared(column),
-        stepsize_controller=dfx.ClipStepSizeController(
-            control,
-            step_ts=ts,
-        ),
-        saveat=dfx.SaveAt(ts=ts, solver_state=True),
-        max_steps=limit,
-        throw=False,
-        adjoint=dfx.ForwardMode(),
+    usual = usual_method(column) if column.sticks else Explicit(dfx.Dopri8.tableau)
+    solver = method_of(solver, column, usual)
+    run = follow(
+        Motion(
+            column,
+            y0,
+            Record(ts, whole_number("max_events", max_events)),
+            Method(solver, rtol, atol, whole_number("max_steps", max_steps)),
+            valid=good,
+            start=ts[0],
+            first_step=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
+            first_stop=ts[1],
+            end=ts[-1],
+        )
     )
-    assert solution.ys is not None
-    # diffrax leaves infinity where nothing was saved
-    ys = [jnp.where(jnp.isfinite(y), y, jnp.nan) for y in solution.ys]
-    outcome = outcome_of(solution.result, solution.solver_state, OUTCOME.complete)
-    return Trajectory(
-        ts=ts,
-        phi=jnp.stack(ys[:2], axis=-1),
-        omega=jnp.stack(ys[2:], axis=-1),
-        steps=jnp.where(good, solution.stats["num_steps"], 0),
-        outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
-    )
-
-
-def _stick_slip(
-    column, y0, ts, good, rtol, atol, solver, max_steps, max_events
-) -> Trajectory:
-    """`trajectory` with set-valued friction: the solver itself records."""
-    record = Record(ts, whole_number("max_events", max_events))
-    method, control = machine(column, solver, record, rtol, atol)
-    args = prepared(column)
-    terms = dfx.ODETerm(vector_field)
-    first = jnp.minimum(FIRST_STEP, ts[1] - ts[0])
-    begin = control.start(ts[0], first, ts[1])
-    solution = dfx.diffeqsolve(
-        terms,
-        method,
-        t0=ts[0],
-        t1=jnp.where(good, ts[-1], ts[0]),
-        dt0=begin.t_next - ts[0],
-        y0=y0,
-        args=args,
-        stepsize_controller=control,
-        solver_state=method.init(terms, ts[0], ts[-1], y0, args),
-        controller_state=begin,
-        saveat=dfx.SaveAt(solver_state=True),
-        max_steps=max_steps,
-        throw=False,
-        adjoint=dfx.ForwardMode(),
-    )
-    after: Any = solution.solver_state
-    ended = unless_chattering(method, after, OUTCOME.complete)
-    outcome = outcome_of(solution.result, after.slope, ended)
-    ys = after.folded.ys.T
+    ys = run.folded.ys.T
     return Trajectory(
         ts=ts,
         phi=ys[:, :2],
         omega=ys[:, 2:],
-        steps=solution.stats["num_steps"],
-        outcome=jnp.where(good, outcome, OUTCOME.invalid).astype(jnp.int8),
-        events=after.folded.events,
+        steps=run.steps,
+        outcome=run.outcome.astype(jnp.int8),
+        events=run.folded.events,
     )

@@ -20,59 +20,18 @@ import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax import lax
 
 from ..model.column import Column, joint_balance, vector_field
-from ..model.set_valued import SetValuedCoulomb, Torques
+from ..numerics.hermite import Quintic
 from ..numerics.materialise import if_any_lane
-from ..numerics.numbers import Scalar, Vector4
-from ..solvers import AbstractFold, Explicit, Observed, StepControl, StickSlip
+from ..numerics.numbers import Vector4
+from ..results import OUTCOME
+from ..solvers import AbstractFold, Explicit, Step
+from .integrate import Method, Motion
 from .scene import prepared
+from .section import angles
 
-FIRST_STEP = 0.01
 TERMS = dfx.ODETerm(vector_field)
-
-
-class Method(NamedTuple):
-    """How motions are integrated."""
-
-    solver: Any  # Explicit, or Linearised
-    rtol: Scalar
-    atol: Scalar
-    max_steps: int
-
-    def machine(self, column: Column, fold: AbstractFold) -> Any:
-        """The observing solver and the controller that the friction law needs."""
-        control = StepControl(self.rtol, self.atol)  # pyright: ignore
-        if _jumps(column):
-            return StickSlip(self.solver, fold, self.atol), control
-        return Observed(self.solver, fold), control
-
-    def run(self, args: Column, fold: AbstractFold, y0: Vector4, t1: Any) -> Any:
-        """Integrate a prepared column from t = 0: the fold's end, y, y', t, steps."""
-        watching, control = self.machine(args, fold)
-        zero = jnp.zeros((), y0[0].dtype)
-        state = control.start(zero, FIRST_STEP, jnp.inf)
-        state = state._replace(left=jnp.asarray(self.max_steps, jnp.int32))
-        solution = dfx.diffeqsolve(
-            TERMS,
-            watching,
-            t0=zero,
-            t1=t1,
-            dt0=FIRST_STEP,
-            y0=y0,
-            args=args,
-            stepsize_controller=control,
-            controller_state=state,
-            saveat=dfx.SaveAt(solver_state=True, controller_state=True),
-            max_steps=None,  # the controller counts
-            throw=False,
-            adjoint=dfx.ForwardMode(),
-        )
-        after: Any = solution.solver_state
-        where: Any = solution.controller_state
-        steps = solution.stats["num_steps"]
-        return after.folded, after.y, after.slope, where.t, steps
 
 
 class Flow(NamedTuple):
@@ -104,17 +63,16 @@ def flow(
     """
     args, fold, method = varied(make, parameters, method, vary)
     start: Any = tuple(y0[i] for i in range(4))
-    folded, y, slope, t, steps = method.run(args, fold, start, span)
-    y, slope = jnp.stack(y), jnp.stack(slope)
-    arrived = (t >= span) & jnp.all(jnp.isfinite(y)) & jnp.all(jnp.isfinite(slope))
+    motion = Motion(args, start, fold, method, end=span)
+    run = motion.advance(motion.begin())
     return Flow(
-        y,
-        slope,
-        jnp.stack(folded.extent),
-        jnp.stack(folded.y),
-        jnp.stack(folded.extent_moves),
-        arrived,
-        steps.astype(jnp.int32),
+        jnp.stack(run.y),
+        jnp.stack(run.solver.slope),
+        jnp.stack(run.folded.extent),
+        jnp.stack(run.folded.y),
+        jnp.stack(run.folded.extent_moves),
+        run.outcome == OUTCOME.complete,
+        run.steps,
     )
 
 
@@ -126,7 +84,7 @@ def varied(
     if vary:
         which, moves = _moving(make, parameters)
     linearised = Linearised(method.solver, which, moves)
-    if not _jumps(args):  # else a step may be cut: its Jacobian is the fold's to find
+    if not args.sticks:  # else a step may be cut: its Jacobian is the fold's to find
         method = method._replace(solver=linearised)
     return args, Variational(linearised), method
 
@@ -217,7 +175,7 @@ class Linearised(eqx.Module):
         for i, x in zip(self.which, moving, strict=True):
             leaves[i] = x
         column = jax.tree.unflatten(tree, leaves)
-        return in_modes(column, args.friction.modes) if _jumps(args) else column
+        return in_modes(column, args.friction.modes) if args.sticks else column
 
 
 class Varied(NamedTuple):
@@ -242,7 +200,7 @@ class Variational(AbstractFold):
         """Unit vectors, and the start's own angles."""
         del t0
         rows = self.method.unit(y0)
-        if _jumps(column):
+        if column.sticks:
             rows = (*rows[:2], *_stopped(column, y0, rows[2], rows[3]))
         angles = y0[0], y0[1], y0[1] - y0[0]
         signs = [jnp.where(x < 0, -1.0, 1.0) for x in angles]
@@ -252,6 +210,11 @@ class Variational(AbstractFold):
             tuple(jnp.abs(x) for x in angles),
             tuple(s * row for s, row in zip(signs, turned, strict=True)),
         )
+
+    def outcome(self, state):
+        """None: it only watches."""
+        del state
+        return jnp.asarray(OUTCOME.not_computed, jnp.int32)
 
     def step(self, column, state, step):
         """Carry the variations over the step, and over the event at its end."""
@@ -302,18 +265,13 @@ class Variational(AbstractFold):
         )
 
 
-def _jumps(args: Any) -> bool:
-    """Whether friction is set-valued."""
-    return isinstance(args.friction, (SetValuedCoulomb, Torques))
-
-
 def in_modes(column: Any, modes: Any) -> Any:
     """The column with its joints' modes frozen, or free (None)."""
     return eqx.tree_at(lambda c: c.friction, column, column.friction.in_modes(modes))
 
 
 def _without_modes(args: Any) -> Any:
-    return in_modes(args, None) if _jumps(args) else args
+    return in_modes(args, None) if args.sticks else args
 
 
 def _stopped(column: Any, y: Vector4, dw1: Any, dw2: Any) -> tuple[Any, Any]:
@@ -342,37 +300,7 @@ def _guards(column: Any, y: Vector4) -> tuple[Any, Any]:
 
 
 def _peaks(h: Any, y0: Vector4, f0: Vector4, y1: Vector4, f1: Vector4) -> tuple:
-    r"""Where phi1, phi2, phi2 - phi1 turn within a step, else at its end.
-
-    On the quintic of both ends' angles, rates and accelerations, $O(h^6)$. Where an
-    angle turns it does not move to first order: the place carries no derivative.
-    """
-
-    def parts(y, f):
-        angles = (y[0], y[1], y[1] - y[0])
-        rates = (y[2], y[3], y[3] - y[2])
-        return zip(angles, rates, (f[2], f[3], f[3] - f[2]), strict=True)
-
-    peaks = []
-    for (x0, v0, a0), (x1, v1, a1) in zip(parts(y0, f0), parts(y1, f1), strict=True):
-        v0, v1, a0, a1 = h * v0, h * v1, h * h * a0, h * h * a1
-        rise, faster, more = x1 - x0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
-        c = (
-            v0,
-            a0 / 2,
-            10 * rise - 4 * faster + more / 2,
-            7 * faster - 15 * rise - more,
-            6 * rise - 3 * faster + more / 2,
-        )
-        turns = v0 * v1 < 0
-        s = lax.stop_gradient(jnp.where(turns, v0 / (v0 - v1), 1.0))
-        d = lax.stop_gradient(c)
-        for _ in range(3):  # the secant is within h^2: three steps are plenty
-            slope = d[0] + s * (
-                2 * d[1] + s * (3 * d[2] + s * (4 * d[3] + s * 5 * d[4]))
-            )
-            bend = 2 * d[1] + s * (6 * d[2] + s * (12 * d[3] + s * 20 * d[4]))
-            moved = s - slope / jnp.where(bend == 0, jnp.inf, bend)
-            s = jnp.where(turns, jnp.clip(moved, 0.0, 1.0), 1.0)
-        peaks.append(x0 + s * (c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4])))))
-    return tuple(peaks)
+    """Where phi1, phi2, phi2 - phi1 turn within a step, else at its end."""
+    one, two = angles(Step(0.0 * h, h, y0, y1, f0, f1, ()))
+    knee = Quintic(*(b - a for a, b in zip(one, two, strict=True)))
+    return tuple(path.extremum() for path in (one, two, knee))

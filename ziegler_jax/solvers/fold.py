@@ -50,6 +50,10 @@ class AbstractFold(eqx.Module):
         The step may still be rejected: then all three are forgotten.
         """
 
+    def outcome(self, state: Any) -> Any:
+        """How the fold has ended the motion; `not_computed`, 0, while it has not."""
+        return state.outcome
+
 
 class ObservedState(NamedTuple):
     """Where an observed solve is."""
@@ -78,6 +82,11 @@ class AbstractObserved(dfx.AbstractSolver):
     def func(self, terms, t0, y0, args):
         """The right-hand side."""
         return self.solver.func(terms, t0, y0, args)
+
+    def chatters(self, state: Any) -> Any:
+        """Whether the lane cannot go on, because events follow without time between."""
+        del state
+        return False  # there are none
 
 
 class Observed(AbstractObserved):

@@ -1,0 +1,81 @@
+"""Derivatives of what a search found, by the implicit function theorem.
+
+A search is not differentiated: what it found is a constant, to which a zero is added
+that carries the derivative in the scene's numbers.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..model.column import Column
+from ..numerics.numbers import is_concrete
+
+
+def moving(column: Column, dtype: Any) -> tuple[Any, Callable[[Any], Column]]:
+    """The column's traced numbers as a vector (n,), and the column of such a vector."""
+    # not `eqx.is_array`: concrete numbers are NumPy's, and have no derivative
+    traced, known = eqx.partition(column, lambda x: not is_concrete(x))
+    leaves, tree = jax.tree.flatten(traced)
+    n = len(leaves)
+
+    def make(p: Any) -> Column:
+        parts = [p[i] for i in range(n)]
+        return eqx.combine(jax.tree.unflatten(tree, parts), known)
+
+    numbers = [jnp.asarray(x, dtype) for x in leaves]
+    return (jnp.stack(numbers) if n else jnp.zeros(0, dtype)), make
+
+
+def implicit(shape: tuple, slope: Callable, p: Any, *still: Any) -> Any:
+    """Zeros that carry the derivative `slope(p, *still)`, (*shape, n), in p (n,)."""
+
+    @jax.custom_jvp
+    def zeros(p, *still):
+        del still
+        return jnp.zeros(shape, p.dtype)
+
+    @zeros.defjvp
+    def rule(primals, tangents):
+        return zeros(*primals), first_order(slope(*primals)) @ tangents[0]
+
+    return zeros(p, *fixed(still))
+
+
+@jax.custom_jvp
+def first_order(x: Any) -> Any:
+    """The same; a derivative of it is refused."""
+    return x
+
+
+@first_order.defjvp
+def _refuse_second(primals, tangents):
+    raise ValueError(
+        "Periodic orbits, their folds and thresholds have first derivatives only: "
+        "the second ones would need second variations. Take differences of the first."
+    )
+
+
+@jax.custom_jvp
+def undifferentiated(x: Any) -> Any:
+    """The same; a derivative of it is refused."""
+    return x
+
+
+@undifferentiated.defjvp
+def _refuse_first(primals, tangents):
+    raise ValueError(
+        "The monodromy matrix, its multipliers and `stable` have no derivatives here: "
+        "they would need second variations. Read them outside of what is "
+        "differentiated, or take differences."
+    )
+
+
+def fixed(tree: Any) -> Any:
+    """The same numbers without derivatives; concrete ones stay concrete."""
+    return jax.tree.map(
+        lambda x: jax.lax.stop_gradient(x) if isinstance(x, jax.Array) else x, tree
+    )
