@@ -13,12 +13,12 @@ from numpy.polynomial import Polynomial
 import ziegler_jax as zj
 from ziegler_jax.model.column import joint_balance, vector_field
 from ziegler_jax.model.damping import AbstractDamping
+from ziegler_jax.model.set_valued import in_modes
 from ziegler_jax.motion.scene import prepared
 from ziegler_jax.numerics.bernstein import first_event, first_look
 from ziegler_jax.numerics.series import value
 from ziegler_jax.results import OUTCOME
 from ziegler_jax.solvers.expansion import _log2, allowed, expand
-from ziegler_jax.solvers.stickslip import in_modes
 
 ORDER = 8
 MODES = list(itertools.product((-1.0, 0.0, 1.0), repeat=2))

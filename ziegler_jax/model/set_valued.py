@@ -173,6 +173,11 @@ class SetValuedCoulomb(AbstractFriction):
         return None
 
 
+def in_modes(column: Any, modes: Pair | None) -> Any:
+    """A prepared column with its joints' modes frozen, or free (None)."""
+    return eqx.tree_at(lambda c: c.friction, column, column.friction.in_modes(modes))
+
+
 class Torques(AbstractFriction):
     r"""Set-valued friction as torques, in given modes or those of the state itself.
 
@@ -189,7 +194,7 @@ class Torques(AbstractFriction):
     modes: Pair | None
     load: Any = None  # `JointReaction`
 
-    def in_modes(self, modes: Pair) -> "Torques":
+    def in_modes(self, modes: Pair | None) -> "Torques":
         """The same law with the modes frozen."""
         return Torques(self.static, self.kinetic, self.release, modes, self.load)
 

@@ -6,33 +6,23 @@ $$\dot v = J(y)\, v, \qquad J = \partial f / \partial y,$$
 
 integrated by the motion's own steps and stages: v is the derivative of the computed
 motion. The motion's error bounds the steps; where it says little, as at rest, that of
-the tangents does. Where set-valued friction changes its modes, at a guard g(y) = 0 with
-the fields $f^-$ before and $f^+$ after it, a neighbour passes earlier or later and v
-jumps by the saltation matrix,
-
-$$v \leftarrow v + (f^+ - f^-) \frac{\nabla g \cdot v}{\nabla g \cdot f^-}.$$
-
-The guard is the rate of a joint that comes to rest and the constraint torque of one
-that breaks loose. A joint that sticks has no rate to differ in: v keeps none, a
-dimension of the tangents is lost, and with it goes an exponent to minus infinity.
-
-Source: P. C. Mueller, Chaos, Solitons & Fractals 5 (1995) 1671-1681; R. I. Leine,
-H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004).
+the tangents does. Where set-valued friction changes its modes v jumps (`saltation`). A
+joint that sticks has no rate to differ in: v keeps none, a dimension of the tangents is
+lost, and with it goes an exponent to minus infinity.
 """
 
 from typing import Any, NamedTuple
 
 import diffrax as dfx
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import joint_balance, vector_field
+from ..model.column import vector_field
 from ..model.set_valued import Torques
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Scalar, Vector4
 from ..solvers import Explicit, Step
-from .observers import joint_rates
+from .saltation import saltation
 
 Vectors = tuple[Vector4, ...]
 
@@ -91,11 +81,12 @@ def grow(
     if column.sticks:
         event = step.event[0] > 0
 
-        def jump(before):
-            after = _through_event(column, before, step)
+        def passed(before):
+            jump, law = saltation(column, step), column.friction.in_modes(step.event[1])
+            after = tuple(_held(law, jump(v)) for v in before)
             return jax.tree.map(lambda a, b: jnp.where(event, a, b), after, before)
 
-        moved = if_any_lane(event, jump, moved)
+        moved = if_any_lane(event, passed, moved)
     vectors, lengths = materialise(step.t0, orthonormal, moved)
     factors = tuple(f * x for f, x in zip(growing.factors, lengths, strict=True))
     extreme = jnp.zeros_like(step.t0, bool)
@@ -148,35 +139,6 @@ def _along(solver: Explicit, column: Any, vectors: Vectors, step: Step) -> Any:
     )
     places = range(4, len(both), 4)
     return tuple(moved[i : i + 4] for i in places), [error[i : i + 4] for i in places]
-
-
-def _through_event(column: Any, vectors: Vectors, step: Step) -> Vectors:
-    """The vectors after the saltation of the event on which the step ended."""
-    law, y = column.friction, step.y1
-    joint, modes = step.event
-    law_after = law.in_modes(modes)
-    column_after = eqx.tree_at(lambda c: c.friction, column, law_after)
-
-    def guards(y):
-        spare, rates = law.spare(joint_balance(column, y)), joint_rates(y)
-        each = zip(law.modes, spare, rates, strict=True)
-        guard1, guard2 = (jnp.where(m == 0, left, u) for m, left, u in each)
-        # both at once is not generic: then one is as good as the other
-        return jnp.where(joint == 2, guard2, guard1)
-
-    _, towards = jax.linearize(guards, y)
-    speed = towards(step.f1)
-    speed = jnp.where(speed == 0, 1.0, speed)
-    f_after = vector_field(step.t1, y, column_after)
-    kick = tuple(a - b for a, b in zip(f_after, step.f1, strict=True))
-
-    def moved(v):
-        late = towards(v) / speed
-        return _held(
-            law_after, tuple(x + late * k for x, k in zip(v, kick, strict=True))
-        )
-
-    return tuple(moved(v) for v in vectors)
 
 
 def _held(law: Torques, v: tuple) -> Vector4:

@@ -2,15 +2,7 @@ r"""A motion together with its derivatives: the variational equations as a fold.
 
 Of each accepted step $y_1 = \Phi(y_0, p)$ the derivative with the step's length frozen
 is taken, so that what comes out is the exact derivative of the discrete flow. With
-set-valued friction a change of modes at the guard g = 0 adds the saltation
-
-$$\delta y^+ = \delta y^- + (f^- - f^+)\,\delta t, \qquad \delta t = -\frac{
-\partial_y g\,\delta y^- + \partial_p g\,\delta p}{\partial_y g\,f^-}$$
-
-In stick a joint's rate is held, and so is its variation: after a stick phase the map
-has lost a rank. Source: M. di Bernardo et al., Piecewise-smooth Dynamical Systems
-(2008), section 2.5; R. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-smooth
-Mechanical Systems (2004), chapter 7.
+set-valued friction a change of modes adds the jump of `saltation`.
 """
 
 from collections.abc import Callable
@@ -22,12 +14,14 @@ import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, joint_balance, vector_field
+from ..model.set_valued import in_modes
 from ..numerics.hermite import Quintic
 from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import Vector4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
 from .integrate import Method, Motion
+from .saltation import saltation
 from .scene import prepared
 from .section import angles
 
@@ -232,7 +226,15 @@ class Variational(AbstractFold):
         if step.modes:
             dy = (*dy[:2], *column.friction.hold(dy[2], dy[3]))
             event = step.event[0] > 0
-            dy = if_any_lane(event, lambda dy: self._saltation(column, step, dy), dy)
+
+            def passed(dy):
+                of, along = self.method, list(self.method.moves)
+                numbers = of.moving(column)
+                jump = saltation(column, step, numbers, lambda x: of.column(column, x))
+                pairs = zip(jax.vmap(jump)(dy, along), dy, strict=True)
+                return tuple(jnp.where(event, new, old) for new, old in pairs)
+
+            dy = if_any_lane(event, passed, dy)
         extent, moves = [], []
         for old, dold, new, dnew in zip(
             state.extent, state.extent_moves, peaks, dpeaks, strict=True
@@ -241,33 +243,6 @@ class Variational(AbstractFold):
             extent.append(jnp.where(larger, jnp.abs(new), old))
             moves.append(jnp.where(larger, jnp.sign(new) * dnew, dold))
         return Varied(dy, tuple(extent), tuple(moves)), jnp.inf, False
-
-    def _saltation(self, column: Any, step: Any, dy: tuple) -> tuple:
-        """What a change of modes at the step's end does to the variations."""
-        joint, modes = step.event
-        f0 = step.f1
-        f1 = vector_field(step.t1, step.y1, in_modes(column, modes))
-
-        def guard(y, moving):
-            one, two = _guards(self.method.column(column, moving), y)
-            return jnp.where(joint == 2, two, one)
-
-        moving = self.method.moving(column)
-        still = [jnp.zeros_like(x) for x in moving]
-        at = (step.y1, moving)
-        _, rate = jax.jvp(guard, at, (f0, still))
-        along = list(self.method.moves)
-        moved = jax.vmap(lambda *d: jax.jvp(guard, at, d)[1])(dy, along)
-        shift = -moved / jnp.where(rate == 0, -jnp.inf, rate)
-        return tuple(
-            jnp.where(joint > 0, d + (a - b) * shift, d)
-            for d, a, b in zip(dy, f0, f1, strict=True)
-        )
-
-
-def in_modes(column: Any, modes: Any) -> Any:
-    """The column with its joints' modes frozen, or free (None)."""
-    return eqx.tree_at(lambda c: c.friction, column, column.friction.in_modes(modes))
 
 
 def _without_modes(args: Any) -> Any:
@@ -287,16 +262,6 @@ def _stopped(column: Any, y: Vector4, dw1: Any, dw2: Any) -> tuple[Any, Any]:
     still = stuck1 & stuck2
     first = jnp.where(stuck1, 0.0, jnp.where(stuck2, both, dw1))
     return first, jnp.where(still, 0.0, jnp.where(stuck2, both, second))
-
-
-def _guards(column: Any, y: Vector4) -> tuple[Any, Any]:
-    """What is positive as long as each joint's mode holds; see `solvers.stickslip`."""
-    law = column.friction
-    spare, rates = law.spare(joint_balance(column, y)), (y[2], y[3] - y[2])
-    return tuple(
-        jnp.where(m == 0, left, m * u)
-        for m, left, u in zip(law.modes, spare, rates, strict=True)
-    )  # type: ignore[return-value]
 
 
 def _peaks(h: Any, y0: Vector4, f0: Vector4, y1: Vector4, f1: Vector4) -> tuple:

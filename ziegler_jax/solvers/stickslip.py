@@ -14,12 +14,12 @@ goes on.
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, joint_balance, vector_field
+from ..model.column import joint_balance, vector_field
 from ..model.release_layer import FAR
+from ..model.set_valued import in_modes
 from ..numerics.hermite import (
     Course,
     extrema,
@@ -297,12 +297,6 @@ def at_rest(y: Vector4, rest: Pair) -> Vector4:
     """The state with the rates of resting joints exactly zero."""
     w1 = jnp.where(rest[0], 0.0, y[2])
     return y[0], y[1], w1, jnp.where(rest[1], w1, y[3])
-
-
-def in_modes(column: Column, modes: Pair) -> Any:
-    """The column with its friction in these modes."""
-    friction: Any = column.friction
-    return eqx.tree_at(lambda c: c.friction, column, friction.in_modes(modes))
 
 
 def _courses(y0, y1, h, f0, f1, bends) -> list[Course]:

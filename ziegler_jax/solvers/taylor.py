@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..model.column import joint_balance
+from ..model.set_valued import in_modes
 from ..numerics.bernstein import ends_here, first_event, first_look
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Pair, Scalar, Vector4
@@ -31,7 +32,6 @@ from .stickslip import (
     chattering,
     chosen,
     event_tolerance,
-    in_modes,
 )
 
 NODES = 5  # of Gauss' rule for integrals over a step

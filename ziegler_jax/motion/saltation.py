@@ -1,0 +1,62 @@
+r"""What a change of modes does to small differences.
+
+Where set-valued friction changes its modes, at a guard $g(y, p) = 0$ with the fields
+$f^-$ before and $f^+$ after it, a neighbour passes earlier or later, by $\delta t$, and
+a difference jumps:
+
+$$\delta y^+ = \delta y^- + (f^- - f^+)\,\delta t, \qquad \delta t = -\frac{
+\partial_y g\,\delta y^- + \partial_p g\,\delta p}{\partial_y g\,f^-}.$$
+
+The guard is the rate of a joint that comes to rest and the constraint torque of one
+that breaks loose. In stick a joint's rate is held, and so is its variation: after a
+stick phase the map has lost a rank.
+
+Source: P. C. Mueller, Chaos, Solitons & Fractals 5 (1995) 1671-1681; M. di Bernardo et
+al., Piecewise-smooth Dynamical Systems (2008), section 2.5; R. I. Leine, H. Nijmeijer,
+Dynamics and Bifurcations of Non-smooth Mechanical Systems (2004), chapter 7.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..model.column import joint_balance, vector_field
+from ..model.set_valued import in_modes
+from ..numerics.numbers import Vector4
+from ..solvers import Step
+from .observers import joint_rates
+
+
+def saltation(
+    column: Any, step: Step, numbers: Any = (), with_numbers: Callable | None = None
+) -> Callable[..., Vector4]:
+    """The jump of a difference, dy and dp, at the event on which the step ended.
+
+    **Arguments:** `column`: in the modes of the step; `numbers`: what of it differs as
+    well, and `with_numbers`: the column of such numbers.
+    """
+    joint, modes = step.event
+
+    def guard(y, numbers):
+        here = column if with_numbers is None else with_numbers(numbers)
+        law: Any = here.friction
+        each = zip(
+            law.modes, law.spare(joint_balance(here, y)), joint_rates(y), strict=True
+        )
+        one, two = (jnp.where(m == 0, left, u) for m, left, u in each)
+        # both at once is not generic: then one is as good as the other
+        return jnp.where(joint == 2, two, one)
+
+    _, towards = jax.linearize(guard, step.y1, numbers)
+    speed = towards(step.f1, jax.tree.map(jnp.zeros_like, numbers))
+    speed = jnp.where(speed == 0, jnp.inf, speed)  # one that grazes does not jump
+    after = vector_field(step.t1, step.y1, in_modes(column, modes))
+
+    def jump(dy: Vector4, dp: Any = ()) -> Vector4:
+        late = towards(dy, dp) / speed
+        parts = zip(dy, step.f1, after, strict=True)
+        return tuple(d + late * (b - a) for d, a, b in parts)  # type: ignore
+
+    return jump
