@@ -8,6 +8,7 @@ import pytest
 
 import ziegler_jax as zj
 from ziegler_jax.linear.spectrum import _positive_roots
+from ziegler_jax.model.friction import AbstractRateFriction
 from ziegler_jax.results import REGIME
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -226,6 +227,30 @@ FRICTION = zj.SmoothCoulomb(
 def test_friction_is_refused_and_tangent_column_named(ask):
     with pytest.raises(ValueError, match="no friction .* `tangent_column"):
         ask(zj.uniform_rods(q=1.0, friction=FRICTION))
+
+
+class OwnLaw(AbstractRateFriction):
+    """Torques of its own, which rest on no load."""
+
+    rules = {"c": "nonnegative"}  # noqa: RUF012
+    c: float
+
+    def levers(self, u1, u2):
+        return self.c * jnp.tanh(u1), 2 * self.c * jnp.tanh(u2)
+
+    def load_law(self):
+        return None
+
+    def rate_cut(self):
+        return 0.1
+
+
+def test_a_law_of_ones_own_has_a_tangent_and_rules():
+    tangent = zj.tangent_column(zj.uniform_rods(2.0, friction=OwnLaw(0.3)))
+    assert (float(tangent.damping.c1), float(tangent.damping.c2)) == (0.3, 0.6)
+    assert OwnLaw(0.3).valid() and not OwnLaw(-0.3).valid()
+    pairs = eqx.tree_at(lambda law: law.c, OwnLaw(0.3), np.array([0.1, -0.2]))
+    assert not pairs.valid()
 
 
 @pytest.mark.parametrize(

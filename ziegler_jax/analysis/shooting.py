@@ -1,4 +1,4 @@
-r"""Shooting: where a motion returns, Newton's method, and the flow as JAX sees it."""
+r"""Shooting: where a motion returns, Newton's method, and what carries derivatives."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

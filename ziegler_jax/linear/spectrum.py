@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from ..context import plain
 from ..model.column import Column
 from ..model.damping import Sum, Viscous
+from ..model.friction import AbstractRateFriction
 from ..numerics.numbers import Scalar
 from ..results import REGIME
 from .characteristic import Characteristic, characteristic, inertia, stiffness, value
@@ -128,13 +129,15 @@ def tangent_column(column: Column) -> Column:
     law: Any = column.friction
     if law is None:
         return column
-    if column.sticks:
+    if not isinstance(law, AbstractRateFriction):
         raise ValueError(
-            "Argument `column` must have `SmoothCoulomb` friction or none for "
-            f"`tangent_column`, but has {type(law).__name__}: in stick the joints are "
-            "rigid, and the law has no tangent at rest."
+            "Argument `column` must have friction that is a function of the rates, "
+            "such as `SmoothCoulomb`, or none for `tangent_column`, but has "
+            f"{type(law).__name__}: in stick the joints are rigid, and the law has no "
+            "tangent at rest."
         )
-    n1, n2 = law.load_law().at_rest(jnp.asarray(column.q))
+    load = law.load_law()
+    n1, n2 = (1.0, 1.0) if load is None else load.at_rest(jnp.asarray(column.q))
     _, (slope1, slope2) = jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))
     damping = Viscous(slope1 * n1, slope2 * n2)
     return Column(

@@ -15,7 +15,7 @@ class AbstractDamping(eqx.Module):
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers outside of `sweep` what it was when first traced.
     `rules` names for each of them the rule that it keeps: `finite`, `nonnegative`,
-    `positive`; a lane whose traced number breaks its rule ends as `invalid`.
+    `positive`; a lane in which one breaks its rule ends as `invalid`.
     """
 
     rules: ClassVar[Mapping[str, str]] = {}

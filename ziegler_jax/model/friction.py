@@ -33,7 +33,8 @@ from .joint_reactions import reaction_loads
 class AbstractLoad(eqx.Module):
     """Where a joint's normal load comes from.
 
-    `of_motion`: whether the accelerations decide it; else it is that at rest.
+    `of_motion`: whether the accelerations decide it, as of `JointReaction` alone; else
+    it is that at rest.
     """
 
     rules: ClassVar[Mapping[str, str]] = {}
@@ -132,9 +133,10 @@ class AbstractFriction(eqx.Module):
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers outside of `sweep` what it was when first traced.
     `rules` names for each of them the rule that it keeps: `finite`, `nonnegative`,
-    `positive`; a lane whose traced number breaks its rule ends as `invalid`.
+    `positive`; a lane in which one breaks its rule ends as `invalid`.
 
-    `sticks`: whether joints truly stick, so that motions have events.
+    `sticks`: whether joints truly stick, so that motions have events: the library's own
+    `SetValuedCoulomb` alone.
     """
 
     rules: ClassVar[Mapping[str, str]] = {}
@@ -159,7 +161,10 @@ class AbstractFriction(eqx.Module):
         return {}
 
     def prepared(self, q: Scalar) -> "AbstractFriction":
-        """The same law for a motion under q, as cheap to evaluate as it can be."""
+        """The same law for a motion under q, as cheap to evaluate as it can be.
+
+        What it returns may be prepared again, and must not change by it.
+        """
         del q
         return self
 

@@ -1,6 +1,6 @@
 """`trajectory`: the states of a motion at given times, and its events.
 
-With stick and slip nothing is interpolated between steps, which end on both.
+Nothing is interpolated between steps, which end on both.
 """
 
 from typing import Any, NamedTuple
@@ -58,7 +58,7 @@ class Recorded(NamedTuple):
 class Record(AbstractFold):
     """The states at given times, on which steps end, and room for `size` events.
 
-    There are none without stick and slip: then `size` is not asked for.
+    There are none without stick and slip.
     """
 
     ts: Any

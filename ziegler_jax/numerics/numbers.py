@@ -98,7 +98,7 @@ def checked(rules: Mapping[str, str], **values: Any) -> list[Any]:
     """
     kept = []
     for name, x in values.items():
-        rule, _, beside = rules[name].partition("; ")
+        rule, beside = _read(rules, name)
         read = number_or_pair if "two" in beside else number
         absent = x is None and "none" in beside
         kept.append(None if absent else read(name, x, rule))
@@ -106,18 +106,31 @@ def checked(rules: Mapping[str, str], **values: Any) -> list[Any]:
 
 
 def keeps_rules(rules: Mapping[str, str], owner: Any) -> Any:
-    """Whether an object's numbers keep the same rules: those only known when traced."""
+    """Whether an object's numbers keep the same rules: those only known when traced.
+
+    **Raises:** `ValueError` for a rule that is none.
+    """
     good: Any = True
-    for name, rule in rules.items():
-        value, rule = getattr(owner, name), rule.partition("; ")[0]
-        for x in value if isinstance(value, tuple) else (value,):
-            if x is None:
-                continue
+    for name in rules:
+        (rule, _), value = _read(rules, name), getattr(owner, name)
+        for x in jax.tree.leaves(value):
             x = jnp.asarray(x)
-            good &= jnp.isfinite(x)
+            kept = jnp.isfinite(x)
             if rule != "finite":
-                good &= x > 0 if rule == "positive" else x >= 0
+                kept &= x > 0 if rule == "positive" else x >= 0
+            good &= jnp.all(kept) if x.ndim else kept
     return good
+
+
+def _read(rules: Mapping[str, str], name: str) -> tuple[str, str]:
+    """A rule, and what there may be beside one number."""
+    rule, _, beside = rules[name].partition("; ")
+    if rule not in ("finite", "nonnegative", "positive"):
+        raise ValueError(
+            f"The rule of `{name}` must be `finite`, `nonnegative` or `positive`, but "
+            f"is {rule!r}."
+        )
+    return rule, beside
 
 
 def positive(**values: Any) -> list[Any]:

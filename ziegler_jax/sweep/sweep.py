@@ -59,8 +59,9 @@ def sweep(
         units. It is traced anew at each sweep, so that whatever it reads is read
         again, but compiled only if that changed its program. (A function that you give
         to `jax.jit` yourself and call on plain numbers is JAX's to remember.) Where it
-        runs one `settle`, lanes run in legs and are refilled as they end; whatever else
-        it computes is then computed anew in each leg.
+        follows one motion (`settle`, `trajectory`, `verdict`, ...), lanes run in legs
+        and are refilled as they end; whatever else it computes is then computed anew in
+        each leg.
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
