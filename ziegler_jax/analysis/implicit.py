@@ -45,33 +45,29 @@ def implicit(shape: tuple, slope: Callable, p: Any, *still: Any) -> Any:
     return zeros(p, *fixed(still))
 
 
-@jax.custom_jvp
-def first_order(x: Any) -> Any:
-    """The same; a derivative of it is refused."""
-    return x
+def _refusing(sentence: str) -> Callable[[Any], Any]:
+    """The same numbers; a derivative of them is refused."""
+
+    @jax.custom_jvp
+    def same(x: Any) -> Any:
+        return x
+
+    @same.defjvp
+    def refuse(primals, tangents):
+        raise ValueError(sentence)
+
+    return same
 
 
-@first_order.defjvp
-def _refuse_second(primals, tangents):
-    raise ValueError(
-        "Periodic orbits, their folds and thresholds have first derivatives only: "
-        "the second ones would need second variations. Take differences of the first."
-    )
-
-
-@jax.custom_jvp
-def undifferentiated(x: Any) -> Any:
-    """The same; a derivative of it is refused."""
-    return x
-
-
-@undifferentiated.defjvp
-def _refuse_first(primals, tangents):
-    raise ValueError(
-        "The monodromy matrix, its multipliers and `stable` have no derivatives here: "
-        "they would need second variations. Read them outside of what is "
-        "differentiated, or take differences."
-    )
+first_order = _refusing(
+    "Periodic orbits, their folds and thresholds have first derivatives only: "
+    "the second ones would need second variations. Take differences of the first."
+)
+undifferentiated = _refusing(
+    "The monodromy matrix, its multipliers and `stable` have no derivatives here: "
+    "they would need second variations. Read them outside of what is "
+    "differentiated, or take differences."
+)
 
 
 def fixed(tree: Any) -> Any:

@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, energy, power
-from ..numerics.hermite import Quintic
 from ..numerics.numbers import Scalar, Vector4, both, keeps, number_or_pair
 from ..results import Variable
 from ..solvers import Step
@@ -87,9 +86,7 @@ class Amplitude(AbstractObserver):
     def step(self, column, state, step):
         """The larger of what was and the step's extremum."""
         del column
-        one, two = angles(step)
-        knee = Quintic(*(b - a for a, b in zip(one, two, strict=True)))
-        pairs = zip(state, (one, two, knee), strict=True)
+        pairs = zip(state, angles(step), strict=True)
         return tuple(jnp.maximum(before, path.largest()) for before, path in pairs)
 
     def result(self, column, state, span, y):
@@ -127,7 +124,7 @@ class Mean(AbstractObserver):
         """Add the integral of the step's quintic."""
         del column
         h = step.t1 - step.t0
-        pairs = zip(state, angles(step), strict=True)
+        pairs = zip(state, angles(step)[:2], strict=True)
         return tuple(total + h * path.mean() for total, path in pairs)
 
     def result(self, column, state, span, y):

@@ -36,7 +36,7 @@ def passage(plane: Plane, step: Step) -> Passage:
         zero = 0.0 * h
         ends = list(zip(step.y0, step.y1, step.f0, step.f1, strict=True))
         rates = [Course(a, b, h * f, h * g, zero) for a, b, f, g in ends[2:]]
-        paths = [*angles(step), *rates]
+        paths = [*angles(step)[:2], *rates]
         guard = type(paths[i])(*(sign * x for x in paths[i]))
         guard = guard._replace(g0=g0, g1=g1)
         about = rough_place(guard, zero, zero + 1.0)
@@ -47,12 +47,12 @@ def passage(plane: Plane, step: Step) -> Passage:
     return if_any_lane(there, locate, Passage(there, step.t1, step.y1))
 
 
-def angles(step: Step) -> tuple[Quintic, Quintic]:
-    """Both rods' angles over the step."""
+def angles(step: Step) -> tuple[Quintic, Quintic, Quintic]:
+    """phi1, phi2 and phi2 - phi1 over the step."""
     h = step.t1 - step.t0
     one, two = (
         Quintic(*(x for y, f in ends for x in (y[i], h * y[i + 2], h * h * f[i + 2])))
         for i in (0, 1)
         for ends in [((step.y0, step.f0), (step.y1, step.f1))]
     )
-    return one, two
+    return one, two, Quintic(*(b - a for a, b in zip(one, two, strict=True)))

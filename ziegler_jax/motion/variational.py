@@ -15,7 +15,6 @@ import jax.numpy as jnp
 
 from ..model.column import Column, joint_balance, vector_field
 from ..model.set_valued import in_modes
-from ..numerics.hermite import Quintic
 from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import Vector4
 from ..results import OUTCOME
@@ -266,6 +265,5 @@ def _stopped(column: Any, y: Vector4, dw1: Any, dw2: Any) -> tuple[Any, Any]:
 
 def _peaks(h: Any, y0: Vector4, f0: Vector4, y1: Vector4, f1: Vector4) -> tuple:
     """Where phi1, phi2, phi2 - phi1 turn within a step, else at its end."""
-    one, two = angles(Step(0.0 * h, h, y0, y1, f0, f1, ()))
-    knee = Quintic(*(b - a for a, b in zip(one, two, strict=True)))
-    return tuple(path.extremum() for path in (one, two, knee))
+    step = Step(0.0 * h, h, y0, y1, f0, f1, ())
+    return tuple(path.extremum() for path in angles(step))

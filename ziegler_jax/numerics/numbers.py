@@ -80,11 +80,7 @@ def keeps(rule: str, *numbers: Any) -> Any:
     for x in numbers:
         if x is None or is_concrete(x):
             continue
-        good &= jnp.isfinite(x)
-        if rule == "nonnegative":
-            good &= x >= 0
-        elif rule == "positive":
-            good &= x > 0
+        good &= _holds(rule, x)
     return good
 
 
@@ -114,12 +110,16 @@ def keeps_rules(rules: Mapping[str, str], owner: Any) -> Any:
     for name in rules:
         (rule, _), value = _read(rules, name), getattr(owner, name)
         for x in jax.tree.leaves(value):
-            x = jnp.asarray(x)
-            kept = jnp.isfinite(x)
-            if rule != "finite":
-                kept &= x > 0 if rule == "positive" else x >= 0
-            good &= jnp.all(kept) if x.ndim else kept
+            kept = _holds(rule, jnp.asarray(x))
+            good &= jnp.all(kept) if kept.ndim else kept
     return good
+
+
+def _holds(rule: str, x: Any) -> Any:
+    """Whether JAX's numbers keep a rule."""
+    if rule == "finite":
+        return jnp.isfinite(x)
+    return jnp.isfinite(x) & (x > 0 if rule == "positive" else x >= 0)
 
 
 def _read(rules: Mapping[str, str], name: str) -> tuple[str, str]:
