@@ -68,37 +68,35 @@ PROGRAMS = {
 
 
 class Batch:
-    """One batch of a program at its first leg."""
+    """One batch of a program's loop at its first chunk."""
 
     def __init__(self, point, wide):
         """Compile it."""
         self.program = compiled(traced(point, ("q",), wide, LANES))
+        begin, self.loop, _ = (stage.function for stage in self.program.stages)
         dtype = np.float64 if wide else np.float32
-        self.input = (
-            np.ones(LANES, bool),  # fresh lanes
-            [LOADS.astype(dtype)],
-            self.program.carry.empty(LANES),
-        )
+        with jax.enable_x64(wide):
+            self.input = ready(begin((LOADS[None].astype(dtype),), ()))
 
-    def call(self, quota):
-        """All arrays of a leg of at most `quota` steps, as bits."""
+    def call(self, steps):
+        """All arrays of a chunk of at most `steps` steps, as bits."""
         with jax.enable_x64(self.program.wide):  # a thread's own setting
-            found = ready(self.program.run(np.int32(quota), *self.input))
+            found = ready(self.loop(np.int32(steps), *self.input))
         return [bits(np.asarray(array)) for array in jax.tree.leaves(found)]
 
-    def quota(self):
+    def steps(self):
         """So many steps that a call takes `SECONDS_A_CALL`."""
-        quota, seconds = 8, 0.0
+        steps, seconds = 8, 0.0
         while seconds < SECONDS_A_CALL:
-            quota += quota // 4
-            self.call(quota)
-            seconds = min(self.seconds(quota) for _ in range(10))
-        return quota
+            steps += steps // 4
+            self.call(steps)
+            seconds = min(self.seconds(steps) for _ in range(10))
+        return steps
 
-    def seconds(self, quota):
+    def seconds(self, steps):
         """Of one call."""
         started = time.perf_counter()
-        self.call(quota)
+        self.call(steps)
         return time.perf_counter() - started
 
 
@@ -111,11 +109,11 @@ def bits(array):
 
 def soak(batch, calls, threads):
     """How many of the calls gave other bits, and the steps that a call ran."""
-    quota = batch.quota()
-    first = [array.copy() for array in batch.call(quota)]
+    steps = batch.steps()
+    first = [array.copy() for array in batch.call(steps)]
 
     def differs(_):
-        pairs = zip(batch.call(quota), first, strict=True)
+        pairs = zip(batch.call(steps), first, strict=True)
         return not all(np.array_equal(now, then) for now, then in pairs)
 
     def work(share):
@@ -130,7 +128,7 @@ def soak(batch, calls, threads):
         "differences": differences,
         "seconds": seconds,
         "ms_a_call": 1e3 * threads * seconds / calls,
-        "steps_a_call": quota,
+        "steps_a_call": steps,
         "arrays": len(first),
         "bytes": sum(array.nbytes for array in first),
     }

@@ -27,8 +27,7 @@ def point(q, v_smooth):
 
 def main():
     q, v = np.linspace(1.2, 2.8, 33), np.geomspace(1e-3, 0.3, 9)
-    # two motions a point run in no legs: small batches keep both threads busy
-    ds = zj.sweep(point, q=q, v_smooth=v, batch_size=33, progress=False)
+    ds = zj.sweep(point, q=q, v_smooth=v, progress=False)
     rods = np.abs(ds.rod_amplitude_error.values).max(axis=-1)
     error = np.fmax(rods, np.abs(ds.joint_amplitude_error.values).max(axis=-1))
     wrong = ds.wrong_verdict.values == 1

@@ -8,7 +8,7 @@ import numpy as np
 
 import ziegler_jax as zj
 
-# A cheap scene of four blocks, and a small one with lanes in legs.
+# A cheap scene of four blocks, and a small one with lanes in chunks.
 
 FACTOR, TABLE = 3.0, np.linspace(0.0, 1.0, 5)
 

@@ -4,10 +4,10 @@
     `Context`, which `settle` and `trajectory` obey. It is a context of JAX's own, so
     that it is a part of every compilation cache's key; it is local to a thread.
 - A vmapped loop runs until its slowest lane ends. A sweep therefore lets every lane run
-    a leg, replaces those that have ended by new ones, and runs the next leg, as a
-    hand-written kernel refills its lanes. A motion offers its state at the end of a leg
-    to `Legs` and takes it back at the next; the arithmetic is that of one uninterrupted
-    run. Outside a sweep there are no legs.
+    a chunk of steps, replaces those that have ended by new ones, and runs the next
+    chunk, as a hand-written kernel refills its lanes. A loop that a motion runs is
+    `resumable`: a sweep cuts the point there (`sweep/stages.py`). The arithmetic is
+    that of one uninterrupted run. Outside a sweep nothing is cut.
 - JAX computes in 32 bits unless it is told otherwise, and most numbers here would be
     wrong in them without a word. A `plain` function therefore refuses a 32-bit session;
     a sweep that was asked for 32 bits says so in its `Context`.
@@ -15,7 +15,7 @@
 
 import itertools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
@@ -23,7 +23,8 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import get_opaque_trace_state
+import numpy as np
+from jax.extend.core import Primitive, get_opaque_trace_state
 
 from .runtime import own_flags
 
@@ -88,64 +89,74 @@ def is_traced() -> bool:
     return get_opaque_trace_state() != clean[0]
 
 
-class Legs:
-    """What passes between a sweep and the one computation that runs in legs.
+resumable_loop = Primitive("resumable_loop")
+resumable_loop.multiple_results = True
 
-    **Arguments:** `quota`: the most steps of a leg; `fresh`: whether the lane starts;
-    `carry`: where it goes on if it does not, None to find out what is carried.
-    """
 
-    def __init__(self, quota: Any, fresh: Any, carry: Any):
-        """Nothing has asked for legs yet."""
-        self.quota, self.fresh, self.carry = quota, fresh, carry
+@resumable_loop.def_abstract_eval
+def _state_again(*operands: Any, body: Any) -> list[Any]:
+    return [v.aval for v in body.outvars[:-2]]
+
+
+class Cuts:
+    """Leave to cut the point that is traced here at its resumable loops."""
+
+    def __init__(self):
+        """For this trace, and none within it."""
         self.trace = get_opaque_trace_state()
-        self.left: Any = None  # the leaves to go on from
-        self.running: Any = None  # whether the lane must go on
-        self.steps: Any = None  # how many it has taken
-        self.calls = 0
-        self.refused = False  # whether one asked that cannot run in legs
-
-    def enter(self, start: Any) -> Any:
-        """Where this leg begins: at the start or where the last one ended."""
-        self.calls += 1
-        if self.carry is None:
-            return start
-        leaves, tree = jax.tree.flatten(start)
-        kept = zip(leaves, self.carry, strict=True)
-        return tree.unflatten([jnp.where(self.fresh, new, old) for new, old in kept])
-
-    def leave(self, carry: Any, running: Any, steps: Any) -> None:
-        """Keep where this leg ended."""
-        self.left = jax.tree.leaves(carry)
-        self.running, self.steps = running, steps
+        self.motions = False  # whether the point follows motions at all
 
 
-_CURRENT: ContextVar[Legs | None] = ContextVar("legs", default=None)
-
-
-def current_legs() -> Legs | None:
-    """The legs that a sweep has set, if any.
-
-    None, too, inside a transformation of the scene's own (`vmap`, `jvp`, `jit`): its
-    numbers cannot be handed from there to the next leg.
-    """
-    legs = _CURRENT.get()
-    if legs is None:
-        return None
-    if legs.trace != get_opaque_trace_state():
-        legs.refused = True
-        return None
-    return legs
+_CUTS: ContextVar[Cuts | None] = ContextVar("cuts", default=None)
 
 
 @contextmanager
-def in_legs(legs: Legs):
-    """Trace a scene with these legs."""
-    token = _CURRENT.set(legs)
+def may_cut(cuts: Cuts) -> Iterator[None]:
+    """Trace a point that may be cut."""
+    token = _CUTS.set(cuts)
     try:
-        yield legs
+        yield
     finally:
-        _CURRENT.reset(token)
+        _CUTS.reset(token)
+
+
+State = TypeVar("State")
+
+
+def resumable(
+    state: State,
+    advance: Callable[[State, Any], State],
+    status: Callable[[State], tuple[Any, Any]],
+) -> State | None:
+    """The last state of a loop that a sweep runs in chunks.
+
+    **Arguments:**
+
+    - `state`: the first one, a pytree of arrays.
+    - `advance`: the state at most so many steps later.
+    - `status`: whether a state is to be advanced further, and the steps so far.
+
+    **Returns:** the last state; None where no sweep may cut: outside of one, and inside
+    a transformation of the point's own (`vmap`, `jvp`, `jit`), whose numbers do not
+    outlast it. Then the caller has to run its loop.
+    """
+    cuts = _CUTS.get()
+    if cuts is None:
+        return None
+    cuts.motions = True
+    if cuts.trace != get_opaque_trace_state():
+        return None
+    leaves, tree = jax.tree.flatten(state)
+    leaves = [jnp.asarray(leaf) for leaf in leaves]
+
+    def body(max_steps: Any, *leaves: Any) -> tuple:
+        after = advance(tree.unflatten(leaves), max_steps)
+        pairs = zip(jax.tree.leaves(after), leaves, strict=True)
+        return *(jnp.asarray(new, old.dtype) for new, old in pairs), *status(after)
+
+    closed = jax.make_jaxpr(body)(np.int32(1), *leaves)
+    last = resumable_loop.bind(*closed.consts, *leaves, body=closed.jaxpr)
+    return tree.unflatten(last)
 
 
 Arguments = ParamSpec("Arguments")

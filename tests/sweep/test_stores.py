@@ -27,7 +27,7 @@ def test_a_stored_sweep_is_the_one_in_memory(path):
         assert set(plain.data_vars) == set(found.data_vars)
 
 
-def test_lanes_in_legs_and_their_outcomes_are_stored(path, tmp_path):
+def test_lanes_in_chunks_and_their_outcomes_are_stored(path, tmp_path):
     run = functools.partial(
         zj.sweep, settled, q=Q, mu=MU, where=lambda q, mu: q * mu < 0.5, batch_size=8,
         progress=False,

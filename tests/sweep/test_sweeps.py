@@ -13,7 +13,7 @@ from jax import lax
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
-from ziegler_jax.sweep import program, progress, scheduler
+from ziegler_jax.sweep import lanes, program, progress, scheduler
 
 # A small scene with a loop: lanes of very unlike length, and one batch of eight.
 
@@ -202,17 +202,17 @@ def test_a_point_alone_is_the_same_bit_for_bit(whole, at):
     assert same(sweep(q=Q[[i]], mu=MU[[j]]), whole.isel(q=[i], mu=[j]))
 
 
-@pytest.mark.parametrize("legs", [(3, 3, 3), (64, 1, 7), (10**6, 10**6, 10**6)])
-def test_the_length_of_legs_changes_no_bit(whole, monkeypatch, legs):
-    """Down to three steps a leg, up to all in one."""
-    for name, steps in zip(("FIRST", "SHORTEST", "LONGEST"), legs, strict=True):
-        monkeypatch.setattr(scheduler, f"{name}_LEG", steps)
+@pytest.mark.parametrize("chunks", [(3, 3, 3), (64, 1, 7), (10**6, 10**6, 10**6)])
+def test_the_length_of_chunks_changes_no_bit(whole, monkeypatch, chunks):
+    """Down to three steps a chunk, up to all in one."""
+    for name, steps in zip(("FIRST", "SHORTEST", "LONGEST"), chunks, strict=True):
+        monkeypatch.setattr(scheduler, f"{name}_CHUNK", steps)
     assert same(sweep(q=Q, mu=MU), whole)
 
 
 @pytest.mark.parametrize("alike, stragglers", [(0.0, 0.0), (0.0, 0.5), (2.0, 0.05)])
 def test_when_lanes_are_replaced_changes_no_bit(whole, monkeypatch, alike, stragglers):
-    """All at once, when half have ended, or each when its leg ends."""
+    """All at once, when half have ended, or each when its chunk ends."""
     monkeypatch.setattr(scheduler, "ALIKE", alike)
     monkeypatch.setattr(scheduler, "STRAGGLERS", stragglers)
     monkeypatch.setattr(scheduler, "LONGEST_RUN", 50)
@@ -221,10 +221,10 @@ def test_when_lanes_are_replaced_changes_no_bit(whole, monkeypatch, alike, strag
     assert 0 < found.attrs["useful_step_fraction"] <= 1
 
 
-def test_lanes_run_in_legs_at_all(whole):
-    """Else the tests above would say nothing of legs."""
-    assert program.traced(point, ("q", "mu"), True, 8).carry is not None
-    assert whole.steps.max() > 2 * scheduler.FIRST_LEG
+def test_lanes_run_in_chunks_at_all(whole):
+    """Else the tests above would say nothing of them."""
+    assert len(program.traced(point, ("q", "mu"), True, 8).stages) == 3
+    assert whole.steps.max() > 2 * scheduler.FIRST_CHUNK
 
 
 def direct(scene, **columns):
@@ -256,7 +256,7 @@ def test_lanes_that_fail_do_not_touch_the_others(whole):
     assert np.isnan(bad.joint_amplitude).all()
 
 
-# What cannot run in legs --------------------------------------------------------------
+# Several motions, and what cannot be cut ----------------------------------------------
 
 SHORT = {"transient": 5.0, "window": 5.0, "max_windows": 2, "rtol": 1e-4, "atol": 1e-4}
 
@@ -270,6 +270,15 @@ def two_settles(q):
     return {"first": knee(q, 0.1), "second": knee(q, 0.3)}
 
 
+def one_after_the_other(q):
+    """The second load, and whether it counts, hang on the first motion."""
+    first = knee(q, 0.1)
+    unread = knee(q, 0.2)
+    del unread
+    second = knee(q + first, 0.3)
+    return {"second": jnp.where(first > 0.01, second, first), "third": 2 * q}
+
+
 def under_vmap(q):
     return jax.vmap(lambda kick: knee(q, kick))(np.array([0.1, 0.3])).sum()
 
@@ -280,13 +289,14 @@ def with_jvp(q):
 
 
 @pytest.mark.parametrize(
-    "scene",
-    [two_settles, under_vmap, pytest.param(with_jvp, marks=pytest.mark.slow)],
-)
-def test_scenes_that_cannot_run_in_legs_agree_with_direct_calls(scene):
+    "scene, loops",
+    [(two_settles, 2), (one_after_the_other, 2), (under_vmap, 0),
+     pytest.param(with_jvp, 0, marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_several_motions_and_what_is_not_cut_agree_with_direct_calls(scene, loops):
     q = np.linspace(1.0, 3.0, 5)
     found = zj.sweep(scene, q=q, batch_size=4, progress=False)
-    assert program.traced(scene, ("q",), True, 4).carry is None
+    assert len(program.traced(scene, ("q",), True, 4).stages) == 2 * loops + 1
     expected = direct(scene, q=q)
     if not isinstance(expected, dict):
         expected = {"value": expected}
@@ -333,7 +343,7 @@ def test_left_out_points_are_nan_for_whole_and_complex_numbers():
     assert np.isnan(found.turned[0]) and found.turned[1] == 2j
 
 
-def test_useful_steps_are_not_invented_where_no_lane_runs_in_legs():
+def test_useful_steps_are_not_invented_where_no_loop_is_cut():
     found = zj.sweep(third, x=[1.0], progress=False)
     assert np.isnan(found.attrs["useful_step_fraction"])
 
@@ -342,16 +352,16 @@ def test_useful_steps_are_not_invented_where_no_lane_runs_in_legs():
 
 
 def test_some_batches_are_computed_twice_and_give_the_same_bits(monkeypatch):
-    monkeypatch.setattr(scheduler, "CANARY", 3)
+    monkeypatch.setattr(lanes, "CANARY", 3)
     found = sweep(q=Q, mu=MU)
     assert found.attrs["canary_checks"] > 0 == found.attrs["canary_mismatches"]
 
 
 def test_a_batch_that_gives_other_bits_the_second_time_is_told(monkeypatch):
     """As from a processor, or a compiled program, that is wrong now and then."""
-    monkeypatch.setattr(scheduler, "CANARY", 3)
-    monkeypatch.setattr(scheduler, "_CALLS", itertools.count(1))
-    run, calls = scheduler._Work._run, []
+    monkeypatch.setattr(lanes, "CANARY", 3)
+    monkeypatch.setattr(lanes, "_CALLS", itertools.count(1))
+    run, calls = lanes.Work._run, []
 
     def wrong_now_and_then(self, points, *arguments):
         found = run(self, points, *arguments)
@@ -360,20 +370,23 @@ def test_a_batch_that_gives_other_bits_the_second_time_is_told(monkeypatch):
             return found
         return jax.tree.map(lambda a: np.asarray(a) + 1, found)
 
-    monkeypatch.setattr(scheduler._Work, "_run", wrong_now_and_then)
+    monkeypatch.setattr(lanes.Work, "_run", wrong_now_and_then)
     with pytest.warns(UserWarning, match="1 of .* computed twice gave other numbers"):
         found = sweep(q=Q, mu=MU, threads=1)
     assert found.attrs["canary_mismatches"] == 1
 
 
 def test_a_lane_that_takes_no_step_is_told_by_name(monkeypatch):
-    run = scheduler._Work._run
+    run = lanes.Work._run
 
-    def stuck(self, points, quota, fresh, values, carried):
-        packed, left, running, steps = run(self, points, quota, fresh, values, carried)
-        at = np.asarray(values[0]) == Q[3]
-        return packed, left, np.asarray(running) | at, np.where(at, 0, steps)
+    def stuck(self, points, function, *arguments):
+        after = run(self, points, function, *arguments)
+        if len(arguments) < 3:
+            return after
+        state, running, steps = after
+        at = np.asarray(arguments[1][0][0]) == Q[3]
+        return state, np.asarray(running) | at, np.where(at, 0, steps)
 
-    monkeypatch.setattr(scheduler._Work, "_run", stuck)
+    monkeypatch.setattr(lanes.Work, "_run", stuck)
     with pytest.raises(RuntimeError, match="no step .* at 2.25 <= q <= 2.25"):
         sweep(q=Q, mu=MU, threads=1)

@@ -1,6 +1,7 @@
 """The one place where a motion is integrated: to its end, or to where its fold ends it.
 
-Every question about a motion is a fold over its steps. In a sweep motions run in legs.
+Every question about a motion is a fold over its steps. A motion can be paused between
+any two of them, as a sweep does.
 """
 
 from typing import Any, NamedTuple
@@ -8,7 +9,7 @@ from typing import Any, NamedTuple
 import diffrax as dfx
 import jax.numpy as jnp
 
-from ..context import current_legs
+from ..context import resumable
 from ..model.column import Column, vector_field
 from ..numerics.numbers import Scalar, Vector4
 from ..results import OUTCOME
@@ -28,7 +29,7 @@ FIRST_STEP = 0.01
 
 
 class Run(NamedTuple):
-    """Where a motion is: what a leg hands to the next."""
+    """Where a motion is: what a chunk of steps hands to the next."""
 
     solver: Any
     control: Any
@@ -113,10 +114,10 @@ class Motion:
             outcome=invalid.astype(jnp.int32),
         )
 
-    def advance(self, run: Run, quota: Any = None) -> Run:
-        """The motion after at most `quota` more steps; None: at its end."""
+    def advance(self, run: Run, max_steps: Any = None) -> Run:
+        """The motion after at most `max_steps` more steps; None: at its end."""
         left = self.method.max_steps - run.steps
-        left = left if quota is None else jnp.minimum(left, quota)
+        left = left if max_steps is None else jnp.minimum(left, max_steps)
         t = run.control.t
         solution = dfx.diffeqsolve(
             self.terms,
@@ -150,13 +151,10 @@ class Motion:
 
 
 def follow(motion: Motion) -> Run:
-    """The motion to its end; within a sweep, one leg of it."""
-    legs = current_legs()
-    if legs is None:
-        return motion.advance(motion.begin())
-    run = motion.advance(legs.enter(motion.begin()), legs.quota)
-    legs.leave(run, run.running, run.steps)
-    return run
+    """The motion to its end; a sweep follows it in chunks."""
+    first = motion.begin()
+    last = resumable(first, motion.advance, lambda run: (run.running, run.steps))
+    return motion.advance(first) if last is None else last
 
 
 def machine(column: Column, fold: AbstractFold, method: Method) -> Any:

@@ -1,8 +1,9 @@
 """Motions one after the other in one lane, where each is decided by those before.
 
 A search and a quasi-static sweep are such sequences. Every lane goes through its own at
-its own pace: in a sweep in legs, so that a lane is refilled when its sequence ends;
-else in a loop whose turns are legs, so that no motion waits for those of other lanes.
+its own pace: in a sweep in chunks of steps, so that a lane is refilled when its
+sequence ends; else in a loop whose turns are chunks, so that no motion waits for those
+of other lanes.
 """
 
 from collections.abc import Callable
@@ -12,11 +13,11 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..context import current_legs
+from ..context import resumable
 from .integrate import Motion, Run
 
-# The rest of a leg in which a motion ends is lost. A call costs about 10 steps.
-LONGEST_LEG = 256
+# The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
+LONGEST_CHUNK = 256
 
 
 class _Sequence(NamedTuple):
@@ -48,25 +49,22 @@ def in_turn(
     zero = jnp.zeros((), jnp.int32)
     first = _Sequence(state, motion(state).begin(), jnp.asarray(False), zero)
 
-    def leg(now: _Sequence, quota: Any) -> _Sequence:
+    def chunk(now: _Sequence, max_steps: Any) -> _Sequence:
         present = motion(now.state)
         run = _where(now.fresh, present.begin(), now.run)
         before = run.steps
-        run = present.advance(run, quota)
+        run = present.advance(run, jnp.minimum(max_steps, LONGEST_CHUNK))
         ended = ~run.running & running(now.state)
         state = _where(ended, heard(now.state, present, run), now.state)
         steps = now.steps + (run.steps - before).astype(jnp.int32)
         return _Sequence(state, run, ended & running(state), steps)
 
-    legs = current_legs()
-    if legs is not None:
-        now = leg(legs.enter(first), jnp.minimum(legs.quota, LONGEST_LEG))
-        legs.leave(now, running(now.state), now.steps)
-    else:
-        now = lax.while_loop(
-            lambda now: running(now.state), lambda now: leg(now, LONGEST_LEG), first
+    last = resumable(first, chunk, lambda now: (running(now.state), now.steps))
+    if last is None:
+        last = lax.while_loop(
+            lambda now: running(now.state), lambda now: chunk(now, LONGEST_CHUNK), first
         )
-    return now.state, now.steps
+    return last.state, last.steps
 
 
 def _where(flag: Any, new: Any, old: Any) -> Any:

@@ -3,7 +3,7 @@
 A block is a box of the grid, whole along the last axes, a run along one, and a single
 value along those in front: in C order its points follow each other. Lanes of several
 blocks run in one batch, and a block is handed over when its last point has ended; an
-open block thus has a point in some lane, and there are never more of them than lanes.
+open block thus has a point in some lane, and there are few more of them than lanes.
 """
 
 import hashlib
@@ -177,7 +177,7 @@ class Tally(NamedTuple):
 
     points: int
     seconds: float  # from its first point to its last; others ran meanwhile
-    steps: int  # of its lanes; 0 where they do not run in legs
+    steps: int  # of its lanes; 0 where they follow no motion
     outcomes: dict[str, int]
 
     @property

@@ -1,8 +1,8 @@
-"""What a sweep compiles: the scene, known by its lowered program, for a batch of lanes.
+"""What a sweep compiles: the scene, known by its lowered stages, for a batch of lanes.
 
 A scene is traced and lowered anew at each sweep, in a trace of its own: whatever it
-reads, an attribute of an object, a table, the environment, is read again. Its compiled
-program is kept by the text of the lowered one, so that a sweep of what has not changed
+reads, an attribute of an object, a table, the environment, is read again. A compiled
+stage is kept by the text of the lowered one, so that a sweep of what has not changed
 is not compiled again, and one of what has is never answered by the old program.
 """
 
@@ -12,7 +12,9 @@ import sysconfig
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,58 +23,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..context import Legs, in_legs, of_its_own, within
+from ..context import Cuts, may_cut, of_its_own, within
 from ..results import DIMENSIONS, Variable, empty, named_variables
 from ..runtime import compiles_whole_loops, held_interrupts, own_flags
-
-
-class Packing:
-    """Many small arrays a lane as one array a dtype: a call then has few arguments."""
-
-    def __init__(self, shapes: Sequence[Any]):
-        """Lay out leaves of these shapes and dtypes."""
-        self.shapes = [(tuple(s.shape), np.dtype(s.dtype)) for s in shapes]
-        self.dtypes = sorted({dtype for _, dtype in self.shapes}, key=str)
-        self.places = []  # which vector, and where in it
-        used = [0] * len(self.dtypes)
-        for shape, dtype in self.shapes:
-            which = self.dtypes.index(dtype)
-            first, used[which] = used[which], used[which] + int(np.prod(shape))
-            self.places.append((which, slice(first, used[which])))
-        self.used = used
-
-    def pack(self, leaves: Sequence[Any]) -> tuple[jax.Array, ...]:
-        """One vector a dtype."""
-        pairs = list(zip(leaves, self.shapes, strict=True))
-        return tuple(
-            jnp.concatenate([jnp.ravel(leaf) for leaf, (_, d) in pairs if d == dtype])
-            for dtype in self.dtypes
-        )
-
-    def unpack(self, packed: Sequence[Any]) -> list[Any]:
-        """The leaves again; lanes, if any, stand behind, and stay there."""
-        pairs = zip(self.shapes, self.places, strict=True)
-        return [
-            packed[which][place].reshape(shape + packed[which].shape[1:])
-            for (shape, _), (which, place) in pairs
-        ]
-
-    def zeros(self) -> tuple[jax.Array, ...]:
-        """What `pack` returns, with nothing in it."""
-        pairs = zip(self.used, self.dtypes, strict=True)
-        return tuple(jnp.zeros(used, dtype) for used, dtype in pairs)
-
-    def empty(self, lanes: int) -> tuple[np.ndarray, ...]:
-        """Zeros for a batch that has not started."""
-        pairs = zip(self.used, self.dtypes, strict=True)
-        return tuple(np.zeros((used, lanes), dtype) for used, dtype in pairs)
-
+from .stages import Packing, Stage, stages
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.
 BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 384
 BATCH_WITHOUT = 8192
-KEPT = 32  # compiled programs
+KEPT = 96  # compiled stages
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
 _NOT_THE_USERS = (
@@ -86,8 +46,22 @@ def is_the_users(file: str) -> bool:
     return not file.startswith(_NOT_THE_USERS)
 
 
+class LoweredStage(NamedTuple):
+    """A stage for a batch of lanes, not yet compiled."""
+
+    stage: Stage
+    run: Any  # the jitted function
+    lowered: Any
+    callbacks: tuple  # host functions, which the program's text does not show
+
+    @property
+    def digest(self) -> str:
+        """A hash of the program's text."""
+        return hashlib.sha256(self.lowered.as_text().encode()).hexdigest()
+
+
 class Scene(NamedTuple):
-    """A point, traced and lowered for a batch of lanes."""
+    """A point, traced, cut into stages, and lowered for a batch of lanes."""
 
     point: Callable
     names: tuple[str, ...]
@@ -96,13 +70,14 @@ class Scene(NamedTuple):
     attributes: dict[str, Any]
     coordinates: dict[str, Any]  # of the dimensions of results
     batch_size: int
-    results: Packing
-    carry: Packing | None  # between legs; None: the lanes do not run in legs
-    run: Any  # the batch, to be compiled
-    lowered: Any
-    digest: str  # of the lowered program's text
-    callbacks: tuple  # host functions, which the text does not show
+    stages: tuple[LoweredStage, ...]
+    digests: tuple[str, ...]  # of the stages
     seconds: float
+
+    @property
+    def digest(self) -> str:
+        """A hash of what will be compiled."""
+        return hashlib.sha256(" ".join(self.digests).encode()).hexdigest()
 
     @property
     def bytes_a_point(self) -> int:
@@ -112,14 +87,13 @@ class Scene(NamedTuple):
 
 
 class Program(NamedTuple):
-    """One batch of a scene, compiled."""
+    """A scene, compiled."""
 
-    run: Callable[..., Any]
+    stages: tuple[Stage, ...]  # whose functions run a batch
     results: Packing
-    carry: Packing | None
     batch_size: int
     wide: bool
-    compile_seconds: float  # 0 where it was kept from an earlier sweep
+    compile_seconds: float  # 0 where all was kept from an earlier sweep
 
 
 @held_interrupts()
@@ -136,11 +110,13 @@ def traced(
     context = of_its_own(narrow=not wide)
     described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
 
-    def leaves(values):
-        with within(context):
+    def leaves(*values):
+        cuts = Cuts()
+        with within(context), may_cut(cuts):
             result = point(**dict(zip(names, values, strict=True)))
             variables = named_variables(result)
             arrays = [jnp.asarray(v.value) for v in variables.values()]
+        described["follows_motions"] = cuts.motions
         described["attributes"] = getattr(result, "attributes", dict)()
         own = getattr(result, "coordinates", dict)()
         described["coordinates"] = {**DIMENSIONS, **own}
@@ -150,54 +126,60 @@ def traced(
         }
         return arrays
 
-    def find_legs(quota, fresh, values):
-        with in_legs(Legs(quota, fresh, None)) as legs:
-            found = leaves(values)
-        described["solves"] = legs.refused or legs.calls > 0
-        return found, (legs.left if legs.calls == 1 else None)
-
-    dtype = np.dtype(np.float64 if wide else np.float32)
-    scalar = jax.ShapeDtypeStruct((), dtype)
-    flag, count = jax.ShapeDtypeStruct((), bool), jax.ShapeDtypeStruct((), np.int32)
+    scalar = jax.ShapeDtypeStruct((), np.float64 if wide else np.float32)
     with own_flags(), jax.enable_x64(wide):
         try:
-            once = jax.jit(find_legs).trace(count, flag, [scalar] * len(names))
+            whole = jax.make_jaxpr(leaves)(*[scalar] * len(names))
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
+        follows = described.pop("follows_motions")
         usual = BATCH_OF_ONE_KERNEL if compiles_whole_loops() else BATCH_OF_MANY
-        size = batch_size or (usual if described["solves"] else BATCH_WITHOUT)
-        shapes, left = once.out_info
-        results, carry = Packing(shapes), None if left is None else Packing(left)
-        if carry is None:
-            run = _batched(lambda values: results.pack(leaves(values)), (0,))
-        else:
-            run = _in_legs(leaves, results, carry)
-        program = run.trace(*_nothing(size, dtype, len(names), carry))
-        lowered = program.lower()
+        size = batch_size or (usual if follows else BATCH_WITHOUT)
+        lowered = tuple(_lowered(stage, size) for stage in stages(whole))
     return Scene(
         point=point,
         names=names,
         wide=wide,
-        variables=described["variables"],
-        attributes=described["attributes"],
-        coordinates=described["coordinates"],
+        **described,
         batch_size=size,
-        results=results,
-        carry=carry,
-        run=run,
-        lowered=lowered,
-        digest=hashlib.sha256(lowered.as_text().encode()).hexdigest(),
-        callbacks=tuple(_callbacks(program.jaxpr.jaxpr)),
+        stages=lowered,
+        digests=tuple(stage.digest for stage in lowered),
         seconds=time.perf_counter() - started,
     )
 
 
-def _nothing(size: int, dtype: np.dtype, names: int, carry: Packing | None) -> tuple:
+def _lowered(stage: Stage, size: int) -> LoweredStage:
+    """The stage for a batch of lanes, which stand behind in all arrays."""
+    in_axes = (None, -1, -1) if stage.is_loop else (-1, -1)
+    batched = jax.vmap(stage.function, in_axes=in_axes, out_axes=-1)
+    if stage.is_loop and compiles_whole_loops():
+        batched = _one_kernel(batched)
+    options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
+    run = jax.jit(batched, compiler_options=options)
+    program = run.trace(*_nothing(stage, size))
+    callbacks = tuple(_callbacks(program.jaxpr.jaxpr))
+    return LoweredStage(stage, run, program.lower(), callbacks)
+
+
+def _one_kernel(batched: Callable) -> Callable:
+    """A loop of one turn: XLA makes all that is in it a single kernel."""
+
+    def run(max_steps, *rows):
+        lanes = rows[-1][0].shape[-1:]
+        nothing = rows[-1], jnp.zeros(lanes, bool), jnp.zeros(lanes, jnp.int32)
+        return lax.while_loop(
+            lambda turn: turn[0] > 0,  # the compiler cannot count this
+            lambda turn: (0 * turn[0], batched(turn[0], *rows)),
+            (max_steps, nothing),
+        )[1]
+
+    return run
+
+
+def _nothing(stage: Stage, size: int) -> tuple:
     """The arguments of a batch, for one step of no lane in particular."""
-    values = [np.ones(size, dtype)] * names
-    if carry is None:
-        return (values,)
-    return np.int32(1), np.ones(size, bool), values, carry.empty(size)
+    packed = stage.fixed.empty(size), stage.state.empty(size)
+    return (np.int32(1), *packed) if stage.is_loop else packed
 
 
 _UNTRACEABLE = (
@@ -243,59 +225,47 @@ def _callbacks(jaxpr: Any) -> Iterator[Any]:
                     yield from _callbacks(inner)
 
 
-_kept: OrderedDict[Any, Program] = OrderedDict()
+_kept: OrderedDict[Any, Callable] = OrderedDict()
 _kept_lock = threading.Lock()
 
 
 @held_interrupts()
 def compiled(scene: Scene) -> Program:
-    """The scene, compiled; kept by the text of its program."""
-    key = scene.digest, scene.callbacks, scene.wide
+    """The scene, compiled, stages beside each other; each kept by its text."""
+    started = time.perf_counter()
+    with ThreadPoolExecutor(len(scene.stages)) as pool:
+        runs = list(pool.map(_compiled, scene.stages, scene.digests, repeat(scene)))
+    seconds = time.perf_counter() - started
+    return Program(
+        stages=tuple(
+            lowered.stage._replace(function=run)
+            for (run, _), lowered in zip(runs, scene.stages, strict=True)
+        ),
+        results=Packing(v.value for v in scene.variables.values()),
+        batch_size=scene.batch_size,
+        wide=scene.wide,
+        compile_seconds=seconds if any(new for _, new in runs) else 0.0,
+    )
+
+
+def _compiled(
+    lowered: LoweredStage, digest: str, scene: Scene
+) -> tuple[Callable, bool]:
+    """The stage's program, and whether it was compiled just now."""
+    key = digest, lowered.callbacks, scene.wide
     with _kept_lock:
         if key in _kept:
             _kept.move_to_end(key)
-            return _kept[key]._replace(compile_seconds=0.0)
-    started = time.perf_counter()
-    size, dtype = scene.batch_size, np.dtype(np.float64 if scene.wide else np.float32)
+            return _kept[key], False
     with own_flags(), jax.enable_x64(scene.wide):
-        if scene.carry is None:
-            run = scene.lowered.compile()
-        else:  # a call of a jitted function costs half of its compiled form's
-            run = scene.run
-            run(*_nothing(size, dtype, len(scene.names), scene.carry))
-    seconds = time.perf_counter() - started
-    program = Program(run, scene.results, scene.carry, size, scene.wide, seconds)
+        if lowered.stage.is_loop:
+            # a call of a jitted function costs half of its compiled form's
+            run = lowered.run
+            run(*_nothing(lowered.stage, scene.batch_size))
+        else:
+            run = lowered.lowered.compile()
     with _kept_lock:
-        _kept[key] = program
+        _kept[key] = run
         while len(_kept) > KEPT:
             _kept.popitem(last=False)
-    return program
-
-
-def _in_legs(leaves: Callable, results: Packing, carry: Packing) -> Any:
-    """The program of a leg, for a batch."""
-
-    def leg(quota, fresh, values, carried):
-        with in_legs(Legs(quota, fresh, carry.unpack(carried))) as legs:
-            found = leaves(values)
-        left = carry.pack(legs.left)
-        return results.pack(found), left, legs.running, legs.steps
-
-    def one_kernel(quota, *arguments):
-        """A loop of one turn: XLA makes all that is in it a single kernel."""
-        flag, none = jnp.zeros((), bool), jnp.zeros((), jnp.int32)
-        nothing = results.zeros(), carry.zeros(), flag, none
-        return lax.while_loop(
-            lambda state: state[0] > 0,  # the compiler cannot count this
-            lambda state: (0 * state[0], leg(quota, *arguments)),
-            (quota, nothing),
-        )[1]
-
-    whole = compiles_whole_loops()
-    return _batched(one_kernel if whole else leg, (None, 0, 0, -1))
-
-
-def _batched(function: Callable, in_axes: tuple) -> Any:
-    options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
-    function = jax.vmap(function, in_axes=in_axes, out_axes=-1)
-    return jax.jit(function, compiler_options=options)
+    return run, True

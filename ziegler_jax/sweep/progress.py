@@ -16,8 +16,8 @@ class Progress:
 
     A line of the log is a JSON object: the block's `number`, the least and the largest
     value of each axis in `ranges`, `points`, `outcomes`, `seconds` from its first point
-    to its last (others ran meanwhile), and the `steps` of its lanes, 0 where they do
-    not run in legs. `steps / points` shows a region that is slow by itself.
+    to its last (others ran meanwhile), and the `steps` of its lanes, 0 where they
+    follow no motion in chunks. `steps / points` shows a region that is slow by itself.
     """
 
     def __init__(

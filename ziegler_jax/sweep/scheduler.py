@@ -1,31 +1,33 @@
-"""How many points run: compiled batches on threads, lanes refilled as they end."""
+"""How many points run: stages in compiled batches on threads.
 
-import itertools
-import threading
+A lane goes through the stages of its point in order and waits before each until a batch
+takes it. At a loop a batch runs a chunk of steps at a time; lanes that have ended make
+room for others. What waits further on is taken first, so that few lanes are open.
+"""
+
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
-from ..runtime import own_flags
+from .lanes import Lanes, Queue, Work
 from .program import Program
 
-# A leg costs its dispatch, and half a leg of idling per lane at its end: measured best
-# at about a sixth of a lane's steps.
-LEGS_A_LANE = 6
-SHORTEST_LEG, FIRST_LEG, LONGEST_LEG = 64, 128, 1024
-# Where neighbours cost alike, a leg is a lane's whole run: none idles for long, and
+# Chunk length trades dispatch cost against lanes that idle once they have ended: a
+# sixth of a lane's steps was fastest.
+CHUNKS_A_LANE = 6
+SHORTEST_CHUNK, FIRST_CHUNK, LONGEST_CHUNK = 64, 128, 1024
+# Where neighbours cost alike, a chunk is a lane's whole run: none idles for long, and
 # calls are few. A few stragglers go on beside the next lanes.
 ALIKE, STRAGGLERS, OVERDUE, LONGEST_RUN = 0.8, 0.05, 1.5, 16384
-# A lane makes no step in a leg where a motion of its sequence ends as it begins.
+# A lane makes no step in a chunk where a motion of its sequence ends as it begins.
 STALLED = 8
-# Every so many calls one is made twice: it costs 0.4 % and must give the same bits.
-CANARY = 256
-_CALLS = itertools.count(1)  # of this process: a cluster's blocks make a few each
+# A batch leaves its loop for a later one where so many batches of lanes wait, and one
+# with fewer lanes than this share for one where more wait.
+AHEAD, SPARSE = 4, 0.5
 
 
 class Effort(NamedTuple):
@@ -39,7 +41,7 @@ class Effort(NamedTuple):
 
     @property
     def useful_steps(self) -> float:
-        """The share of the lanes' own steps; NaN where they do not run in legs."""
+        """The share of the lanes' own steps; NaN where no loop was cut."""
         return self.own_steps / self.all_steps if self.all_steps else float("nan")
 
 
@@ -60,21 +62,19 @@ def run_lanes(
     - `put`: told by any thread of places, their results (lanes behind) and steps.
     - `on_batch`: told the number of finished points and the useful share.
     """
-    queue = _Queue(points)
-    work = _Work(program, axes, put)
-    runner = _run_whole if program.carry is None else _run_in_legs
+    work = Work(program, axes, Queue(points), put)
     started = time.perf_counter()
     pool = ThreadPoolExecutor(threads)
     try:
-        running = {pool.submit(runner, work, queue) for _ in range(threads)}
+        running = {pool.submit(_run, work) for _ in range(threads)}
         while running:
             ended, running = wait(running, 0.1, return_when=FIRST_COMPLETED)
             on_batch(work.finished_since(), work.useful())
             for future in ended:
                 future.result()
     finally:
-        # Ctrl-C and errors: a batch in flight ends its leg, nothing more is begun
-        queue.close()
+        # Ctrl-C and errors: a batch in flight ends its chunk, nothing more is begun
+        work.queue.close()
         pool.shutdown(wait=True)
     seconds = time.perf_counter() - started
     if work.mismatches:
@@ -92,161 +92,120 @@ def warn_of(mismatches: int, checks: int) -> None:
     )
 
 
-class _Queue:
-    """The points that wait, handed out in order to any thread."""
-
-    def __init__(self, source: Iterator[np.ndarray]):
-        self.source, self.closed = source, False
-        self.waiting = np.zeros(0, np.int64)
-        self.lock = threading.Lock()
-
-    def take(self, count: int) -> np.ndarray:
-        """So many points, fewer only at the end."""
-        taken = [np.zeros(0, np.int64)]
-        with self.lock:
-            while count and not self.closed:
-                if not self.waiting.size:
-                    self.waiting = next(self.source, taken[0])
-                part, self.waiting = self.waiting[:count], self.waiting[count:]
-                if not part.size:  # the end
-                    break
-                taken.append(part)
-                count -= part.size
-        return np.concatenate(taken)
-
-    def close(self) -> None:
-        with self.lock:
-            self.closed = True
+def _run(work: Work) -> None:
+    """A thread: batches at one loop after the other, until no lane is left."""
+    loops = range(1, len(work.stages), 2)
+    batch = None
+    while not work.queue.closed:
+        work.finish(work.size)
+        here = _chosen(work, loops, batch)
+        if here is None:
+            break
+        if batch is None or batch.loop != here:
+            if batch is not None:
+                work.give(batch.loop, batch.lanes(batch.busy))
+            batch = _Batch(work, here)
+        batch.refill()
+        if batch.busy.any():
+            batch.chunk()
+    if not work.queue.closed:
+        work.finish(1)
 
 
-class _Work:
-    """Where the points' numbers come from and where their results go."""
-
-    def __init__(self, program, axes, put):
-        self.program, self.put = program, put
-        self.names, self.axes = list(axes), list(axes.values())
-        self.shape = tuple(axis.size for axis in self.axes)
-        self.dtype = np.float64 if program.wide else np.float32
-        self.lock = threading.Lock()
-        self.finished = self.reported = 0
-        self.own_steps = self.all_steps = 0
-        self.checks = self.mismatches = 0
-
-    def values(self, points: np.ndarray) -> list[np.ndarray]:
-        places = np.unravel_index(points, self.shape)
-        pairs = zip(self.axes, places, strict=True)
-        return [axis[place].astype(self.dtype) for axis, place in pairs]
-
-    def call(self, points: np.ndarray, *arguments: Any) -> Any:
-        """Run the program and wait for it; now and then a second time, to compare."""
-        found = self._run(points, *arguments)
-        with self.lock:
-            check = next(_CALLS) % CANARY == 0
-        if check:
-            same = _same_bits(found, self._run(points, *arguments))
-            with self.lock:
-                self.checks += 1
-                self.mismatches += not same
-        return found
-
-    def _run(self, points: np.ndarray, *arguments: Any) -> Any:
-        """One call; what it raises says at which points."""
-        try:
-            with own_flags(), jax.enable_x64(self.program.wide):  # a thread's own
-                return jax.block_until_ready(self.program.run(*arguments))
-        except Exception as error:
-            error.add_note(f"In a batch of points with {self.spans(points)}.")
-            raise
-
-    def spans(self, points: np.ndarray) -> str:
-        """Where these points lie."""
-        pairs = zip(self.names, self.values(points), strict=True)
-        return ", ".join(f"{v.min():.17g} <= {n} <= {v.max():.17g}" for n, v in pairs)
-
-    def store(
-        self, points: np.ndarray, lanes: Any, packed: Any, steps: np.ndarray, ran: int
-    ) -> None:
-        """Hand over the results of `lanes` and count: their own steps, all that ran."""
-        if points.size:
-            found = self.program.results.unpack([np.asarray(p) for p in packed])
-            self.put(points, [result[..., lanes] for result in found], steps)
-        with self.lock:
-            self.finished += points.size
-            self.own_steps += int(steps.sum())
-            self.all_steps += ran
-
-    def useful(self) -> float:
-        return self.own_steps / self.all_steps if self.all_steps else float("nan")
-
-    def finished_since(self) -> int:
-        with self.lock:
-            since = self.finished - self.reported
-            self.reported = self.finished
-            return since
+def _chosen(work: Work, loops: range, batch: "_Batch | None") -> int | None:
+    """At which loop a thread goes on."""
+    ready = {loop: work.ready(loop) for loop in loops}
+    if batch is None:
+        full = [loop for loop in loops if ready[loop] >= work.size]
+        most = max(loops, key=lambda loop: ready[loop], default=None)
+        return max(full) if full else most if most and ready[most] else None
+    ahead = [j for j in loops if j > batch.loop and ready[j] >= AHEAD * work.size]
+    if ahead:
+        return max(ahead)
+    busy = np.count_nonzero(batch.busy)
+    if busy + ready[batch.loop] < SPARSE * work.size:
+        others = [loop for loop in loops if loop != batch.loop]
+        most = max(others, key=lambda loop: ready[loop], default=batch.loop)
+        if most != batch.loop and ready[most] > busy + ready[batch.loop]:
+            return most
+    return batch.loop if busy + ready[batch.loop] else None
 
 
-def _run_whole(work: _Work, queue: _Queue) -> None:
-    """Batches of lanes that each run to their end."""
-    size = work.program.batch_size
-    while (points := queue.take(size)).size:
-        # the last batch is padded with real lanes: another size would be compiled again
-        packed = work.call(points, work.values(np.resize(points, size)))
-        work.store(points, slice(0, points.size), packed, np.zeros_like(points), 0)
+class _Batch:
+    """Lanes at a loop, each in its place until it has ended."""
 
+    def __init__(self, work: Work, loop: int):
+        """No lane yet."""
+        self.work, self.loop, self.stage = work, loop, work.stages[loop]
+        size = work.size
+        self.busy, self.wants = np.zeros(size, bool), True
+        self.points, self.total = np.zeros((2, size), np.int64)
+        self.steps, self.stalled = np.zeros((2, size), np.int64)
+        self.fixed: tuple = self.stage.fixed.empty(size)
+        self.state: tuple = self.stage.state.empty(size)
+        self.max_steps = FIRST_CHUNK
 
-def _run_in_legs(work: _Work, queue: _Queue) -> None:
-    """One batch whose lanes are refilled from the queue after each leg."""
-    size = work.program.batch_size
-    points = queue.take(size)
-    if not points.size:
-        return
-    busy = np.arange(size) < points.size
-    points = np.resize(points, size)  # idle places repeat real lanes
-    values = work.values(points)
-    fresh = np.ones(size, bool)
-    carried: Any = work.program.carry.empty(size)
-    before, stalled = np.zeros(size, np.int64), np.zeros(size, np.int64)
-    recent = np.zeros(0, np.int64)  # the steps of the last lanes that ended
-    quota = FIRST_LEG
-    while busy.any():
-        packed, carried, running, steps = work.call(
-            points[busy], np.int32(quota), fresh, values, carried
-        )
-        steps, running = np.asarray(steps), np.asarray(running)
-        ran = int((steps - before).max(where=busy, initial=0)) * size
-        stalled = np.where(busy & running & (steps == before), stalled + 1, 0)
-        if stalled.max() >= STALLED:
-            lane = stalled.argmax()
+    def lanes(self, chosen: np.ndarray) -> Lanes:
+        """These lanes as they are."""
+        places = np.flatnonzero(chosen)
+        rows = (*self.fixed, *(np.asarray(row) for row in self.state))
+        return Lanes(self.points, self.total, self.steps, rows).at(places)
+
+    def refill(self) -> None:
+        """New lanes in idle places, if it is time for them."""
+        if not self.wants:
+            return
+        idle = np.flatnonzero(~self.busy)
+        new = self.work.supply(self.loop, idle.size) if idle.size else None
+        if new is None:
+            return
+        first, count = not self.busy.any(), new.points.size
+        # places that stay idle repeat a new lane if they have never had one
+        places = idle if first else idle[:count]
+        new_rows = new.at(np.resize(np.arange(count), places.size))
+        self.state = tuple(np.array(row) for row in self.state)
+        for row, entered in zip((*self.fixed, *self.state), new_rows.rows, strict=True):
+            row[:, places] = entered
+        self.points[places] = new_rows.points
+        self.total[places], self.steps[places] = new_rows.steps, new_rows.here
+        self.stalled[places] = 0
+        self.busy[idle[:count]] = True
+        typical, slow, alike = self._costs(self.work.recent[self.loop])
+        fair = int(np.clip(typical // CHUNKS_A_LANE, SHORTEST_CHUNK, LONGEST_CHUNK))
+        if slow:
+            self.max_steps = min(slow, LONGEST_RUN) if alike else fair
+
+    def chunk(self) -> None:
+        """At most `max_steps` of every lane; those that have ended go on."""
+        arguments = np.int32(self.max_steps), self.fixed, self.state
+        called = self.points[self.busy], self.stage.function
+        self.state, running, steps = self.work.call(*called, *arguments)
+        running, steps = np.asarray(running), np.asarray(steps).astype(np.int64)
+        taken = np.where(self.busy, steps - self.steps, 0)
+        self.stalled = np.where(self.busy & running & (taken == 0), self.stalled + 1, 0)
+        if self.stalled.max() >= STALLED:
+            lane = self.stalled.argmax()
             raise RuntimeError(
                 "A lane takes no step and comes to no end, after "
-                f"{steps[lane]} steps at {work.spans(points[[lane]])}."
+                f"{steps[lane]} steps at {self.work.spans(self.points[[lane]])}."
             )
-        before, fresh = steps.copy(), np.zeros(size, bool)
-        lanes = np.flatnonzero(busy & ~running)
-        work.store(points[lanes], lanes, packed, steps[lanes], ran)
-        if queue.closed:
-            return
-        busy &= running
-        recent = np.concatenate([recent, steps[lanes]])[-size:]
+        self.steps = steps
+        self.total += taken
+        ended = self.busy & ~running
+        self.busy = self.busy & running
+        recent = self.work.ran(self.loop, steps[ended], int(taken.max()) * ended.size)
+        self.work.give(self.loop + 1, self.lanes(ended))
+        _, slow, alike = self._costs(recent)
+        mates = np.count_nonzero(self.busy & (steps < OVERDUE * slow))
+        self.wants = not (alike and mates > STRAGGLERS * ended.size)
+        if not self.wants:
+            self.max_steps = int(np.clip(slow // 16, SHORTEST_CHUNK, LONGEST_CHUNK))
+
+    def _costs(self, recent: np.ndarray) -> tuple[int, int, bool]:
+        """The steps of a usual lane, of the slowest, and whether these are alike."""
         typical, slow = _cost(recent)
-        alike = 2 * recent.size >= size and typical > ALIKE * slow
-        mates = busy & (steps < OVERDUE * slow)
-        if alike and np.count_nonzero(mates) > STRAGGLERS * size:
-            quota = int(np.clip(slow // 16, SHORTEST_LEG, LONGEST_LEG))
-            continue
-        idle = np.flatnonzero(~busy)
-        new = queue.take(idle.size)
-        if new.size:
-            place = idle[: new.size]
-            points[place], busy[place], fresh[place], before[place] = new, True, True, 0
-            values = work.values(points)
-            fair = np.clip(typical // LEGS_A_LANE, SHORTEST_LEG, LONGEST_LEG)
-            quota = min(slow, LONGEST_RUN) if alike else fair
-
-
-def _same_bits(one: Any, other: Any) -> bool:
-    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
-    return all(np.asarray(a).tobytes() == np.asarray(b).tobytes() for a, b in pairs)
+        enough = 2 * recent.size >= self.busy.size
+        return typical, slow, enough and typical > ALIKE * slow
 
 
 def _cost(steps: np.ndarray) -> tuple[int, int]:

@@ -58,10 +58,11 @@ def sweep(
         dict of scalars, or a result of the library, which knows its dimensions and
         units. It is traced anew at each sweep, so that whatever it reads is read
         again, but compiled only if that changed its program. (A function that you give
-        to `jax.jit` yourself and call on plain numbers is JAX's to remember.) Where it
-        follows one motion (`settle`, `trajectory`, `verdict`, ...), lanes run in legs
-        and are refilled as they end; whatever else it computes is then computed anew in
-        each leg.
+        to `jax.jit` yourself and call on plain numbers is JAX's to remember.) The
+        motions that it follows one after the other (`settle`, `periodic_orbit`,
+        `verdict`, ...) run in chunks of steps, each in batches of its own, in which a
+        lane makes room for the next one as soon as its motion has ended. Motions
+        inside a transformation of your own (`vmap`, `jvp`, `jit`) run whole.
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
@@ -101,7 +102,7 @@ def sweep(
     or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
     hold versions, precision, the scene's source with the numbers that it takes from
     around it, and what this run cost: seconds, the share of useful steps (NaN where
-    lanes do not run in legs), and how many of the batches that were computed a second
+    no motion runs in chunks), and how many of the batches that were computed a second
     time, one of 256, gave other bits (`canary_mismatches`, of `canary_checks`; it warns
     where there are any). With `store`, its arrays stay on the disk until they are
     looked at.

@@ -1,0 +1,233 @@
+"""Lanes between the stages of a point, and the calls that lead them on."""
+
+import itertools
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ..runtime import own_flags
+from .stages import Stage
+
+# Every so many calls one is made twice: it costs 0.4 % and must give the same bits.
+CANARY = 256
+_CALLS = itertools.count(1)  # of this process: a cluster's blocks make a few each
+
+
+class Queue:
+    """The points that wait, handed out in order to any thread."""
+
+    def __init__(self, source: Iterator[np.ndarray]):
+        """`source` gives some points at a time."""
+        self.source, self.closed = source, False
+        self.waiting = np.zeros(0, np.int64)
+        self.lock = threading.Lock()
+
+    def take(self, count: int) -> np.ndarray:
+        """So many points, fewer only at the end."""
+        taken = [np.zeros(0, np.int64)]
+        with self.lock:
+            while count and not self.closed:
+                self._fill()
+                part, self.waiting = self.waiting[:count], self.waiting[count:]
+                if not part.size:  # the end
+                    break
+                taken.append(part)
+                count -= part.size
+        return np.concatenate(taken)
+
+    def ready(self) -> int:
+        """How many points are known to wait: 0 only at the end."""
+        with self.lock:
+            self._fill()
+            return 0 if self.closed else self.waiting.size
+
+    def _fill(self) -> None:
+        if not self.waiting.size and not self.closed:
+            self.waiting = next(self.source, self.waiting)
+
+    def close(self) -> None:
+        """Hand out no more."""
+        with self.lock:
+            self.closed = True
+
+
+class Lanes(NamedTuple):
+    """Lanes between two stages; they stand behind in `rows`."""
+
+    points: np.ndarray  # places in the grid
+    steps: np.ndarray  # so far
+    here: np.ndarray  # of them in the present loop
+    rows: tuple[np.ndarray, ...]  # the next stage's fixed and state arrays
+
+    def at(self, lanes: Any) -> "Lanes":
+        """These of the lanes."""
+        rows = tuple(row[:, lanes] for row in self.rows)
+        return Lanes(self.points[lanes], self.steps[lanes], self.here[lanes], rows)
+
+
+def _joined(parts: list[Lanes]) -> Lanes:
+    if len(parts) == 1:
+        return parts[0]
+    *counts, rows = zip(*parts, strict=True)
+    rows = tuple(np.concatenate(r, axis=-1) for r in zip(*rows, strict=True))
+    points, steps, here = map(np.concatenate, counts)
+    return Lanes(points, steps, here, rows)
+
+
+class Work:
+    """The stages, the lanes that wait before each, and where results go."""
+
+    def __init__(self, program, axes, queue, put):
+        """Nothing has begun; `put` is told of results."""
+        self.program, self.queue, self.put = program, queue, put
+        self.stages, self.size = program.stages, program.batch_size
+        self.names, self.axes = list(axes), list(axes.values())
+        self.shape = tuple(axis.size for axis in self.axes)
+        self.dtype = np.float64 if program.wide else np.float32
+        self.lock = threading.Lock()
+        self.waiting: list[list[Lanes]] = [[] for _ in self.stages]
+        # the steps of the last lanes that ended at a loop
+        self.recent = [np.zeros(0, np.int64) for _ in self.stages]
+        self.finished = self.reported = 0
+        self.own_steps = self.all_steps = 0
+        self.checks = self.mismatches = 0
+
+    # Lanes between stages -------------------------------------------------------------
+
+    def give(self, number: int, lanes: Lanes) -> None:
+        """Let lanes wait before a stage."""
+        if lanes.points.size:
+            with self.lock:
+                self.waiting[number].append(lanes)
+
+    def take(self, number: int, count: int) -> Lanes | None:
+        """At most so many of the lanes that wait before a stage; None if none does."""
+        if number == 0:
+            points = self.queue.take(count)
+            rows = (np.stack(self.values(points)),)
+            none = np.zeros_like(points)
+            lanes = Lanes(points, none, none, rows)
+            return lanes if points.size else None
+        with self.lock:
+            if not self.waiting[number]:
+                return None
+            lanes = _joined(self.waiting[number])
+            rest = lanes.at(slice(count, None))
+            self.waiting[number] = [rest] if rest.points.size else []
+        return lanes.at(slice(count))
+
+    def count(self, number: int) -> int:
+        """How many lanes wait before a stage."""
+        if number == 0:
+            return self.queue.ready()
+        with self.lock:
+            return sum(lanes.points.size for lanes in self.waiting[number])
+
+    def ready(self, loop: int) -> int:
+        """How many lanes could begin a loop."""
+        return self.count(loop) + self.count(loop - 1)
+
+    def supply(self, loop: int, count: int) -> Lanes | None:
+        """At most so many lanes to begin a loop, led there if they are not yet."""
+        while self.count(loop) < count and self.segment(loop - 1):
+            pass
+        return self.take(loop, count)
+
+    def segment(self, number: int) -> bool:
+        """Lead a batch through a segment; False if no lane waits."""
+        lanes = self.take(number, self.size)
+        if lanes is None:
+            return False
+        count = lanes.points.size
+        # padded with real lanes: another size would be compiled again
+        padded = lanes.at(np.resize(np.arange(count), self.size)).rows
+        stage = self.stages[number]
+        fixed, state = split(stage, padded)
+        after = self.call(lanes.points, stage.function, fixed, state)
+        if number + 1 < len(self.stages):
+            rows = tuple(np.asarray(row)[:, :count] for part in after for row in part)
+            here = np.zeros_like(lanes.here)
+            self.give(number + 1, lanes._replace(here=here, rows=rows))
+            return True
+        results = self.program.results.unpack([np.asarray(part) for part in after])
+        self.put(lanes.points, [r[..., :count] for r in results], lanes.steps)
+        with self.lock:
+            self.finished += count
+            self.own_steps += int(lanes.steps.sum())
+        return True
+
+    def finish(self, least: int) -> None:
+        """Hand over results as long as at least so many lanes have them."""
+        last = len(self.stages) - 1
+        while self.count(last) >= least and self.segment(last):
+            if self.queue.closed:
+                return
+
+    # Calls ----------------------------------------------------------------------------
+
+    def values(self, points: np.ndarray) -> list[np.ndarray]:
+        """The values of the axes at these points."""
+        places = np.unravel_index(points, self.shape)
+        pairs = zip(self.axes, places, strict=True)
+        return [axis[place].astype(self.dtype) for axis, place in pairs]
+
+    def call(self, points: np.ndarray, function: Callable, *arguments: Any) -> Any:
+        """Run a program and wait for it; now and then a second time, to compare."""
+        after = self._run(points, function, *arguments)
+        with self.lock:
+            check = next(_CALLS) % CANARY == 0
+        if check:
+            same = _same_bits(after, self._run(points, function, *arguments))
+            with self.lock:
+                self.checks += 1
+                self.mismatches += not same
+        return after
+
+    def _run(self, points: np.ndarray, function: Callable, *arguments: Any) -> Any:
+        """One call; what it raises says at which points."""
+        try:
+            with own_flags(), jax.enable_x64(self.program.wide):  # a thread's own
+                return jax.block_until_ready(function(*arguments))
+        except Exception as error:
+            error.add_note(f"In a batch of points with {self.spans(points)}.")
+            raise
+
+    def spans(self, points: np.ndarray) -> str:
+        """Where these points lie."""
+        pairs = zip(self.names, self.values(points), strict=True)
+        return ", ".join(f"{v.min():.17g} <= {n} <= {v.max():.17g}" for n, v in pairs)
+
+    # Counts ---------------------------------------------------------------------------
+
+    def ran(self, loop: int, steps: np.ndarray, ran: int) -> np.ndarray:
+        """Count the steps that a batch ran; the steps of lanes that ended lately."""
+        with self.lock:
+            self.all_steps += ran
+            recent = np.concatenate([self.recent[loop], steps])
+            self.recent[loop] = recent[-self.size :]
+            return self.recent[loop]
+
+    def useful(self) -> float:
+        """The share of steps that belong to lanes which have ended."""
+        return self.own_steps / self.all_steps if self.all_steps else float("nan")
+
+    def finished_since(self) -> int:
+        """How many points have results since it was last asked."""
+        with self.lock:
+            since = self.finished - self.reported
+            self.reported = self.finished
+            return since
+
+
+def split(stage: Stage, rows: Any) -> tuple[tuple, tuple]:
+    """A stage's fixed arrays and its state."""
+    count = len(stage.fixed.used)
+    return tuple(rows[:count]), tuple(rows[count:])
+
+
+def _same_bits(one: Any, other: Any) -> bool:
+    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    return all(np.asarray(a).tobytes() == np.asarray(b).tobytes() for a, b in pairs)

@@ -1,0 +1,200 @@
+"""A point's program, cut at its resumable loops into stages.
+
+Between loops a point computes straight on: a segment. A point with K loops has 2 K + 1
+stages: segment, loop, segment, ..., loop, segment. A lane goes through them in order,
+and what it takes along from one to the next is a row of numbers: at a loop its state,
+and besides what the loop or a later stage reads. What depends on no value of the lane
+is not taken along but computed in each stage that reads it.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import (
+    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
+    Jaxpr,
+    JaxprEqn,
+    Literal,
+    Var,
+    jaxpr_as_fun,
+)
+
+from ..context import resumable_loop
+
+
+class Packing:
+    """Many small arrays a lane as one array a dtype: a call then has few arguments."""
+
+    def __init__(self, shapes: Iterable[Any]):
+        """Lay out leaves of these shapes and dtypes."""
+        self.shapes = [(tuple(s.shape), np.dtype(s.dtype)) for s in shapes]
+        self.dtypes = sorted({dtype for _, dtype in self.shapes}, key=str)
+        self.places = []  # which vector, and where in it
+        used = [0] * len(self.dtypes)
+        for shape, dtype in self.shapes:
+            which = self.dtypes.index(dtype)
+            first, used[which] = used[which], used[which] + int(np.prod(shape))
+            self.places.append((which, slice(first, used[which])))
+        self.used = used
+
+    def pack(self, leaves: Sequence[Any]) -> tuple[jax.Array, ...]:
+        """One vector a dtype."""
+        pairs = list(zip(leaves, self.shapes, strict=True))
+        return tuple(
+            jnp.concatenate([jnp.ravel(leaf) for leaf, (_, d) in pairs if d == dtype])
+            for dtype in self.dtypes
+        )
+
+    def unpack(self, packed: Sequence[Any]) -> list[Any]:
+        """The leaves again; lanes, if any, stand behind, and stay there."""
+        pairs = zip(self.shapes, self.places, strict=True)
+        return [
+            packed[which][place].reshape(shape + packed[which].shape[1:])
+            for (shape, _), (which, place) in pairs
+        ]
+
+    def empty(self, lanes: int) -> tuple[np.ndarray, ...]:
+        """Zeros for so many lanes."""
+        pairs = zip(self.used, self.dtypes, strict=True)
+        return tuple(np.zeros((used, lanes), dtype) for used, dtype in pairs)
+
+
+class Stage(NamedTuple):
+    """A part of a point as a function of one lane.
+
+    A segment maps (fixed, state) to the next stage's (fixed, state), the last one to
+    the results; a loop maps (max_steps, fixed, state) to (state, running, steps). All
+    are tuples of packed arrays.
+    """
+
+    function: Callable[..., Any]
+    fixed: Packing
+    state: Packing
+    is_loop: bool
+
+
+def stages(whole: ClosedJaxpr) -> list[Stage]:
+    """The stages of a traced point, each with the layout of what goes into it."""
+    jaxpr = whole.jaxpr.replace(eqns=_needed(whole.jaxpr.eqns, whole.jaxpr.outvars))
+    cuts = [i for i, e in enumerate(jaxpr.eqns) if e.primitive is resumable_loop]
+    loops = [jaxpr.eqns[i] for i in cuts]
+    varies = _varying(jaxpr)
+    reads = _read_after(jaxpr, [*cuts, len(jaxpr.eqns)], varies)
+    parts = []
+    fixed, state = list(jaxpr.invars), []
+    for i, cut in enumerate([*cuts, len(jaxpr.eqns)]):
+        begin = cuts[i - 1] + 1 if i else 0
+        free = [e for e in jaxpr.eqns[:begin] if not _any_of(e.outvars, varies)]
+        own = [*free, *jaxpr.eqns[begin:cut]]
+        ends = i == len(cuts)
+        constants, after, begun = [], [], list(jaxpr.outvars)
+        if ends:
+            pass
+        else:
+            constants, begun = _operands(loops[i])
+            later = [v for v in _variables(constants) if v in varies]
+            after = list(dict.fromkeys([*later, *reads[i]]))
+        segment = _function(whole, own, [*fixed, *state], [*after, *begun])
+        layouts = Packing(_avals(fixed)), Packing(_avals(state))
+        results = Packing(_avals(after)), Packing(_avals(begun))
+        parts.append(Stage(_segment(segment, layouts, results, ends), *layouts, False))
+        if not ends:
+            free = [e for e in jaxpr.eqns[:cut] if not _any_of(e.outvars, varies)]
+            constants = _function(whole, free, after, constants)
+            parts.append(Stage(_loop(loops[i], constants, results), *results, True))
+            fixed, state = after, list(loops[i].outvars)
+    return parts
+
+
+def _segment(function, layouts, results, ends):
+    fixed, state = layouts
+
+    def segment(packed, begun):
+        leaves = function(*fixed.unpack(packed), *state.unpack(begun))
+        count = len(results[0].shapes)
+        after = results[1].pack(leaves[count:])
+        return after if ends else (results[0].pack(leaves[:count]), after)
+
+    return segment
+
+
+def _loop(equation, constants, layouts):
+    fixed, state = layouts
+    body = equation.params["body"]
+
+    def loop(max_steps, packed, begun):
+        closed = ClosedJaxpr(body, constants(*fixed.unpack(packed)))
+        *leaves, running, steps = jaxpr_as_fun(closed)(max_steps, *state.unpack(begun))
+        return state.pack(leaves), running, steps
+
+    return loop
+
+
+def _function(whole, equations, inputs, outputs):
+    """The outputs as a function of the inputs, by those equations that they need."""
+    equations = _needed(equations, outputs)
+    read = {v for e in equations for v in _variables(e.invars)} | {*_variables(outputs)}
+    pairs = zip(whole.jaxpr.constvars, whole.consts, strict=True)
+    constants = [(v, value) for v, value in pairs if v in read]
+    jaxpr = whole.jaxpr.replace(
+        constvars=[v for v, _ in constants],
+        invars=inputs,
+        outvars=outputs,
+        eqns=equations,
+        debug_info=whole.jaxpr.debug_info.with_unknown_names(),
+    )
+    return jaxpr_as_fun(ClosedJaxpr(jaxpr, [value for _, value in constants]))
+
+
+def _needed(equations: list[JaxprEqn], outputs: list) -> list[JaxprEqn]:
+    """Those that the outputs need, in their order."""
+    read, needed = set(_variables(outputs)), []
+    for equation in reversed(equations):
+        if _any_of(equation.outvars, read) or equation.effects:
+            needed.append(equation)
+            read.update(_variables(equation.invars))
+    return needed[::-1]
+
+
+def _varying(jaxpr: Jaxpr) -> set[Var]:
+    """The variables that depend on the lane; of a loop all, it ends lane by lane."""
+    varies = set(jaxpr.invars)
+    for equation in jaxpr.eqns:
+        read = _variables(equation.invars)
+        if equation.primitive is resumable_loop or _any_of(read, varies):
+            varies.update(equation.outvars)
+    return varies
+
+
+def _read_after(jaxpr: Jaxpr, cuts: list[int], varies: set[Var]) -> list[list[Var]]:
+    """For each loop: what varies, was computed before it, and is read behind it."""
+    places = {v: -1 for v in jaxpr.invars}
+    for i, equation in enumerate(jaxpr.eqns):
+        places.update((v, i) for v in equation.outvars)
+    lists = []
+    for cut in cuts[:-1]:
+        behind = [*(v for e in jaxpr.eqns[cut + 1 :] for v in e.invars), *jaxpr.outvars]
+        behind = dict.fromkeys(v for v in _variables(behind) if v in varies)
+        lists.append([v for v in behind if places[v] < cut])
+    return lists
+
+
+def _operands(loop: JaxprEqn) -> tuple[list, list]:
+    """What a loop's body reads besides its state, and the state's first values."""
+    count = len(loop.params["body"].constvars)
+    return list(loop.invars[:count]), list(loop.invars[count:])
+
+
+def _variables(operands) -> list[Var]:
+    return [v for v in operands if not isinstance(v, Literal)]
+
+
+def _any_of(variables, among) -> bool:
+    return any(v in among for v in variables)
+
+
+def _avals(variables):
+    return [v.aval for v in variables]
