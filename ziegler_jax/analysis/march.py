@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ..context import resumable
 from ..model.column import State
 from ..motion.scene import check_maker, check_scene, float_state, made, whole_number
 from ..numerics.numbers import is_concrete, keeps, number
@@ -15,7 +16,7 @@ from ..results import ORBIT, SPECIAL
 from ..solvers import Explicit
 from .implicit import fixed
 from .periodic_orbit import approximation, method_for, settings_of
-from .shooting import Shot, blank_shot, newton, shoot, solve
+from .shooting import Shot, blank_shot, newton, shot_motion, shot_of, solve
 
 SMALLEST_STEP = 1e-6  # on the arc
 STRAIGHT = 0.9  # the cosine of the largest turn between two points
@@ -116,15 +117,19 @@ class Road:
         steps are left.
         """
 
-        def function(x, left):
+        def motion(x, left):
             z, share = x * self.scale, self.method._replace(max_steps=left)
-            shot = shoot(lambda p: self.make(p[0]), z[4:], self.section, z[:4], share)
+            make = lambda p: self.make(p[0])  # noqa: E731
+            return shot_motion(make, z[4:], self.section, z[:4], share)
+
+        def equations(x, flow):
+            shot = shot_of(self.section, (x * self.scale)[:4], flow)
             matrix = _matrix(shot) * self.scale[None]
             r = jnp.concatenate([shot.residual, (row @ (x - x0))[None]])
             return r, jnp.concatenate([matrix, row[None]]), shot
 
         blank = blank_shot(1, x0.dtype)
-        found = newton(function, x0, blank, NEWTON_STEPS, left)
+        found = newton(motion, equations, x0, blank, NEWTON_STEPS, left)
         shot = found.shot
         matrix = _matrix(shot)
         whole = jnp.concatenate([matrix * self.scale[None], row[None]])
@@ -254,7 +259,13 @@ class Road:
                 left=left,
             )
 
-        end = lax.while_loop(goes_on, attempt, begin)
+        def some(now: March, max_steps: Any) -> March:
+            least = now.left - max_steps
+            return lax.while_loop(lambda m: goes_on(m) & (m.left > least), attempt, now)
+
+        end = resumable(begin, some, lambda m: (goes_on(m), self.left - m.left))
+        if end is None:
+            end = lax.while_loop(goes_on, attempt, begin)
         spent = jnp.where(end.left > 0, ORBIT.not_converged, ORBIT.not_integrated)
         unended = end.outcome == ORBIT.not_computed
         outcome = jnp.where(unended, spent, end.outcome).astype(jnp.int32)

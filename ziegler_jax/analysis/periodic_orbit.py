@@ -44,8 +44,10 @@ from .shooting import (
     closing,
     first_return,
     newton,
-    shoot,
+    shot_motion,
+    shot_of,
     solve,
+    start_of,
 )
 
 AT_REST = 1e-8  # a motion that starts no faster is none
@@ -161,17 +163,19 @@ def periodic_orbit(
     first = approximation(still, start, period, section, loops, patience, method)
     at = first.section
 
-    def close(z, left):
+    def shot(z, left):
         share = method._replace(max_steps=left)
-        shot = shoot(lambda p: still, jnp.zeros(0, z.dtype), at, z, share, False)
+        return shot_motion(lambda p: still, jnp.zeros(0, z.dtype), at, z, share, False)
+
+    def equations(z, flow):
+        shot = shot_of(at, z, flow)
         return shot.residual, shot.jacobian, shot
 
     iterations = whole_number("max_iterations", max_iterations)
     blank = blank_shot(0, first.z.dtype)
-    found = newton(close, first.z, blank, iterations, first.left)
-    z, shot = found.z, found.shot
-    seen = shot.flow
-    y0 = jnp.concatenate([at[None], z[:3]])
+    found = newton(shot, equations, first.z, blank, iterations, first.left)
+    z, seen = found.z, found.shot.flow
+    y0 = start_of(at, z)
     # the last shot was from just before the last step of Newton's
     extent = seen.extent + seen.extent_moved[:, 1:] @ found.move[:3]
     spent = (found.left <= 0) & ~found.converged
@@ -191,7 +195,7 @@ def periodic_orbit(
         period=z[3],
         amplitude=Extent(extent[:2], extent[jnp.array([0, 2])]),
         monodromy=seen.moved * fixed(mark),
-        residual=jnp.max(jnp.abs(shot.residual)) * fixed(mark),
+        residual=jnp.max(jnp.abs(found.shot.residual)) * fixed(mark),
         iterations=found.count,
         steps=method.max_steps - found.left,
         outcome=outcome.astype(jnp.int8),

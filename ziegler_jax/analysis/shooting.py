@@ -7,9 +7,10 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..model.column import Column
-from ..motion.integrate import Method, Motion
+from ..motion.integrate import Method, Motion, Run, follow
 from ..motion.section import Plane, passage
-from ..motion.variational import Flow, flow
+from ..motion.sequence import in_turn
+from ..motion.variational import Flow, flow, flow_of, varied_motion
 from ..numerics.numbers import Scalar, Vector4
 from ..results import OUTCOME
 from ..solvers import AbstractFold
@@ -67,8 +68,7 @@ def first_return(
     """Where a motion from `start` closes roughly: z, whether it does in time, steps."""
     y0: Any = tuple(lax.stop_gradient(jnp.asarray(x)) for x in start)
     span = jnp.asarray(patience, y0[0].dtype)
-    motion = Motion(column, y0, Passages(section, loops), method, end=span)
-    run = motion.advance(motion.begin())
+    run = follow(Motion(column, y0, Passages(section, loops), method, end=span))
     count, first, last, place = run.folded
     z = jnp.stack([*place[1:], last - first])
     return z, count > loops, run.steps
@@ -91,14 +91,26 @@ class Found(NamedTuple):
 
 
 def newton(
-    function: Callable, z0: Any, blank: "Shot", max_iterations: int, left: Any
+    shot: Callable[[Any, Any], Motion],
+    equations: Callable[[Any, Flow], tuple[Any, Any, "Shot"]],
+    z0: Any,
+    blank: "Shot",
+    max_iterations: int,
+    left: Any,
 ) -> Found:
-    """Solve r(z) = 0, given a function of z that returns r, its Jacobian and its shot.
+    """Solve r(z) = 0 by Newton's method, one motion an iteration.
 
-    Steps are cut to `LARGEST_MOVE`; NaN ends it. `blank`: a shot of the same shape.
-    `left`: how many steps there are for all shots; the function gets what is left.
+    **Arguments:**
+
+    - `shot`: the motion from z, and at most so many steps.
+    - `equations`: r, its Jacobian and the shot, from z and its motion's flow.
+    - `z0`: the first approximation. Steps from it are cut to `LARGEST_MOVE`, and NaN
+        ends it.
+    - `blank`: a shot of the same shape.
+    - `left`: how many steps there are for all motions.
     """
-    far, none = jnp.full((), jnp.inf, z0.dtype), jnp.zeros((), jnp.int32)
+    # without a first approximation there is nothing to do
+    far, none = jnp.max(z0 - z0) + jnp.inf, jnp.zeros((), jnp.int32)
     left = jnp.asarray(left, jnp.int32)
     begin = Found(z0, jnp.zeros_like(z0), far, none, blank, left)
 
@@ -106,15 +118,16 @@ def newton(
         unsettled = now.size > TOLERANCE  # not for NaN
         return unsettled & (now.count < max_iterations) & (now.left > 0)
 
-    def improve(now: Found):
-        r, jacobian, shot = function(now.z, now.left)
+    def improve(now: Found, motion: Motion, run: Run):
+        del motion
+        r, jacobian, shot = equations(now.z, flow_of(run))
         move = -solve(jacobian, r)
         size = jnp.max(jnp.abs(move))
         move = move * jnp.minimum(1.0, LARGEST_MOVE / jnp.where(size > 0, size, 1.0))
         left = now.left - shot.flow.steps
         return Found(now.z + move, move, size, now.count + 1, shot, left)
 
-    return lax.while_loop(goes_on, improve, begin)
+    return in_turn(lambda now: shot(now.z, now.left), improve, goes_on, begin)[0]
 
 
 def solve(matrix: Any, right: Any) -> Any:
@@ -132,19 +145,28 @@ class Shot(NamedTuple):
     flow: Flow
 
 
-def shoot(
+def shot_motion(
     make: Callable[[Any], Column],
     parameters: Any,
     section: Any,
     z: Any,
     method: Method,
     vary: bool = True,
-) -> Shot:
-    """Follow the motion from phi1 = `section` for a period."""
-    y0 = jnp.concatenate([jnp.asarray(section, z.dtype)[None], z[:3]])
-    seen = flow(make, parameters, y0, jnp.maximum(z[3], SHORTEST), method, vary)
-    residual = jnp.where(seen.arrived, seen.y - y0, jnp.nan)
-    return Shot(residual, closing(seen.moved, seen.slope), seen)
+) -> Motion:
+    """The motion from phi1 = `section` for a period."""
+    y0, span = start_of(section, z), jnp.maximum(z[3], SHORTEST)
+    return varied_motion(make, parameters, y0, span, method, vary)
+
+
+def shot_of(section: Any, z: Any, flow: Flow) -> Shot:
+    """What such a motion leaves to close."""
+    residual = jnp.where(flow.arrived, flow.y - start_of(section, z), jnp.nan)
+    return Shot(residual, closing(flow.moved, flow.slope), flow)
+
+
+def start_of(section: Any, z: Any) -> Any:
+    """The state (4,) on the section."""
+    return jnp.concatenate([jnp.asarray(section, z.dtype)[None], z[:3]])
 
 
 def blank_shot(n: int, dtype: Any) -> Shot:

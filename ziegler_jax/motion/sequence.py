@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..context import resumable
+from ..numerics.materialise import if_any_lane
 from .integrate import Motion, Run
 
 # The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
@@ -55,7 +56,11 @@ def in_turn(
         before = run.steps
         run = present.advance(run, jnp.minimum(max_steps, LONGEST_CHUNK))
         ended = ~run.running & running(now.state)
-        state = _where(ended, heard(now.state, present, run), now.state)
+        state = if_any_lane(
+            ended,
+            lambda state: _where(ended, heard(state, present, run), state),
+            now.state,
+        )
         steps = now.steps + (run.steps - before).astype(jnp.int32)
         return _Sequence(state, run, ended & running(state), steps)
 

@@ -19,7 +19,7 @@ from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import Vector4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
-from .integrate import Method, Motion
+from .integrate import Method, Motion, Run
 from .saltation import saltation
 from .scene import prepared
 from .section import angles
@@ -54,10 +54,26 @@ def flow(
 
     **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them.
     """
+    motion = varied_motion(make, parameters, y0, span, method, vary)
+    return flow_of(motion.advance(motion.begin()))
+
+
+def varied_motion(
+    make: Callable[[Any], Column],
+    parameters: Any,
+    y0: Any,
+    span: Any,
+    method: Method,
+    vary: bool = True,
+) -> Motion:
+    """The motion that `flow` follows."""
     args, fold, method = varied(make, parameters, method, vary)
     start: Any = tuple(y0[i] for i in range(4))
-    motion = Motion(args, start, fold, method, end=span)
-    run = motion.advance(motion.begin())
+    return Motion(args, start, fold, method, end=span)
+
+
+def flow_of(run: Run) -> Flow:
+    """Where such a motion ended, with its derivatives."""
     return Flow(
         jnp.stack(run.y),
         jnp.stack(run.solver.slope),

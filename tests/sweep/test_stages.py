@@ -1,0 +1,141 @@
+"""A point cut at its loops: the same numbers, and no more taken along than is read."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+import ziegler_jax as zj
+from ziegler_jax import context
+from ziegler_jax.sweep import program, scheduler
+
+X, Y = np.linspace(0.5, 3.0, 23), np.array([1.0, 2.0, 5.0])
+TABLE = np.linspace(1.0, 2.0, 1000)
+
+
+def loop(target, start, factor=1.5):
+    """Grow by a factor until the target is passed: how far, and in how many steps."""
+
+    def running(state):
+        return state[0] < target
+
+    def advance(state, max_steps=None):
+        least = 10**6 if max_steps is None else state[1] + max_steps
+        return lax.while_loop(
+            lambda s: running(s) & (s[1] < least),
+            lambda s: (s[0] * factor, s[1] + 1),
+            state,
+        )
+
+    first = start, jnp.zeros((), jnp.int32)
+    last = context.resumable(first, advance, lambda s: (running(s), s[1]))
+    return advance(first) if last is None else last
+
+
+def one(x, y):
+    far, steps = loop(1e3 * y**4, x)
+    return {"far": far, "steps": steps}
+
+
+def three(x, y):
+    """Each loop hangs on the one before; the table varies with no lane."""
+    table = jnp.sin(TABLE)
+    far, steps = loop(1e3 * y**4, x)
+    early = x * y + table[3]
+    next_, more = loop(far * table[7] * 50, early)
+    last, most = loop(jnp.where(more > 9, 1e6, 10.0) * next_, jnp.sqrt(far), 1.01)
+    return {"last": last, "all": steps + more + most, "early": early - y}
+
+
+def unread(x, y):
+    loop(1e9, x)
+    return {"far": loop(y * 100, x)[0], "constant": 2.0}
+
+
+def never(x, y):
+    """A loop that has ended before it begins, and results that no lane varies."""
+    far, steps = loop(-1.0, x)
+    return {"far": far, "steps": steps, "table": jnp.asarray(TABLE[2])}
+
+
+def within(x, y):
+    """What a transformation of the point's own holds cannot be cut."""
+    grown = jax.vmap(lambda start: loop(100 * y, start)[0])(jnp.stack([x, 2 * x]))
+    return {"far": loop(y * 100, grown.sum())[0]}
+
+
+SCENES = {one: 1, three: 3, unread: 1, never: 1, within: 1}
+
+
+def numbers(ds):
+    return {name: ds[name].values for name in ds.data_vars}
+
+
+def sweep(scene, **options):
+    options = {"x": X, "y": Y, "batch_size": 8, "progress": False, **options}
+    return zj.sweep(scene, **options)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_point_that_is_cut_computes_what_it_computes_whole(scene, threads):
+    found = sweep(scene, threads=threads)
+    mesh = [m.ravel() for m in np.meshgrid(X, Y, indexing="ij")]
+    whole = jax.jit(jax.vmap(scene))(*mesh)
+    assert set(whole) == set(found.data_vars)
+    for name, values in whole.items():
+        # measured 0; another program may round elsewhere
+        np.testing.assert_allclose(found[name].values.ravel(), values, rtol=1e-12)
+
+
+@pytest.mark.parametrize("scene, loops", SCENES.items())
+def test_there_is_a_stage_for_every_loop_that_is_read(scene, loops):
+    stages = program.traced(scene, ("x", "y"), True, 8).stages
+    assert [s.stage.is_loop for s in stages] == [False, *[True, False] * loops]
+
+
+def test_what_varies_with_no_lane_is_not_taken_along():
+    stages = program.traced(three, ("x", "y"), True, 8).stages
+    rows = [sum(s.stage.fixed.used) + sum(s.stage.state.used) for s in stages]
+    # two values; a loop's target, its state of two, and what is read behind it
+    assert max(rows) <= 8, rows
+
+
+def test_places_mates_threads_and_chunks_change_no_bit(monkeypatch):
+    whole = numbers(sweep(three))
+    monkeypatch.setattr(scheduler, "FIRST_CHUNK", 7)
+    monkeypatch.setattr(scheduler, "SHORTEST_CHUNK", 3)
+    monkeypatch.setattr(scheduler, "AHEAD", 1)
+    monkeypatch.setattr(scheduler, "SPARSE", 0.9)
+    for options in (
+        {"threads": 3},
+        {"threads": 1},
+        {"x": X[::-1].copy()},
+        {"x": X[5:9]},
+    ):
+        part = sweep(three, **options).sel(x=options.get("x", X))
+        for name, values in numbers(part).items():
+            rows = np.searchsorted(X, options.get("x", X))
+            assert values.tobytes() == whole[name][rows].tobytes(), (name, options)
+
+
+def test_lanes_in_flight_are_few_however_many_points_there_are(monkeypatch):
+    """Later loops go first: open blocks, and what is taken along, stay bounded."""
+    most, give = 0, scheduler.Work.give
+
+    def watched(work, number, lanes):
+        nonlocal most
+        give(work, number, lanes)
+        most = max(most, sum(part.points.size for w in work.waiting for part in w))
+
+    monkeypatch.setattr(scheduler.Work, "give", watched)
+    sweep(three, x=np.linspace(0.5, 3.0, 1000), threads=2)
+    # two batches before each of three loops and one beyond, where AHEAD is 4
+    assert 0 < most <= 8 * (3 * (scheduler.AHEAD + 3) + 2)
+
+
+def test_a_loop_is_told_by_its_steps():
+    found = sweep(one)
+    assert found.attrs["useful_step_fraction"] > 0.3
+    assert (found.steps.values > 0).all()
