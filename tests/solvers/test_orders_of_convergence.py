@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.solvers import AbstractFold, ControlState, Observed, StepControl
+from ziegler_jax.solvers import (
+    AbstractFold,
+    ControlState,
+    GoingOn,
+    Observed,
+    StepControl,
+)
 
 SPAN = 4.0
 START = (0.3, -0.4, 0.5, 0.8)
@@ -257,3 +263,39 @@ def test_steps_end_on_the_asked_times_and_the_lane_ends_when_done():
     # the fold saw the accepted steps alone, and there were rejected ones
     assert float(steps) == int(solution.stats["num_accepted_steps"])
     assert int(solution.stats["num_rejected_steps"]) > 0
+
+
+def test_a_solve_pauses_where_its_controller_says_that_an_event_occurred():
+    """What `StepControl.ending` leans on, though diffrax means events by it.
+
+    A motion runs in chunks: diffrax must end a solve whose controller returns
+    `event_occurred`, keep the last accepted step, and go on from it as if nothing were.
+    """
+    y0, zero = tuple(jnp.asarray(x) for x in START), jnp.asarray(0.0)
+    control, watching = StepControl(1e-6, 1e-6), Observed(zj.Explicit(), Stops())
+
+    def solve(state, where, left):
+        return dfx.diffeqsolve(
+            TERMS, watching, where.t, jnp.asarray(100.0), None, state.y, COLUMN,
+            stepsize_controller=GoingOn(control, where.t_next),
+            solver_state=state,
+            controller_state=where._replace(left=jnp.asarray(left, jnp.int32)),
+            saveat=dfx.SaveAt(solver_state=True, controller_state=True),
+            max_steps=None, throw=False, adjoint=dfx.ForwardMode(),
+        )  # fmt: skip
+
+    begin = watching.init(TERMS, zero, zero, y0, COLUMN)
+    where = control.start(zero, 0.01, np.pi / 10)
+    whole = solve(begin, where, 23)
+    parts = solve(begin, where, 16)
+    words = (
+        "this diffrax {} when a step size controller returns `event_occurred`: "
+        "`StepControl.ending` needs another way to pause a motion"
+    )
+    taken = int(parts.stats["num_steps"])
+    assert taken == 16, words.format(f"takes {taken} steps instead of 16")
+    assert parts.result == dfx.RESULTS.event_occurred, words.format("says otherwise")
+    parts = solve(parts.solver_state, parts.controller_state, 7)
+    ends = (jax.tree.leaves(run.solver_state) for run in (whole, parts))
+    same = all(np.array_equal(a, b) for a, b in zip(*ends, strict=True))
+    assert same, words.format("does not go on as it left off")
