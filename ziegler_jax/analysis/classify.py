@@ -29,12 +29,12 @@ from ..motion.scene import (
     whole_number,
 )
 from ..motion.section import Plane, passage
-from ..motion.tangents import Growing, grow, in_logs, unit_tangents
+from ..motion.tangents import AbstractGrowth, Growing, in_logs, unit_tangents
 from ..motion.windows import first_stop, last_stop, told_apart
 from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import Scalar, keeps, number
 from ..results import OUTCOME, VERDICT, Variable
-from ..solvers import AbstractFold, Explicit, Step
+from ..solvers import Explicit, Step
 from .lyapunov import RATE, Rates, no_rates, standard_errors, with_block
 from .poincare import Returns, no_returns, returned
 
@@ -260,7 +260,7 @@ class WitnessState(NamedTuple):
     outcome: Scalar
 
 
-class Witnesses(AbstractFold):
+class Witnesses(AbstractGrowth):
     """Sections and exponents of one motion, until one of them decides."""
 
     solver: Explicit
@@ -280,11 +280,6 @@ class Witnesses(AbstractFold):
         good &= keeps("positive", self.escape, self.rate_cut)
         return good & told_apart("block", self.transient, self.block, self.blocks)
 
-    def integrand(self, column):
-        """Nothing."""
-        del column
-        return None
-
     def init(self, column, t0, y0):
         """Nothing heard yet."""
         zero, no = 0.0 * y0[0], jnp.zeros((), bool)
@@ -303,7 +298,7 @@ class Witnesses(AbstractFold):
 
     def step(self, column, state, step):
         """Hear both witnesses; judge at a block's end or when one decides."""
-        growing, longest = grow(self.solver, column, state.growing, step, self.rtol)
+        growing, longest = self.grow(column, state.growing, step)
         measuring = state.rates.blocks >= 0
         seen = passage(PLANE, step)
         seen = seen._replace(there=seen.there & measuring)

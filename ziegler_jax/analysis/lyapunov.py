@@ -28,12 +28,12 @@ from ..motion.scene import (
     valid_scene,
     whole_number,
 )
-from ..motion.tangents import Growing, grow, in_logs, unit_tangents
+from ..motion.tangents import AbstractGrowth, Growing, in_logs, unit_tangents
 from ..motion.windows import first_stop, last_stop, told_apart
 from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import Scalar, keeps, number
 from ..results import OUTCOME, Variable
-from ..solvers import AbstractFold, Explicit
+from ..solvers import Explicit
 
 RATE = "sqrt(k/(m l^2))"
 
@@ -225,7 +225,7 @@ class BlocksState(NamedTuple):
     outcome: Scalar
 
 
-class Blocks(AbstractFold):
+class Blocks(AbstractGrowth):
     """A transient, then blocks of growth."""
 
     solver: Explicit
@@ -242,11 +242,6 @@ class Blocks(AbstractFold):
         good &= keeps("positive", self.block, self.escape)
         return good & told_apart("block", self.transient, self.block, self.blocks)
 
-    def integrand(self, column):
-        """Nothing: tangents are no integrals."""
-        del column
-        return None
-
     def init(self, column, t0, y0):
         """Unit tangents that have not grown."""
         zero = 0.0 * y0[0]
@@ -259,7 +254,7 @@ class Blocks(AbstractFold):
 
     def step(self, column, state, step):
         """Let the tangents grow; at a block's end keep its rates."""
-        growing, longest = grow(self.solver, column, state.growing, step, self.rtol)
+        growing, longest = self.grow(column, state.growing, step)
         seen = state._replace(growing=growing)
         ended = step.t1 >= state.stop
         turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape

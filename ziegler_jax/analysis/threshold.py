@@ -66,6 +66,11 @@ class Parting(AbstractFold):
         """The variational equations'."""
         return self.inner.integrand(column)
 
+    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+        """A step with the Jacobian that these ask for."""
+        ends = t0, t1, y0
+        return self.inner.advance(solver, terms, *ends, column, first, state.varied)
+
     def init(self, column, t0, y0):
         """Before the first step."""
         varied = self.inner.init(column, t0, y0)
@@ -149,7 +154,7 @@ def carried(
 
 def _slope(make: Callable, numbers: Any, place: Place, method: Method) -> Any:
     """The threshold's derivatives in the start's four numbers and the column's."""
-    args, inner, method = varied(make, numbers[4:], method)
+    args, inner = varied(make, numbers[4:], method.solver)
     fold = Parting(inner, place.line, place.width, place.window)
     y0: Any = tuple(numbers[i] for i in range(4))
     span = jnp.where(place.known, place.patience, 0.0).astype(numbers.dtype)

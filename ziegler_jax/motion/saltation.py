@@ -19,6 +19,7 @@ Dynamics and Bifurcations of Non-smooth Mechanical Systems (2004), chapter 7.
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -29,18 +30,26 @@ from ..solvers import Step
 from .observers import joint_rates
 
 
-def saltation(
-    column: Any, step: Step, numbers: Any = (), with_numbers: Callable | None = None
-) -> Callable[..., Vector4]:
-    """The jump of a difference, dy and dp, at the event on which the step ended.
+def leaves(column: Any, dp: Any) -> tuple[Any, Callable[[Any], Any]]:
+    """Those numbers of a column that differ, and the column of such numbers.
 
-    **Arguments:** `column`: in the modes of the step; `numbers`: what of it differs as
-    well, and `with_numbers`: the column of such numbers.
+    **Arguments:** `dp`: the differences in the column's own structure, None for what
+    does not differ; None alone: nothing does.
     """
-    joint, modes = step.event
+    none = {"is_leaf": lambda x: x is None}
+    numbers = jax.tree.map(lambda d, x: d if d is None else x, dp, column, **none)
+    return numbers, lambda numbers: eqx.combine(numbers, column)
+
+
+def saltation(column: Any, step: Step, dp: Any = None) -> Callable[[Vector4], Vector4]:
+    """What the event on which the step ended makes of a difference dy.
+
+    **Arguments:** `column`: in the modes of the step; `dp`: how its numbers differ.
+    """
+    (joint, modes), (numbers, column_of) = step.event, leaves(column, dp)
 
     def guard(y, numbers):
-        here = column if with_numbers is None else with_numbers(numbers)
+        here = column_of(numbers)
         law: Any = here.friction
         each = zip(
             law.modes, law.spare(joint_balance(here, y)), joint_rates(y), strict=True
@@ -54,7 +63,7 @@ def saltation(
     speed = jnp.where(speed == 0, jnp.inf, speed)  # one that grazes does not jump
     after = vector_field(step.t1, step.y1, in_modes(column, modes))
 
-    def jump(dy: Vector4, dp: Any = ()) -> Vector4:
+    def jump(dy: Vector4) -> Vector4:
         late = towards(dy, dp) / speed
         parts = zip(dy, step.f1, after, strict=True)
         return tuple(d + late * (b - a) for d, a, b in parts)  # type: ignore

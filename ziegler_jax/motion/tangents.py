@@ -1,19 +1,21 @@
-r"""Tangents of a motion: how small differences grow, through stick and slip too.
+r"""Tangents: how small differences go along with a motion, through stick and slip.
 
-Between events a small difference v follows the variational equations along the motion,
+Between events a small difference v, and one dp of the column's numbers, follow the
+variational equations along the motion,
 
-$$\dot v = J(y)\, v, \qquad J = \partial f / \partial y,$$
+$$\dot v = J(y)\, v + \partial_p f\, dp, \qquad J = \partial f / \partial y,$$
 
 integrated by the motion's own steps and stages: v is the derivative of the computed
-motion. The motion's error bounds the steps; where it says little, as at rest, that of
-the tangents does. Where set-valued friction changes its modes v jumps (`saltation`). A
-joint that sticks has no rate to differ in: v keeps none, a dimension of the tangents is
-lost, and with it goes an exponent to minus infinity.
+motion. Where set-valued friction changes its modes v jumps (`saltation`). A joint that
+sticks has no rate to differ in: v keeps none, a dimension of the tangents is lost, and
+with it goes an exponent to minus infinity.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import diffrax as dfx
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -21,8 +23,8 @@ from ..model.column import vector_field
 from ..model.set_valued import Torques
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Scalar, Vector4
-from ..solvers import Explicit, Step
-from .saltation import saltation
+from ..solvers import AbstractFold, Explicit, Step
+from .saltation import leaves, saltation
 
 Vectors = tuple[Vector4, ...]
 
@@ -39,6 +41,69 @@ HADAMARD = (
 )
 
 
+# ---- along a step, and past the event at its end
+
+
+def push(
+    solver: Explicit,
+    column: Any,
+    t0: Scalar,
+    t1: Scalar,
+    y0: Vector4,
+    vectors: Sequence[Vector4],
+    dp: Any = None,
+) -> list[tuple[Vector4, Vectors]]:
+    """A step from y0, and its derivative along each vector, its length frozen.
+
+    **Arguments:** `column`: in the modes of the step, where friction is set-valued;
+    `dp`: how its numbers differ with the vectors, see `leaves`.
+
+    **Returns:** the first slope, y1, the error estimate and the last slope, each with
+    its differences.
+    """
+
+    def field(t, both, column):
+        numbers, column_of = leaves(column, dp)
+        y, vectors = _apart(both)
+        slope, along = jax.linearize(
+            lambda y, numbers: vector_field(t, y, column_of(numbers)), y, numbers
+        )
+        return sum((along(v, dp) for v in vectors), slope)
+
+    terms, both = dfx.ODETerm(field), sum(vectors, y0)
+    first = materialise(t0, field, t0, both, column)
+    y1, error, last, *_ = solver.advance(terms, t0, t1, both, column, first)
+    return [_apart(x) for x in (first, y1, error, last)]
+
+
+def _apart(both: tuple) -> tuple[Vector4, Vectors]:
+    y, *vectors = (both[i : i + 4] for i in range(0, len(both), 4))
+    return y, tuple(vectors)  # type: ignore[return-value]
+
+
+def past(column: Any, step: Step, vectors: Vectors, dp: Any = None) -> Vectors:
+    """The vectors past the event on which a step may have ended, in the modes there."""
+    if not step.modes:
+        return vectors
+    event = step.event[0] > 0
+
+    def across(before):
+        after = tuple(map(saltation(column, step, dp), before))
+        return jax.tree.map(lambda a, b: jnp.where(event, a, b), after, before)
+
+    after = if_any_lane(event, across, vectors)
+    law = column.friction.in_modes(step.event[1])
+    return tuple(_without_stuck(law, v) for v in after)
+
+
+def _without_stuck(law: Torques, v: tuple) -> Vector4:
+    """A tangent without the rates of joints that stick."""
+    return v[0], v[1], *law.hold(v[2], v[3])
+
+
+# ---- growth
+
+
 class Growing(NamedTuple):
     """Orthonormal tangents and how much they have grown."""
 
@@ -47,53 +112,71 @@ class Growing(NamedTuple):
     logs: tuple[Scalar, ...]
 
 
+class AbstractGrowth(AbstractFold):
+    """A fold that lets tangents, its state's `growing`, go along with the motion.
+
+    The motion's error bounds the steps; where it says little, as at rest, that of the
+    tangents does.
+    """
+
+    solver: eqx.AbstractVar[Explicit]
+    rtol: eqx.AbstractVar[Scalar]  # of the motion
+
+    def integrand(self, column):
+        """Nothing: tangents are no integrals."""
+        del column
+        return None
+
+    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+        """A step, and the images of the tangents with their errors."""
+        del terms, first
+        _, (y1, images), (error, errors), (last, _) = push(
+            solver, column, t0, t1, y0, state.growing.vectors
+        )
+        return y1, error, last, (images, errors), None
+
+    def grow(self, column: Any, growing: Growing, step: Step) -> tuple[Growing, Scalar]:
+        """The tangents after a step, orthonormal again, and how long the next may be.
+
+        **Arguments:** `column`: in the modes of the step.
+        """
+        if step.modes:  # it may have been cut
+            ends = step.t0, step.t1, step.y0
+            _, (_, images), (_, errors), _ = push(
+                self.solver, column, *ends, growing.vectors
+            )
+        else:
+            images, errors = step.integrals
+
+        def allowed():
+            square = sum((_dot(e, e) for e in errors), 0.0 * step.t0)
+            square = square / (len(errors) * (TANGENT_SHARE * self.rtol) ** 2)
+            clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
+            factor = 0.9 * jnp.exp(-0.5 / self.solver.method_order * jnp.log(clipped))
+            return (step.t1 - step.t0) * factor.astype(square.dtype)
+
+        longest = materialise(step.t0, allowed)
+        images = past(column, step, images)
+        vectors, lengths = materialise(step.t0, orthonormal, images)
+        factors = tuple(f * x for f, x in zip(growing.factors, lengths, strict=True))
+        extreme = jnp.zeros_like(step.t0, bool)
+        for factor in factors:
+            extreme |= ~((factor > LEAST) & (factor < MOST))
+        grown = Growing(vectors, factors, growing.logs)
+        return if_any_lane(extreme, lambda g: in_logs(g, extreme), grown), longest
+
+
 def unit_tangents(column: Any, y: Vector4, count: int) -> Growing:
     """`count` orthonormal vectors, without the rates of joints that stick.
 
     Hadamard's: where joints stick, the last ones are those that are lost.
     """
     zero = 0.0 * y[0]
-    vectors = tuple(tuple(zero + x for x in row) for row in HADAMARD[:count])
+    vectors: Any = tuple(tuple(zero + x for x in row) for row in HADAMARD[:count])
     if column.sticks:
-        vectors = tuple(_held(column.friction, v) for v in vectors)
-    vectors, _ = orthonormal(vectors)  # type: ignore[arg-type]
+        vectors = tuple(_without_stuck(column.friction, v) for v in vectors)
+    vectors, _ = orthonormal(vectors)
     return Growing(vectors, (zero + 1.0,) * count, (zero,) * count)
-
-
-def grow(
-    solver: Explicit, column: Any, growing: Growing, step: Step, rtol: Scalar
-) -> tuple[Growing, Scalar]:
-    """The tangents after a step, orthonormal again, and how long the next may be.
-
-    **Arguments:** `column`: in the modes of the step, where friction is set-valued;
-    `rtol`: of the motion.
-    """
-    moved, error = _along(solver, column, growing.vectors, step)
-
-    def allowed():
-        square = sum((_dot(e, e) for e in error), 0.0 * step.t0)
-        square = square / (len(error) * (TANGENT_SHARE * rtol) ** 2)
-        clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
-        factor = 0.9 * jnp.exp(-0.5 / solver.method_order * jnp.log(clipped))
-        return (step.t1 - step.t0) * factor.astype(square.dtype)
-
-    longest = materialise(step.t0, allowed)
-    if column.sticks:
-        event = step.event[0] > 0
-
-        def passed(before):
-            jump, law = saltation(column, step), column.friction.in_modes(step.event[1])
-            after = tuple(_held(law, jump(v)) for v in before)
-            return jax.tree.map(lambda a, b: jnp.where(event, a, b), after, before)
-
-        moved = if_any_lane(event, passed, moved)
-    vectors, lengths = materialise(step.t0, orthonormal, moved)
-    factors = tuple(f * x for f, x in zip(growing.factors, lengths, strict=True))
-    extreme = jnp.zeros_like(step.t0, bool)
-    for factor in factors:
-        extreme |= ~((factor > LEAST) & (factor < MOST))
-    grown = Growing(vectors, factors, growing.logs)
-    return if_any_lane(extreme, lambda g: in_logs(g, extreme), grown), longest
 
 
 def in_logs(growing: Growing, when: Any) -> Growing:
@@ -123,27 +206,6 @@ def orthonormal(vectors: Vectors) -> tuple[Vectors, tuple[Scalar, ...]]:
         done.append(tuple(x * inverse for x in v))
         lengths.append(length)
     return tuple(done), tuple(lengths)
-
-
-def _along(solver: Explicit, column: Any, vectors: Vectors, step: Step) -> Any:
-    """The vectors' images under the derivative of the computed step, and errors."""
-
-    def field(t, both, column):
-        slope, push = jax.linearize(lambda y: vector_field(t, y, column), both[:4])
-        return sum((push(both[i : i + 4]) for i in range(4, len(both), 4)), slope)
-
-    both = sum(vectors, step.y0)
-    first = materialise(step.t0, field, step.t0, both, column)
-    moved, error, *_ = solver.advance(
-        dfx.ODETerm(field), step.t0, step.t1, both, column, first
-    )
-    places = range(4, len(both), 4)
-    return tuple(moved[i : i + 4] for i in places), [error[i : i + 4] for i in places]
-
-
-def _held(law: Torques, v: tuple) -> Vector4:
-    """A tangent without the rates of joints that stick."""
-    return v[0], v[1], *law.hold(v[2], v[3])
 
 
 def _dot(v: tuple, e: tuple) -> Scalar:

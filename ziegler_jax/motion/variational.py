@@ -1,30 +1,26 @@
 r"""A motion together with its derivatives: the variational equations as a fold.
 
 Of each accepted step $y_1 = \Phi(y_0, p)$ the derivative with the step's length frozen
-is taken, so that what comes out is the exact derivative of the discrete flow. With
-set-valued friction a change of modes adds the jump of `saltation`.
+is taken, so that what comes out is the exact derivative of the discrete flow. Its error
+counts with the step's: a cycle however small has multipliers of size one.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
-import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, joint_balance, vector_field
-from ..model.set_valued import in_modes
-from ..numerics.materialise import if_any_lane
+from ..model.column import Column, joint_balance
 from ..numerics.numbers import Vector4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
 from .integrate import Method, Motion, Run
-from .saltation import saltation
 from .scene import prepared
 from .section import angles
-
-TERMS = dfx.ODETerm(vector_field)
+from .tangents import past, push
 
 
 class Flow(NamedTuple):
@@ -67,7 +63,7 @@ def varied_motion(
     vary: bool = True,
 ) -> Motion:
     """The motion that `flow` follows."""
-    args, fold, method = varied(make, parameters, method, vary)
+    args, fold = varied(make, parameters, method.solver, vary)
     start: Any = tuple(y0[i] for i in range(4))
     return Motion(args, start, fold, method, end=span)
 
@@ -86,105 +82,16 @@ def flow_of(run: Run) -> Flow:
 
 
 def varied(
-    make: Callable[[Any], Column], parameters: Any, method: Method, vary: bool = True
-) -> tuple[Column, "Variational", Method]:
-    """The prepared column, the fold that varies its motion, and the method for it."""
-    args, which, moves = prepared(make(parameters)), (), ()
+    make: Callable[[Any], Column], parameters: Any, solver: Explicit, vary: bool = True
+) -> tuple[Column, "Variational"]:
+    """The prepared column, and the fold that varies its motion."""
+    column, moves = prepared(make(parameters)), None
     if vary:
-        which, moves = _moving(make, parameters)
-    linearised = Linearised(method.solver, which, moves)
-    if not args.sticks:  # else a step may be cut: its Jacobian is the fold's to find
-        method = method._replace(solver=linearised)
-    return args, Variational(linearised), method
-
-
-def _moving(make: Callable, parameters: Any) -> tuple[tuple, tuple]:
-    """Which leaves of the prepared column move, and their (4 + n,) derivatives."""
-    leaves = jax.tree.leaves(prepared(make(parameters)))
-    which = tuple(i for i, x in enumerate(leaves) if isinstance(x, jax.Array))
-
-    def moving(p):
-        leaves = jax.tree.leaves(prepared(make(p)))
-        return [leaves[i] for i in which]
-
-    zero = jnp.zeros(4, parameters.dtype)
-    slopes = jax.jacfwd(moving)(parameters)
-    return which, tuple(jnp.concatenate([zero, s]) for s in slopes)
-
-
-class Linearised(eqx.Module):
-    """A method whose steps come with their Jacobian, in place of integrals.
-
-    Its error counts with the step's: a cycle however small has multipliers of size one.
-
-    **Arguments:** `solver`; `args`: the prepared column; `which` of its leaves move;
-    `moves`: their derivatives in k = 4 + n directions, (k,) each.
-    """
-
-    solver: Explicit
-    which: tuple = eqx.field(static=True)
-    moves: tuple
-
-    def order(self, terms):
-        """The method's."""
-        return self.solver.order(terms)
-
-    def error_order(self, terms):
-        """The method's."""
-        return self.solver.error_order(terms)
-
-    def func(self, terms, t0, y0, args):
-        """The right-hand side."""
-        return self.solver.func(terms, t0, y0, args)
-
-    def init(self, terms, t0, t1, y0, args):
-        """The first stage of the first step."""
-        return self.solver.init(terms, t0, t1, y0, args)
-
-    def advance(self, terms, t0, t1, y0, args, first, integrand=None):
-        """A step, and (peaks, their and its own rows of k derivatives)."""
-        del first, integrand
-
-        def over(y, moving):
-            column = self.column(args, moving)
-            first = vector_field(t0, y, column)
-            y1, error, last, *_ = self.solver.advance(terms, t0, t1, y, column, first)
-            peaks = _peaks(t1 - t0, y, first, y1, last)
-            return (y1, peaks, error), last
-
-        def along(dy, dp):
-            at = y0, self.moving(args)
-            return jax.jvp(over, at, (dy, dp), has_aux=True)
-
-        step = jax.vmap(along, out_axes=(None, 0, None))
-        (y1, peaks, error), slopes, last = step(self.unit(y0), list(self.moves))
-        *slopes, errors = slopes
-        # the state's columns alone: steps do not depend on what is differentiated
-        worst = tuple(
-            jnp.maximum(jnp.abs(e), jnp.max(jnp.abs(row[:4])))
-            for e, row in zip(error, errors, strict=True)
-        )
-        return y1, worst, last, (peaks, *slopes), None
-
-    def unit(self, y0: Vector4) -> tuple:
-        """The state's unit vectors among the k directions."""
-        k = self.moves[0].shape[0] if self.moves else 4
-        rows = jnp.eye(4, k, dtype=y0[0].dtype)
-        return tuple(rows[i] for i in range(4))
-
-    def moving(self, args: Column) -> list:
-        """The leaves that move."""
-        # modes stand behind the leaves of a prepared column's friction
-        leaves = jax.tree.leaves(_without_modes(args))
-        return [leaves[i] for i in self.which]
-
-    def column(self, args: Any, moving: list) -> Any:
-        """The column with these leaves in place of its own."""
-        leaves, tree = jax.tree.flatten(_without_modes(args))
-        for i, x in zip(self.which, moving, strict=True):
-            leaves[i] = x
-        column = jax.tree.unflatten(tree, leaves)
-        return in_modes(column, args.friction.modes) if args.sticks else column
+        zero = jnp.zeros(4, parameters.dtype)
+        arrays = jax.tree.map(lambda x: isinstance(x, jax.Array), column)
+        slopes = jax.jacfwd(lambda p: eqx.filter(prepared(make(p)), arrays))(parameters)
+        moves = jax.tree.map(lambda s: jnp.concatenate([zero, s]), slopes)
+    return column, Variational(solver, 4 + (parameters.size if vary else 0), moves)
 
 
 class Varied(NamedTuple):
@@ -196,19 +103,25 @@ class Varied(NamedTuple):
 
 
 class Variational(AbstractFold):
-    """The variational equations along a motion, with its largest angles."""
+    """The variational equations along a motion, with its largest angles.
 
-    method: Linearised
+    **Arguments:** `solver`; `k`: the directions, 4 + n; `moves`: the derivatives of the
+    prepared column's numbers along them, (k,) each, None where they do not move.
+    """
+
+    solver: Explicit
+    k: int = eqx.field(static=True)
+    moves: Any
 
     def integrand(self, column):
-        """Nothing: the method offers its Jacobian in its place."""
+        """Nothing: a step offers its Jacobian in place of integrals."""
         del column
         return None
 
     def init(self, column, t0, y0):
         """Unit vectors, and the start's own angles."""
         del t0
-        rows = self.method.unit(y0)
+        rows = self.unit(y0)
         if column.sticks:
             rows = (*rows[:2], *_stopped(column, y0, rows[2], rows[3]))
         angles = y0[0], y0[1], y0[1] - y0[0]
@@ -225,31 +138,52 @@ class Variational(AbstractFold):
         del state
         return jnp.asarray(OUTCOME.not_computed, jnp.int32)
 
+    def unit(self, y0: Vector4) -> tuple:
+        """The state's unit vectors among the k directions."""
+        rows = jnp.eye(4, self.k, dtype=y0[0].dtype)
+        return tuple(rows[i] for i in range(4))
+
+    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+        """A step, and (peaks, their and its own rows of k derivatives)."""
+        del terms, first, state
+
+        def along(v, dp):
+            (f0, [df0]), (y1, [dy]), (error, [de]), (f1, [df1]) = push(
+                solver, column, t0, t1, y0, [v], dp
+            )
+            turns, ends = partial(_peaks, t1 - t0), (y0, f0, y1, f1)
+            peaks, dpeaks = jax.jvp(turns, ends, (v, df0, dy, df1))
+            return (y1, error, f1, peaks), (dy, de, dpeaks)
+
+        step = jax.vmap(along, out_axes=(None, 0))
+        (y1, error, f1, peaks), (dy, errors, dpeaks) = step(self.unit(y0), self.moves)
+        # the state's columns alone: steps do not depend on what is differentiated
+        worst = tuple(
+            jnp.maximum(jnp.abs(e), jnp.max(jnp.abs(row[:4])))
+            for e, row in zip(error, errors, strict=True)
+        )
+        return y1, worst, f1, (peaks, dy, dpeaks), None
+
     def step(self, column, state, step):
         """Carry the variations over the step, and over the event at its end."""
-        found = step.integrals
-        if step.modes:
+        jacobians = step.integrals
+        if step.modes:  # it may have been cut
             ends = step.t0, step.t1, step.y0
-            *_, found, _ = self.method.advance(TERMS, *ends, column, step.f0)
-        peaks, *jacobians = found
+            *_, jacobians, _ = self.advance(
+                self.solver, None, *ends, column, step.f0, state
+            )
+        peaks, *jacobians = jacobians
 
         def carry(row):  # the step's Jacobian times what was, and the parameters' own
             before: Any = sum(row[i] * state.y[i] for i in range(4))
             return before.at[4:].add(row[4:])
 
         dy, dpeaks = (tuple(map(carry, rows)) for rows in jacobians)
-        if step.modes:
-            dy = (*dy[:2], *column.friction.hold(dy[2], dy[3]))
-            event = step.event[0] > 0
 
-            def passed(dy):
-                of, along = self.method, list(self.method.moves)
-                numbers = of.moving(column)
-                jump = saltation(column, step, numbers, lambda x: of.column(column, x))
-                pairs = zip(jax.vmap(jump)(dy, along), dy, strict=True)
-                return tuple(jnp.where(event, new, old) for new, old in pairs)
+        def beyond(v, dp):
+            return past(column, step, (v,), dp)[0]
 
-            dy = if_any_lane(event, passed, dy)
+        dy = jax.vmap(beyond)(dy, self.moves)
         extent, moves = [], []
         for old, dold, new, dnew in zip(
             state.extent, state.extent_moves, peaks, dpeaks, strict=True
@@ -258,10 +192,6 @@ class Variational(AbstractFold):
             extent.append(jnp.where(larger, jnp.abs(new), old))
             moves.append(jnp.where(larger, jnp.sign(new) * dnew, dold))
         return Varied(dy, tuple(extent), tuple(moves)), jnp.inf, False
-
-
-def _without_modes(args: Any) -> Any:
-    return in_modes(args, None) if args.sticks else args
 
 
 def _stopped(column: Any, y: Vector4, dw1: Any, dw2: Any) -> tuple[Any, Any]:

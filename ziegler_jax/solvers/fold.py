@@ -39,6 +39,15 @@ class AbstractFold(eqx.Module):
     def integrand(self, column: Any):
         """A function of y that returns a tuple to be integrated over steps, or None."""
 
+    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+        """A step of the method from y0, where the right-hand side is `first`.
+
+        **Returns:** as `Explicit.advance`; its integrals are those of the step that the
+        fold, in this state, is shown.
+        """
+        del state
+        return solver.advance(terms, t0, t1, y0, column, first, self.integrand(column))
+
     @abc.abstractmethod
     def init(self, column: Any, t0: Scalar, y0: Vector4) -> Any:
         """The running numbers at the start."""
@@ -109,8 +118,8 @@ class Observed(AbstractObserved):
         """One step, seen by the fold."""
         del made_jump
         _, f0, folded = solver_state
-        y1, error, f1, integrals, *_ = self.solver.advance(
-            terms, t0, t1, y0, args, f0, self.fold.integrand(args)
+        y1, error, f1, integrals, *_ = self.fold.advance(
+            self.solver, terms, t0, t1, y0, args, f0, folded
         )
         seen = Step(t0, t1, y0, y1, f0, f1, integrals)
         folded, stop, done = self.fold.step(args, folded, seen)
