@@ -5,10 +5,14 @@ therefore carries a code, and every code a sentence. A result tells a sweep by i
 `Variable`s what its numbers are called and mean.
 """
 
+import dataclasses
 import enum
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import numpy as np
+
+TIME, RATE = "sqrt(m l^2/k)", "sqrt(k/(m l^2))"
 
 
 class Code(enum.IntEnum):
@@ -156,6 +160,50 @@ class Variable(NamedTuple):
     codes: type[Code] | None = None  # for flag variables
 
 
+def labels(variable: Variable) -> dict[str, Any]:
+    """The attributes of a variable in a dataset."""
+    if variable.codes is None:
+        return {"long_name": variable.long_name, "units": variable.units}
+    return {"long_name": variable.long_name, **flag_attributes(variable.codes)}
+
+
+def quantity(*about: Any, **more: Any) -> dict[str, Variable]:
+    """The metadata of a field that is a number of its result, under the field's name.
+
+    **Arguments:** those of `Variable`, but for its value.
+    """
+    return {"quantity": Variable(None, *about, **more)}
+
+
+class AbstractResult(eqx.Module):
+    """A result: the numbers that its fields declare, and how it was computed."""
+
+    settings: eqx.AbstractVar[tuple[tuple[str, Any], ...]]
+
+    def variables(self) -> dict[str, Variable]:
+        """All numbers with their names, units and dimensions, for `sweep`."""
+        about = {f.name: f.metadata.get("quantity") for f in dataclasses.fields(self)}
+        return {
+            name: variable._replace(value=getattr(self, name))
+            for name, variable in about.items()
+            if variable is not None
+        }
+
+    def attributes(self) -> dict[str, Any]:
+        """How it was computed: the options that are the same at every point."""
+        return dict(self.settings)
+
+
+class AbstractMotionResult(AbstractResult):
+    """The result of one motion: beside others, where, when and how it ended."""
+
+    final: Any  # the state at the end
+    time: Any = eqx.field(metadata=quantity("time at the end", TIME))
+    steps: Any = eqx.field(metadata=quantity("attempted steps"))  # also rejected ones
+    outcome: Any = eqx.field(metadata=quantity("how the motion ended", codes=OUTCOME))
+    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
+
+
 # The dimensions that results use, with their coordinates.
 DIMENSIONS = {"rod": (1, 2), "joint": (1, 2)}
 
@@ -167,8 +215,8 @@ AXES = {
     "mu": ("friction coefficient", "1", r"$\mu$"),
     "tau": ("friction torque", "k", r"$\tau$"),
     "pin_radius": ("pin radius", "l", r"$\rho$"),
-    "v_smooth": ("smoothing rate", "sqrt(k/(m l^2))", "$v_{smooth}$"),
-    "v_stribeck": ("Stribeck rate", "sqrt(k/(m l^2))", "$v_{stribeck}$"),
+    "v_smooth": ("smoothing rate", RATE, "$v_{smooth}$"),
+    "v_stribeck": ("Stribeck rate", RATE, "$v_{stribeck}$"),
     "kappa": ("stiffness ratio k1/k2", "1", r"$\kappa$"),
     "eta": ("follower fraction", "1", r"$\eta$"),
     "follower": ("follower fraction", "1", r"$\eta$"),
@@ -176,8 +224,8 @@ AXES = {
     "c2": ("damping of joint 2", "sqrt(k m l^2)", "$c_2$"),
     "phi1": ("angle of rod 1 at the start", "rad", r"$\varphi_1$"),
     "phi2": ("angle of rod 2 at the start", "rad", r"$\varphi_2$"),
-    "omega1": ("rate of rod 1 at the start", "sqrt(k/(m l^2))", r"$\dot\varphi_1$"),
-    "omega2": ("rate of rod 2 at the start", "sqrt(k/(m l^2))", r"$\dot\varphi_2$"),
+    "omega1": ("rate of rod 1 at the start", RATE, r"$\dot\varphi_1$"),
+    "omega2": ("rate of rod 2 at the start", RATE, r"$\dot\varphi_2$"),
 }
 
 # Names that scenes give codes which come without a result: flag variables.

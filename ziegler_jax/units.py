@@ -29,7 +29,7 @@ from .model.column import Column, point_masses, uniform_rods
 from .model.friction import AbstractLoad, JointReaction, SmoothCoulomb
 from .motion.trajectory import Trajectory
 from .numerics.numbers import both, is_concrete, number, number_or_pair
-from .results import DIMENSIONS, flag_attributes
+from .results import DIMENSIONS, labels
 
 # Half of the fall from mu_s to mu_k, in transition velocities: the middle of 1 to 1.5.
 HALF_FALL = 1.25
@@ -295,11 +295,6 @@ def _labelled(result: Any) -> xr.Dataset:
     for name, variable in result.variables().items():
         value = np.asarray(variable.value)
         lanes = [f"lane_{i + 1}" for i in range(value.ndim - len(variable.dims))]
-        attrs: dict[str, Any] = {"long_name": variable.long_name}
-        if variable.codes is None:
-            attrs["units"] = variable.units
-        else:
-            attrs |= flag_attributes(variable.codes)
-        data[name] = (*lanes, *variable.dims), value, attrs
+        data[name] = (*lanes, *variable.dims), value, labels(variable)
         coords |= {dim: list({**DIMENSIONS, **own}[dim]) for dim in variable.dims}
     return xr.Dataset(data, coords, getattr(result, "attributes", dict)())

@@ -14,29 +14,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..model.column import Column, State, power
-from ..motion.integrate import Method, Motion, follow
 from ..motion.not_finite import motion
-from ..motion.observers import TIME, joint_rates
-from ..motion.scene import (
-    check_scene,
-    explicit_method,
-    float_state,
-    nan_where,
-    rate_cut_of,
-    recorded,
-    tolerances,
-    valid_scene,
-    whole_number,
-)
+from ..motion.scene import check_scene, ending, nan_where, rate_cut_of
 from ..motion.section import Plane, passage
-from ..motion.tangents import AbstractGrowth, Growing, in_logs, unit_tangents
-from ..motion.windows import first_stop, last_stop, told_apart
+from ..motion.tangents import AbstractGrowth
+from ..motion.windows import AbstractSpans, Rest, Speeds, explicit_steps, follow_spans
 from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import Scalar, keeps, number
-from ..results import OUTCOME, VERDICT, Variable
-from ..solvers import Explicit, Step
-from .lyapunov import RATE, Rates, no_rates, standard_errors, with_block
-from .poincare import Returns, no_returns, returned
+from ..results import OUTCOME, TIME, VERDICT, AbstractMotionResult, Variable, quantity
+from ..solvers import Explicit
+from .lyapunov import (
+    Growth,
+    exponent_variables,
+    growth_options,
+    growth_settings,
+    no_growth,
+    standard_errors,
+    with_block,
+)
+from .poincare import CycleDetector, detect_cycle, no_cycle
 
 SURE = 3.0  # standard errors
 NEAR = 1e-3  # of a point: a passage this near one before it is on its way to a cycle
@@ -44,7 +40,7 @@ DRIFT = 0.1  # of the largest angle: what changes more has not settled
 PLANE = Plane()
 
 
-class Verdict(eqx.Module):
+class Verdict(AbstractMotionResult):
     r"""What a motion is, and the witnesses.
 
     `verdict`: a code of VERDICT; `period_count`: passages of $\phi_1 = 0$, rising, a
@@ -53,39 +49,15 @@ class Verdict(eqx.Module):
     code of OUTCOME.
     """
 
-    verdict: Any
-    period_count: Any
-    period: Any
+    verdict: Any = eqx.field(metadata=quantity("what the motion is", codes=VERDICT))
+    period_count: Any = eqx.field(metadata=quantity("passages a period"))
+    period: Any = eqx.field(metadata=quantity("period of the cycle", TIME))
     exponents: Any
     errors: Any
-    final: State
-    time: Any
-    steps: Any
-    outcome: Any
-    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
 
     def variables(self) -> dict[str, Variable]:
         """All numbers with their names, for `sweep`."""
-        named = {
-            "verdict": Variable(self.verdict, "what the motion is", codes=VERDICT),
-            "period_count": Variable(self.period_count, "passages a period"),
-            "period": Variable(self.period, "period of the cycle", TIME),
-        }
-        for i in range(2):
-            meaning = f"Lyapunov exponent {i + 1}"
-            named[f"exponent_{i + 1}"] = Variable(self.exponents[i], meaning, RATE)
-            named[f"exponent_{i + 1}_error"] = Variable(
-                self.errors[i], f"standard error of {meaning}", RATE
-            )
-        return named | {
-            "time": Variable(self.time, "time at the end", TIME),
-            "steps": Variable(self.steps, "attempted steps"),
-            "outcome": Variable(self.outcome, "how the motion ended", codes=OUTCOME),
-        }
-
-    def attributes(self) -> dict[str, Any]:
-        """How it was found."""
-        return dict(self.settings)
+        return exponent_variables(self) | super().variables()
 
 
 @motion
@@ -155,72 +127,41 @@ def verdict(
     session.
     """
     check_scene(column, start)
-    rtol, atol = tolerances(rtol, atol)
-    blocks = whole_number("blocks", blocks)
-    if blocks < 2:
-        raise ValueError(
-            f"Argument `blocks` must be at least 2, for an error, but is {blocks}."
-        )
-    fold = Witnesses(
-        solver=explicit_method(solver, Explicit()),
-        rtol=rtol,
-        transient=number("transient", transient, "nonnegative"),
-        block=number("block", block, "positive"),
-        blocks=blocks,
+    method = explicit_steps(solver, rtol, atol, max_steps)
+    fold = Classifier(
         rtol_return=number("rtol_return", rtol_return, "positive"),
         zero_rate=number("zero_rate", zero_rate, "positive"),
-        escape=number("escape", escape, "positive"),
-        rate_cut=rate_cut_of(column, rate_cut),
+        rest=Rest(rate_cut_of(column, rate_cut), at_once=True),
+        **growth_options(method, transient, block, blocks, escape),
     )
-    y0 = float_state(start)
-    good = valid_scene(column, y0) & fold.valid()
-    limit = whole_number("max_steps", max_steps)
-    run = follow(
-        Motion(
-            column,
-            y0,
-            fold,
-            Method(fold.solver, rtol, atol, limit),
-            valid=good & keeps("positive", rtol, atol),
-            first_stop=first_stop(fold.transient, fold.block),
-            end=last_stop(fold.transient, fold.block, blocks),
-            at_end=OUTCOME.unsettled,
-        )
-    )
-    rates, returns = run.folded.rates, run.folded.returns
-    found = run.outcome == OUTCOME.cycle
-    unmeasured = (rates.blocks < 1) | (run.outcome < OUTCOME.unsettled)
+    run = follow_spans(column, start, fold, method, OUTCOME.unsettled)
+    evidence, blocks = run.folded.watch, run.folded.spans
+    growth, returns = evidence.growth, evidence.returns
+    cycle = run.outcome == OUTCOME.cycle
+    unmeasured = (blocks < 1) | (run.outcome < OUTCOME.unsettled)
     return Verdict(
-        verdict=_judged(run.outcome, run.folded, fold),
-        period_count=jnp.where(found, returns.found, 0.0),
-        period=jnp.where(found, returns.period, jnp.nan),
-        exponents=nan_where(unmeasured, jnp.stack(rates.mean)),
-        errors=nan_where(unmeasured, jnp.stack(standard_errors(rates))),
-        final=State(run.y[:2], run.y[2:]),
-        time=run.time,
-        steps=run.steps,
-        outcome=run.outcome.astype(jnp.int8),
-        settings=recorded(
-            solver=fold.solver.name,
-            rtol=rtol,
-            atol=atol,
-            transient=fold.transient,
-            block=fold.block,
-            blocks=blocks,
+        verdict=_judged(run.outcome, evidence, blocks, fold),
+        period_count=jnp.where(cycle, returns.passages, 0.0),
+        period=jnp.where(cycle, returns.period, jnp.nan),
+        exponents=nan_where(unmeasured, jnp.stack(growth.mean)),
+        errors=nan_where(unmeasured, jnp.stack(standard_errors(growth, blocks))),
+        settings=growth_settings(
+            fold,
+            method,
             rtol_return=fold.rtol_return,
             zero_rate=fold.zero_rate,
-            escape=fold.escape,
-            rate_cut="by modes" if fold.rate_cut is None else fold.rate_cut,
-            max_steps=limit,
+            rate_cut=fold.rest.setting(),
         ),
+        **ending(run),
     )
 
 
-def _judged(outcome: Any, heard: "WitnessState", fold: "Witnesses") -> jax.Array:
+def _judged(
+    outcome: Any, evidence: "Evidence", blocks: Any, fold: "Classifier"
+) -> jax.Array:
     """The code of VERDICT."""
-    zero_rate = fold.zero_rate
-    rates, span = heard.rates, fold.blocks * fold.block
-    (first, second), (error, other) = rates.mean, standard_errors(rates)
+    zero_rate, growth, span = fold.zero_rate, evidence.growth, fold.most * fold.span
+    (first, second), (error, other) = growth.mean, standard_errors(growth, blocks)
 
     def zero(rate, error):
         """Not to be told from zero: by one e-fold in all, and by its error."""
@@ -229,15 +170,15 @@ def _judged(outcome: Any, heard: "WitnessState", fold: "Witnesses") -> jax.Array
 
     alone, both = zero(first, error), zero(first, error) & zero(second, other)
     by_rates = jnp.where(alone & ~both & (second < 0), VERDICT.cycle, 0)
-    apart = heard.returns.nearest > NEAR
+    apart = evidence.returns.nearest > NEAR
     by_rates = jnp.where(both & apart, VERDICT.quasi_periodic, by_rates)
     chaotic = (first > zero_rate) & (first > SURE * error)
     by_rates = jnp.where(chaotic, VERDICT.chaotic, by_rates)
-    early, late = heard.angles
+    early, late = evidence.angles
     transient = jnp.abs(late - early) > DRIFT * jnp.maximum(late, early)
-    transient |= rates.blocks < fold.blocks
+    transient |= blocks < fold.most
     by_rates = jnp.where((by_rates == 0) | transient, VERDICT.undecided, by_rates)
-    by_rates = jnp.where(heard.dissipates, by_rates, VERDICT.conservative)
+    by_rates = jnp.where(evidence.dissipates, by_rates, VERDICT.conservative)
     code = jnp.where(outcome == OUTCOME.unsettled, by_rates, VERDICT.failed)
     at_rest = (outcome == OUTCOME.stuck) | (outcome == OUTCOME.rest)
     code = jnp.where(at_rest, VERDICT.stuck, code)
@@ -245,140 +186,101 @@ def _judged(outcome: Any, heard: "WitnessState", fold: "Witnesses") -> jax.Array
     return jnp.where(outcome == OUTCOME.escaped, VERDICT.escaped, code).astype(jnp.int8)
 
 
-class WitnessState(NamedTuple):
-    """The running numbers of a lane."""
+class Evidence(NamedTuple):
+    """What is watched for a verdict."""
 
-    growing: Growing
+    growth: Growth
     grown: Scalar  # logarithm of the first tangent's growth in the blocks before
-    rates: Rates
-    returns: Returns
-    fastest: Scalar  # the largest joint rate of this block
-    faster: Scalar  # that of the block before
+    returns: CycleDetector
+    speeds: Speeds
     angles: tuple[Scalar, Scalar]  # the largest in each half of the blocks
     dissipates: Any
-    stop: Scalar
-    outcome: Scalar
 
 
-class Witnesses(AbstractGrowth):
+class Classifier(AbstractSpans, AbstractGrowth):
     """Sections and exponents of one motion, until one of them decides."""
 
     solver: Explicit
     rtol: Scalar
-    transient: Scalar
-    block: Scalar
-    blocks: int
     rtol_return: Scalar
     zero_rate: Scalar
-    escape: Scalar
-    rate_cut: Scalar | None  # None: set-valued friction, by modes
+    rest: Rest
 
     def valid(self) -> Any:
         """Whether the options keep their rules; for those only known when traced."""
-        good = keeps("nonnegative", self.transient)
-        good &= keeps("positive", self.block, self.rtol_return, self.zero_rate)
-        good &= keeps("positive", self.escape, self.rate_cut)
-        return good & told_apart("block", self.transient, self.block, self.blocks)
+        more = self.rtol_return, self.zero_rate, self.rest.rate_cut
+        return super().valid() & keeps("positive", *more)
 
-    def init(self, column, t0, y0):
-        """Nothing heard yet."""
+    def begin(self, column, t0, y0):
+        """No evidence yet."""
         zero, no = 0.0 * y0[0], jnp.zeros((), bool)
-        return WitnessState(
-            growing=unit_tangents(column, y0, 2),
+        return Evidence(
+            growth=no_growth(column, y0, 2),
             grown=zero,
-            rates=no_rates(self.transient, zero, 2),
-            returns=no_returns(t0, y0),
-            fastest=zero,
-            faster=zero,
+            returns=no_cycle(t0, y0),
+            speeds=self.rest.begin(y0),
             angles=(zero, zero),
             dissipates=no,
-            stop=first_stop(self.transient, self.block) + zero,
-            outcome=jnp.asarray(OUTCOME.not_computed, jnp.int32),
         )
 
-    def step(self, column, state, step):
-        """Hear both witnesses; judge at a block's end or when one decides."""
-        growing, longest = self.grow(column, state.growing, step)
-        measuring = state.rates.blocks >= 0
-        seen = passage(PLANE, step)
-        seen = seen._replace(there=seen.there & measuring)
+    def tangents(self, state):
+        """Those of the two largest exponents."""
+        return state.watch.growth.tangents
 
-        def heard_again(returns):
+    def watch(self, column, state, step):
+        """Take the step into both witnesses."""
+        before = state.watch
+        tangents, longest = self.grow(column, state, step)
+        measuring = state.spans >= 0
+        point = passage(PLANE, step)
+        point = point._replace(there=point.there & measuring)
+
+        def with_passage(returns):
             # at the step's start, relative to the field's own length there: what moves
             # along the flow has then not grown, wherever on the cycle the step begins
-            before = state.growing
-            length = before.factors[0] / jnp.sqrt(sum(f * f for f in step.f0))
-            growth = state.grown + before.logs[0] + jnp.log(length)
-            return returned(returns, seen, growth, self.rtol_return, self.zero_rate)
+            tangents = before.growth.tangents
+            length = tangents.factors[0] / jnp.sqrt(sum(f * f for f in step.f0))
+            growth = before.grown + tangents.logs[0] + jnp.log(length)
+            return detect_cycle(
+                returns, point, growth, self.rtol_return, self.zero_rate
+            )
 
-        returns = if_any_lane(seen.there, heard_again, state.returns)
-        rates = joint_rates(step.y1)
-        fastest = jnp.maximum(jnp.abs(rates[0]), jnp.abs(rates[1]))
-        lost = [p for p in power(column, step.y1)[1:] if p is not None]
-        dissipates = state.dissipates
-        for loss in lost:
-            dissipates |= measuring & (loss > 0)
+        returns = if_any_lane(point.there, with_passage, before.returns)
+        dissipates = before.dissipates
+        for loss in power(column, step.y1)[1:]:
+            if loss is not None:
+                dissipates |= measuring & (loss > 0)
         angle = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1]))
-        early = measuring & (state.rates.blocks < self.blocks // 2)
-        late = state.rates.blocks >= self.blocks // 2
-        heard = state._replace(
-            growing=growing,
-            angles=tuple(
-                jnp.where(when, jnp.maximum(peak, angle), peak)
-                for when, peak in zip((early, late), state.angles, strict=True)
-            ),
+        late = state.spans >= self.most // 2
+        halves = zip((measuring & ~late, late), before.angles, strict=True)
+        evidence = Evidence(
+            growth=before.growth._replace(tangents=tangents),
+            grown=before.grown,
             returns=returns,
-            fastest=jnp.maximum(state.fastest, fastest),
+            speeds=self.rest.watch(before.speeds, step),
+            angles=tuple(  # type: ignore[arg-type]
+                jnp.where(when, jnp.maximum(peak, angle), peak) for when, peak in halves
+            ),
             dissipates=dissipates,
         )
-        ended = step.t1 >= state.stop
-        turned = angle > self.escape
-        stuck = jnp.zeros_like(ended)
-        if self.rate_cut is None:
-            m1, m2 = step.event[1]
-            stuck = (m1 == 0) & (m2 == 0)  # then nothing moves any more
+        return evidence, self.rest.sticks(step) | returns.confirmed, longest
 
-        def judge(heard):
-            return self._judge(column, heard, step, ended, turned, stuck)
-
-        asked = ended | turned | stuck | returns.confirmed
-        after = if_any_lane(asked, judge, heard)
-        stop = jnp.minimum(after.stop, step.t1 + longest)
-        return after, stop, after.outcome != OUTCOME.not_computed
-
-    def _judge(
-        self,
-        column: Column,
-        heard: WitnessState,
-        step: Step,
-        ended: Any,
-        turned: Any,
-        stuck: Any,
-    ) -> WitnessState:
+    def judge(self, column, state, step, ended):
         """What is decided."""
-        growing = in_logs(heard.growing, ended)
-        rates = with_block(heard.rates, growing.logs, self.block, ended)
-        if self.rate_cut is not None:
-            slow = heard.fastest < self.rate_cut
-            stuck = ended & slow & (heard.fastest <= heard.faster)
-        resting = OUTCOME.rest if column.friction is None else OUTCOME.stuck
-        over = rates.blocks >= self.blocks
-        outcome = jnp.where(over, OUTCOME.unsettled, heard.outcome)
-        repeats = heard.returns.confirmed & heard.dissipates
+        evidence = state.watch
+        growth, added = with_block(evidence.growth, state.spans, self.span, ended)
+        last = state.spans >= self.most
+        outcome = jnp.where(last, OUTCOME.unsettled, state.outcome)
+        repeats = evidence.returns.confirmed & evidence.dissipates
         outcome = jnp.where(repeats, OUTCOME.cycle, outcome)
-        outcome = jnp.where(stuck, resting, outcome)
-        outcome = jnp.where(turned, OUTCOME.escaped, outcome)
-        return heard._replace(
-            growing=growing._replace(
-                logs=tuple(jnp.where(ended, 0.0, x) for x in growing.logs)
-            ),
-            grown=heard.grown + jnp.where(ended, growing.logs[0], 0.0),
-            rates=rates,
-            returns=heard.returns._replace(
-                nearest=jnp.where(ended & ~over, 1.0, heard.returns.nearest)
-            ),
-            fastest=jnp.where(ended, 0.0, heard.fastest),
-            faster=jnp.where(ended, heard.fastest, heard.faster),
-            stop=jnp.where(ended, step.t1 + self.block, heard.stop),
-            outcome=outcome.astype(jnp.int32),
+        at_rest = self.rest.reached(evidence.speeds, step, ended)
+        outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
+        nearest = evidence.returns.nearest
+        nearest = jnp.where(ended & ~last, 1.0, nearest)
+        evidence = evidence._replace(
+            growth=growth,
+            grown=evidence.grown + added[0],
+            returns=evidence.returns._replace(nearest=nearest),
+            speeds=self.rest.renewed(evidence.speeds, step, ended),
         )
+        return evidence, outcome

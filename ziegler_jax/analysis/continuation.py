@@ -28,11 +28,11 @@ import jax.numpy as jnp
 
 from ..context import plain
 from ..model.column import Column, State
-from ..motion.observers import TIME, Extent
-from ..motion.scene import recorded, whole_number
+from ..motion.observers import Extent
+from ..motion.scene import recorded
 from ..motion.variational import Flow
-from ..numerics.numbers import check_options, is_concrete
-from ..results import ORBIT, SPECIAL, Variable
+from ..numerics.numbers import check_options, is_concrete, whole_number
+from ..results import ORBIT, SPECIAL, TIME, AbstractResult, Variable, quantity
 from .implicit import fixed, undifferentiated
 from .march import Kept, Road
 from .periodic_orbit import attracts, multipliers
@@ -80,7 +80,7 @@ class Branch(eqx.Module):
     steps: Any
 
 
-class CycleFold(eqx.Module):
+class CycleFold(AbstractResult):
     """The fold at which two cycles meet, as a value of the parameter.
 
     `value` carries derivatives; `cycle`: `Points` of one, without; `outcome`: a code
@@ -89,24 +89,20 @@ class CycleFold(eqx.Module):
 
     value: Any
     cycle: Points
-    outcome: Any
-    steps: Any
+    steps: Any = eqx.field(metadata=quantity("attempted steps"))
+    outcome: Any = eqx.field(
+        metadata=quantity("how the search for the fold ended", codes=ORBIT)
+    )
     settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
 
     def variables(self) -> dict[str, Variable]:
         """The numbers as a sweep labels them."""
+        period = self.cycle.period[0]
         return {
             "fold": Variable(self.value, "parameter at the fold of cycles"),
-            "period": Variable(self.cycle.period[0], "period at the fold", TIME),
-            "steps": Variable(self.steps, "attempted steps"),
-            "outcome": Variable(
-                self.outcome, "how the search for the fold ended", codes=ORBIT
-            ),
+            "period": Variable(period, "period at the fold", TIME),
+            **super().variables(),
         }
-
-    def attributes(self) -> dict[str, Any]:
-        """How it was computed: the options that are the same at every point."""
-        return dict(self.settings)
 
 
 @plain
@@ -207,8 +203,8 @@ def cycle_fold(
     return CycleFold(
         (z[4] + change) * mark,
         points,
-        outcome.astype(jnp.int8),
         road.method.max_steps - end.left,
+        outcome.astype(jnp.int8),
         recorded(
             **road.settings,
             max_points=most,

@@ -16,14 +16,14 @@ from ..motion.scene import check_maker, check_scene, float_state, made, recorded
 from ..motion.sequence import in_turn
 from ..motion.settle import settled
 from ..motion.settle_problem import Settling
-from ..numerics.numbers import is_concrete
-from ..results import OUTCOME, Variable
+from ..numerics.numbers import instance, is_concrete
+from ..results import OUTCOME, AbstractResult, Variable
 from ..solvers import Explicit
 
 BRANCHES = ("up", "down")
 
 
-class UpDown(eqx.Module):
+class UpDown(AbstractResult):
     """What a column settles to at each load on the way up and on the way down.
 
     An attribute for each quantity of `Settled.variables()`, e.g. `joint_amplitude`
@@ -52,10 +52,6 @@ class UpDown(eqx.Module):
     def coordinates(self) -> dict[str, Any]:
         """The branches and the values."""
         return {"branch": BRANCHES, self.axis[0]: self.axis[1]}
-
-    def attributes(self) -> dict[str, Any]:
-        """How it was computed: the options that are the same at every point."""
-        return dict(self.settings)
 
 
 class _Way(NamedTuple):
@@ -123,8 +119,7 @@ def sweep_up_down(
     values = _increasing(values)
     start = State() if start is None else start
     check_maker(make_column)
-    if not isinstance(kick, State):
-        raise ValueError(f"Argument `kick` must be a `State`, but is {kick!r}.")
+    instance("kick", kick, State)
     check_scene(made(make_column, values[0]), start)
     y0, shove = float_state(start), float_state(kick)
     n, dtype = values.size, jnp.result_type(float)

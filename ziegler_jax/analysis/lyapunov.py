@@ -10,35 +10,21 @@ itself; their sum is the mean divergence of the flow.
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from ..model.column import Column, State
-from ..motion.integrate import Method, Motion, follow
+from ..motion.integrate import Method
 from ..motion.not_finite import motion
-from ..motion.observers import TIME
-from ..motion.scene import (
-    check_scene,
-    explicit_method,
-    float_state,
-    nan_where,
-    recorded,
-    tolerances,
-    valid_scene,
-    whole_number,
-)
+from ..motion.scene import check_scene, ending, nan_where, recorded
 from ..motion.tangents import AbstractGrowth, Growing, in_logs, unit_tangents
-from ..motion.windows import first_stop, last_stop, told_apart
-from ..numerics.materialise import if_any_lane
-from ..numerics.numbers import Scalar, keeps, number
-from ..results import OUTCOME, Variable
+from ..motion.windows import AbstractSpans, explicit_steps, follow_spans
+from ..numerics.numbers import Scalar, Vector4, number, whole_number
+from ..results import OUTCOME, RATE, AbstractMotionResult, Variable
 from ..solvers import Explicit
 
-RATE = "sqrt(k/(m l^2))"
 
-
-class Exponents(eqx.Module):
+class Exponents(AbstractMotionResult):
     """Lyapunov exponents of one lane, with standard errors.
 
     `exponents`, `errors`: shape (count,), from the largest on; in the order of
@@ -48,31 +34,23 @@ class Exponents(eqx.Module):
 
     exponents: Any
     errors: Any
-    final: State
-    time: Any
-    steps: Any
-    outcome: Any
-    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
 
     def variables(self) -> dict[str, Variable]:
         """`exponent_1`, `exponent_1_error`, ..., for `sweep`."""
-        named: dict[str, Variable] = {}
-        for i in range(self.exponents.shape[-1]):
-            name = f"exponent_{i + 1}"
-            meaning = f"Lyapunov exponent {i + 1}"
-            named[name] = Variable(self.exponents[..., i], meaning, RATE)
-            named[f"{name}_error"] = Variable(
-                self.errors[..., i], f"standard error of {meaning}", RATE
-            )
-        return named | {
-            "time": Variable(self.time, "time at the end", TIME),
-            "steps": Variable(self.steps, "attempted steps"),
-            "outcome": Variable(self.outcome, "how the motion ended", codes=OUTCOME),
-        }
+        return exponent_variables(self) | super().variables()
 
-    def attributes(self) -> dict[str, Any]:
-        """How they were computed."""
-        return dict(self.settings)
+
+def exponent_variables(result: Any) -> dict[str, Variable]:
+    """The exponents of a result."""
+    named: dict[str, Variable] = {}
+    for i in range(result.exponents.shape[-1]):
+        name = f"exponent_{i + 1}"
+        meaning = f"Lyapunov exponent {i + 1}"
+        named[name] = Variable(result.exponents[..., i], meaning, RATE)
+        named[f"{name}_error"] = Variable(
+            result.errors[..., i], f"standard error of {meaning}", RATE
+        )
+    return named
 
 
 @motion
@@ -122,157 +100,134 @@ def lyapunov_exponents(
     session.
     """
     check_scene(column, start)
-    rtol, atol = tolerances(rtol, atol)
     count = whole_number("count", count)
     if count > 4:
         raise ValueError(f"Argument `count` must be at most 4, but is {count}.")
+    method = explicit_steps(solver, rtol, atol, max_steps)
+    fold = GrowthRates(
+        count=count, **growth_options(method, transient, block, blocks, escape)
+    )
+    run = follow_spans(column, start, fold, method)
+    failed = run.outcome < OUTCOME.unsettled
+    growth, n = run.folded.watch, run.folded.spans
+    return Exponents(
+        exponents=nan_where(failed, jnp.stack(growth.mean)),
+        errors=nan_where(failed, jnp.stack(standard_errors(growth, n))),
+        settings=growth_settings(fold, method),
+        **ending(run),
+    )
+
+
+def growth_options(
+    method: Method, transient: Any, block: Any, blocks: Any, escape: Any
+) -> dict[str, Any]:
+    """What folds over blocks of growth have in common, validated."""
     blocks = whole_number("blocks", blocks)
     if blocks < 2:
         raise ValueError(
             f"Argument `blocks` must be at least 2, for an error, but is {blocks}."
         )
-    fold = Blocks(
-        solver=explicit_method(solver, Explicit()),
-        rtol=rtol,
-        count=count,
-        transient=number("transient", transient, "nonnegative"),
-        block=number("block", block, "positive"),
-        blocks=blocks,
-        escape=number("escape", escape, "positive"),
-    )
-    y0 = float_state(start)
-    good = valid_scene(column, y0) & fold.valid() & keeps("positive", rtol, atol)
-    limit = whole_number("max_steps", max_steps)
-    run = follow(
-        Motion(
-            column,
-            y0,
-            fold,
-            Method(fold.solver, rtol, atol, limit),
-            valid=good,
-            first_stop=first_stop(fold.transient, fold.block),
-            end=last_stop(fold.transient, fold.block, blocks),
-        )
-    )
-    failed = run.outcome < OUTCOME.unsettled
-    rates = run.folded.rates
-    return Exponents(
-        exponents=nan_where(failed, jnp.stack(rates.mean)),
-        errors=nan_where(failed, jnp.stack(standard_errors(rates))),
-        final=State(run.y[:2], run.y[2:]),
-        time=run.time,
-        steps=run.steps,
-        outcome=run.outcome.astype(jnp.int8),
-        settings=recorded(
-            solver=fold.solver.name,
-            rtol=rtol,
-            atol=atol,
-            transient=fold.transient,
-            block=fold.block,
-            blocks=blocks,
-            escape=fold.escape,
-            max_steps=limit,
-        ),
+    return {
+        "solver": method.solver,
+        "rtol": method.rtol,
+        "transient": number("transient", transient, "nonnegative"),
+        "span": number("block", block, "positive"),
+        "most": blocks,
+        "escape": number("escape", escape, "positive"),
+    }
+
+
+def growth_settings(fold: AbstractSpans, method: Method, **more: Any) -> Any:
+    """Their options, for the record."""
+    return recorded(
+        solver=method.solver.name,
+        rtol=method.rtol,
+        atol=method.atol,
+        transient=fold.transient,
+        block=fold.span,
+        blocks=fold.most,
+        escape=fold.escape,
+        max_steps=method.max_steps,
+        **more,
     )
 
 
-class Rates(NamedTuple):
-    """Running mean and sum of squared deviations of the blocks' growth rates."""
+class Growth(NamedTuple):
+    """Tangents, and the rates at which they grow, from block to block."""
 
-    blocks: Scalar  # completed; -1 in the transient
-    mean: tuple[Scalar, ...]
-    squares: tuple[Scalar, ...]
-
-
-def no_rates(transient: Any, zero: Scalar, count: int) -> Rates:
-    """Before the first block."""
-    blocks = jnp.where(jnp.asarray(transient) > 0, -1.0, 0.0).astype(zero.dtype)
-    return Rates(blocks + zero, (zero,) * count, (zero,) * count)
+    tangents: Growing
+    mean: tuple[Scalar, ...]  # of the blocks so far
+    squares: tuple[Scalar, ...]  # of the deviations from it, their sums
 
 
-def with_block(rates: Rates, logs: tuple, block: Scalar, ended: Any) -> Rates:
-    """One block more where it has ended (Welford's update); the transient's is lost."""
-    blocks = rates.blocks + jnp.where(ended, 1.0, 0.0)
+def no_growth(column: Column, y: Vector4, count: int) -> Growth:
+    """Unit tangents that have not grown."""
+    zero = (0.0 * y[0],) * count
+    return Growth(unit_tangents(column, y, count), zero, zero)
+
+
+def with_block(
+    growth: Growth, blocks: Scalar, block: Scalar, ended: Any
+) -> tuple[Growth, tuple[Scalar, ...]]:
+    """One block more where it has ended (Welford's update); the transient's is lost.
+
+    **Arguments:** `blocks`: how many there are with it; `block`: its length.
+
+    **Returns:** the growth, and the logarithms of what the block has added to it.
+    """
+    tangents = in_logs(growth.tangents, ended)
     counted = ended & (blocks > 0)
+    count = blocks.astype(tangents.logs[0].dtype)
     means, squares = [], []
-    for growth, mean, square in zip(logs, rates.mean, rates.squares, strict=True):
-        rate = growth / block
+    rows = zip(tangents.logs, growth.mean, growth.squares, strict=True)
+    for log, mean, square in rows:
+        rate = log / block
         # two infinities that agree do not differ
         off = jnp.where(rate == mean, 0.0, rate - mean)
-        new = mean + off / jnp.where(counted, blocks, 1.0)
+        new = mean + off / jnp.where(counted, count, 1.0)
         still = jnp.where(rate == new, 0.0, rate - new)
         means.append(jnp.where(counted, new, mean))
         squares.append(jnp.where(counted, square + off * still, square))
-    return Rates(blocks, tuple(means), tuple(squares))
+    added = tuple(jnp.where(ended, x, 0.0) for x in tangents.logs)
+    logs = tuple(jnp.where(ended, 0.0, x) for x in tangents.logs)
+    growth = Growth(tangents._replace(logs=logs), tuple(means), tuple(squares))
+    return growth, added
 
 
-def standard_errors(rates: Rates) -> tuple[Scalar, ...]:
+def standard_errors(growth: Growth, blocks: Scalar) -> tuple[Scalar, ...]:
     """Those of the means; none (NaN) of fewer than two blocks, 0 of infinity."""
-    n = rates.blocks
+    n = blocks.astype(growth.mean[0].dtype)
     pairs = jnp.where(n > 1, n * (n - 1), jnp.nan)
     return tuple(
         jnp.where(jnp.isinf(mean), 0.0, jnp.sqrt(square / pairs))
-        for mean, square in zip(rates.mean, rates.squares, strict=True)
+        for mean, square in zip(growth.mean, growth.squares, strict=True)
     )
 
 
-class BlocksState(NamedTuple):
-    """The running numbers of a lane."""
-
-    growing: Growing
-    rates: Rates
-    stop: Scalar
-    outcome: Scalar
-
-
-class Blocks(AbstractGrowth):
+class GrowthRates(AbstractSpans, AbstractGrowth):
     """A transient, then blocks of growth."""
 
     solver: Explicit
     rtol: Scalar
     count: int
-    transient: Scalar
-    block: Scalar
-    blocks: int
-    escape: Scalar
 
-    def valid(self) -> Any:
-        """Whether the options keep their rules; for those only known when traced."""
-        good = keeps("nonnegative", self.transient)
-        good &= keeps("positive", self.block, self.escape)
-        return good & told_apart("block", self.transient, self.block, self.blocks)
-
-    def init(self, column, t0, y0):
+    def begin(self, column, t0, y0):
         """Unit tangents that have not grown."""
-        zero = 0.0 * y0[0]
-        return BlocksState(
-            unit_tangents(column, y0, self.count),
-            no_rates(self.transient, zero, self.count),
-            first_stop(self.transient, self.block) + zero,
-            jnp.asarray(OUTCOME.not_computed, jnp.int32),
-        )
+        del t0
+        return no_growth(column, y0, self.count)
 
-    def step(self, column, state, step):
-        """Let the tangents grow; at a block's end keep its rates."""
-        growing, longest = self.grow(column, state.growing, step)
-        seen = state._replace(growing=growing)
-        ended = step.t1 >= state.stop
-        turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
+    def tangents(self, state):
+        """Those of the blocks."""
+        return state.watch.tangents
 
-        def judge(seen):
-            growing = in_logs(seen.growing, ended)
-            rates = with_block(seen.rates, growing.logs, self.block, ended)
-            over = rates.blocks >= self.blocks
-            outcome = jnp.where(over, OUTCOME.complete, seen.outcome)
-            outcome = jnp.where(turned, OUTCOME.escaped, outcome)
-            logs = tuple(jnp.where(ended, 0.0, x) for x in growing.logs)
-            return BlocksState(
-                growing._replace(logs=logs),
-                rates,
-                jnp.where(ended, step.t1 + self.block, seen.stop),
-                outcome.astype(jnp.int32),
-            )
+    def watch(self, column, state, step):
+        """Let the tangents grow."""
+        tangents, longest = self.grow(column, state, step)
+        return state.watch._replace(tangents=tangents), False, longest
 
-        after = if_any_lane(ended | turned, judge, seen)
-        stop = jnp.minimum(after.stop, step.t1 + longest)
-        return after, stop, after.outcome != OUTCOME.not_computed
+    def judge(self, column, state, step, ended):
+        """Take the block's rates."""
+        del column, step
+        growth, _ = with_block(state.watch, state.spans, self.span, ended)
+        last = state.spans >= self.most
+        return growth, jnp.where(last, OUTCOME.complete, state.outcome)

@@ -10,8 +10,8 @@ from jax import lax
 
 from ..context import resumable
 from ..model.column import State
-from ..motion.scene import check_maker, check_scene, float_state, made, whole_number
-from ..numerics.numbers import is_concrete, keeps, number
+from ..motion.scene import check_maker, check_scene, float_state, made
+from ..numerics.numbers import is_concrete, keeps, number, whole_number
 from ..results import ORBIT, SPECIAL
 from ..solvers import Explicit
 from .implicit import fixed

@@ -36,20 +36,32 @@ from ..motion.scene import (
     has_series,
     made,
     recorded,
-    whole_number,
 )
 from ..motion.sequence import in_turn
 from ..motion.settle_problem import Settling
-from ..numerics.numbers import check_options, is_concrete, pair
-from ..results import ONSET, OUTCOME, Variable
+from ..numerics.numbers import check_options, instance, is_concrete, pair, whole_number
+from ..results import ONSET, OUTCOME, AbstractResult, Variable, quantity
 from ..solvers import Explicit
 from .implicit import fixed
 from .threshold import carried
 
 RESTS, MOVES, NONE = -1.0, 1.0, 0.0
+# the options of each motion
+SETTLE = {
+    "window": 40.0,
+    "max_windows": 200,
+    "rtol_settle": 5e-5,
+    "rtol": 1e-6,
+    "atol": 1e-6,
+    "solver": None,
+    "escape": np.pi,
+    "rate_cut": None,
+    "max_steps": 1_000_000,
+}
+OPTIONS = ("scan", "halvings", *SETTLE)
 
 
-class Onset(eqx.Module):
+class Onset(AbstractResult):
     """Where the verdict first changes along the bracket.
 
     `width` is that of the last interval and no bound on the error of `value`. A motion
@@ -61,35 +73,27 @@ class Onset(eqx.Module):
     """
 
     value: Any  # the middle of the last interval; NaN where none was found
-    width: Any  # its length, no bound on the error
-    rises: Any  # 1. if the column rests below and moves above, -1. if the other way
-    changes: Any  # how often the verdict changes along the scan; more than 1: repeated
-    undecided: Any  # how many motions gave no verdict
-    obstacle: Any  # a code of OUTCOME: how the first of them ended
-    steps: Any  # attempted steps of all motions
-    outcome: Any  # a code of ONSET
+    width: Any = eqx.field(metadata=quantity("width of the last interval"))
+    rises: Any = eqx.field(
+        metadata=quantity("1: rest below, motion above; -1: reversed")
+    )
+    changes: Any = eqx.field(  # more than 1: repeated
+        metadata=quantity("changes of the verdict along the scan")
+    )
+    undecided: Any = eqx.field(metadata=quantity("motions without a verdict"))
+    obstacle: Any = eqx.field(
+        metadata=quantity("how the first undecided motion ended", codes=OUTCOME)
+    )
+    steps: Any = eqx.field(metadata=quantity("attempted steps"))  # of all motions
+    outcome: Any = eqx.field(metadata=quantity("how the search ended", codes=ONSET))
     name: str = eqx.field(static=True)
     long_name: str = eqx.field(static=True)
     settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
 
     def variables(self) -> dict[str, Variable]:
         """All numbers with their names, for `sweep`."""
-        return {
-            self.name: Variable(self.value, self.long_name),
-            "width": Variable(self.width, "width of the last interval"),
-            "rises": Variable(self.rises, "1: rest below, motion above; -1: reversed"),
-            "changes": Variable(self.changes, "changes of the verdict along the scan"),
-            "undecided": Variable(self.undecided, "motions without a verdict"),
-            "obstacle": Variable(
-                self.obstacle, "how the first undecided motion ended", codes=OUTCOME
-            ),
-            "steps": Variable(self.steps, "attempted steps"),
-            "outcome": Variable(self.outcome, "how the search ended", codes=ONSET),
-        }
-
-    def attributes(self) -> dict[str, Any]:
-        """How it was computed: the options that are the same at every point."""
-        return dict(self.settings)
+        value = Variable(self.value, self.long_name)
+        return {self.name: value, **super().variables()}
 
 
 @plain
@@ -120,11 +124,8 @@ def critical_kick(
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
-    check_options("critical_kick", options, _search)
-    if not isinstance(direction, State):
-        raise ValueError(
-            f"Argument `direction` must be a `State`, but is {direction!r}."
-        )
+    check_options("critical_kick", options, OPTIONS)
+    instance("direction", direction, State)
     if all(is_concrete(x) and x == 0 for x in direction.y):
         raise ValueError("Argument `direction` must not be zero, but is.")
 
@@ -171,7 +172,7 @@ def flutter_onset(
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
-    check_options("flutter_onset", options, _search)
+    check_options("flutter_onset", options, OPTIONS)
     check_maker(make_column)
 
     def scene(x: Any) -> tuple[Column, State]:
@@ -205,15 +206,7 @@ def _search(
     *,
     scan: int = 8,
     halvings: int = 10,
-    window: Any = 40.0,
-    max_windows: int = 200,
-    rtol_settle: Any = 5e-5,
-    rtol: Any = 1e-6,
-    atol: Any = 1e-6,
-    solver: Explicit | None = None,
-    escape: Any = np.pi,
-    rate_cut: Any = None,
-    max_steps: int = 1_000_000,
+    **options: Any,
 ) -> Onset:
     least, largest = fixed(pair("bracket", bracket))
     if is_concrete(least) and is_concrete(largest) and not least < largest:
@@ -221,8 +214,7 @@ def _search(
             f"Argument `bracket` must increase, but is ({least:g}, {largest:g})."
         )
     scan, halvings = whole_number("scan", scan), whole_number("halvings", halvings)
-    window, rtol_settle, escape = fixed((window, rtol_settle, escape))
-    rtol, atol, rate_cut = fixed((rtol, atol, rate_cut))
+    settle = fixed({**SETTLE, **options})
     dtype = jnp.result_type(float)
     least, largest = jnp.asarray(least, dtype), jnp.asarray(largest, dtype)
 
@@ -231,21 +223,14 @@ def _search(
         check_scene(column, start)
         # the derivative is carried along the steps of the same method
         series = has_series(column)
-        method = explicit_method(solver, Explicit()) if series else solver
+        solver = settle["solver"]
+        solver = explicit_method(solver, Explicit()) if series else solver
         return Settling(
             column,
             start,
+            **{**settle, "solver": solver},
             transient=np.float64(0),
-            window=window,
-            max_windows=max_windows,
-            rtol_settle=rtol_settle,
             observers=(),
-            rtol=rtol,
-            atol=atol,
-            solver=method,
-            escape=escape,
-            rate_cut=rate_cut,
-            max_steps=max_steps,
             strict=True,
         )
 
@@ -279,9 +264,9 @@ def _search(
         jnp.where(found, value, least),
         width,
         search.over & (outcome == ONSET.found),
-        last.watch.window,
+        last.watch.span,
         last.end,
-        last.method._replace(max_steps=max_steps),
+        last.method._replace(max_steps=settle["max_steps"]),
     )
     return Onset(
         value=value + change,

@@ -29,10 +29,9 @@ from ..motion.scene import (
     recorded,
     tolerances,
     valid_scene,
-    whole_number,
 )
 from ..motion.variational import Flow
-from ..numerics.numbers import keeps, number
+from ..numerics.numbers import keeps, number, whole_number
 from ..results import ORBIT, Variable
 from ..runtime import own_flags
 from ..solvers import Explicit

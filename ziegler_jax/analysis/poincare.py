@@ -7,88 +7,85 @@ set that no curve holds.
 from typing import Any, Literal, NamedTuple, get_args
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..model.column import Column, State
-from ..motion.integrate import Method, Motion, follow
 from ..motion.not_finite import motion
-from ..motion.scene import (
-    check_scene,
-    explicit_method,
-    float_state,
-    tolerances,
-    valid_scene,
-    whole_number,
-)
+from ..motion.scene import check_scene
 from ..motion.section import Passage, Plane, passage
-from ..numerics.numbers import Scalar, Vector4, keeps, number
+from ..motion.windows import AbstractSpans, explicit_steps, follow_spans
+from ..numerics.materialise import tree_where
+from ..numerics.numbers import Scalar, Vector4, choice, keeps, number, whole_number
 from ..results import OUTCOME
-from ..solvers import AbstractFold, Explicit
+from ..solvers import Explicit
 
 Coordinate = Literal["phi1", "phi2", "omega1", "omega2"]
 COORDINATES = get_args(Coordinate)
 LONGEST_PERIOD = 16  # passages
 
 
-class Returns(NamedTuple):
+class CycleDetector(NamedTuple):
     """Brent's cycle detection on the passages of a section."""
 
     point: Vector4  # the reference
     time: Scalar
     count: Scalar  # passages since; -1 before the first
     most: Scalar  # after so many the reference is renewed
-    found: Scalar  # the period in passages, once seen; else 0
+    passages: Scalar  # the period in passages, once there is one; else 0
     period: Scalar
     nearest: Scalar  # the least relative distance from a reference, in this block
     growth: Scalar  # logarithm of the tangent's growth up to the reference
     confirmed: Any
 
 
-def returned(
-    returns: Returns, seen: Passage, growth: Scalar, rtol: Scalar, zero_rate: Scalar
-) -> Returns:
+def detect_cycle(
+    returns: CycleDetector,
+    here: Passage,
+    growth: Scalar,
+    rtol: Scalar,
+    zero_rate: Scalar,
+) -> CycleDetector:
     """Hear one passage more, up to which the tangent has grown by e^`growth`.
 
     A motion that lingers by an unstable cycle comes back as well; its tangents grow.
     """
     count = returns.count + 1.0
     apart, size = 0.0 * count, 0.0 * count
-    for x, x0 in zip(seen.y, returns.point, strict=True):
+    for x, x0 in zip(here.y, returns.point, strict=True):
         apart = jnp.maximum(apart, jnp.abs(x - x0))
         size = jnp.maximum(size, jnp.abs(x0))
     back = (count > 0) & (apart <= rtol * size)
-    first = back & (returns.found == 0)
-    again = (returns.found > 0) & (count == 2 * returns.found)
+    first = back & (returns.passages == 0)
+    again = (returns.passages > 0) & (count == 2 * returns.passages)
     # growth is no number where the tangent was lost: nothing grows there
-    lingers = growth - returns.growth > zero_rate * (seen.time - returns.time)
+    lingers = growth - returns.growth > zero_rate * (here.time - returns.time)
     repeats = again & back & ~lingers
     # a period that was not confirmed was none
     renew = (count == 0) | (again & ~repeats)
-    renew |= ~first & (returns.found == 0) & (count >= returns.most)
+    renew |= ~first & (returns.passages == 0) & (count >= returns.most)
     doubled = jnp.where(
         returns.most >= LONGEST_PERIOD, 1.0 + 0.0 * count, 2 * returns.most
     )
-    new = Returns(
-        point=jax.tree.map(lambda a, b: jnp.where(renew, a, b), seen.y, returns.point),
-        time=jnp.where(renew, seen.time, returns.time),
+    new = CycleDetector(
+        point=tree_where(renew, here.y, returns.point),
+        time=jnp.where(renew, here.time, returns.time),
         count=jnp.where(renew, 0.0, count),
         most=jnp.where(renew & (count > 0), doubled, returns.most),
-        found=jnp.where(renew, 0.0, jnp.where(first, count, returns.found)),
-        period=jnp.where(first, seen.time - returns.time, returns.period),
+        passages=jnp.where(renew, 0.0, jnp.where(first, count, returns.passages)),
+        period=jnp.where(first, here.time - returns.time, returns.period),
         nearest=jnp.minimum(returns.nearest, jnp.where(count > 0, apart / size, 1.0)),
         growth=jnp.where(renew, growth, returns.growth),
         confirmed=returns.confirmed | repeats,
     )
-    return jax.tree.map(lambda a, b: jnp.where(seen.there, a, b), new, returns)
+    return tree_where(here.there, new, returns)
 
 
-def no_returns(t: Any, y: Vector4) -> Returns:
+def no_cycle(t: Any, y: Vector4) -> CycleDetector:
     """Before the first passage."""
-    zero = 0.0 * y[0]
+    zero, one = 0.0 * y[0], 0.0 * y[0] + 1
     no = jnp.zeros((), bool)
-    return Returns(y, t + zero, zero - 1, zero + 1, zero, zero, zero + 1, zero, no)
+    return CycleDetector(y, t + zero, zero - 1, one, zero, zero, one, zero, no)
 
 
 class Section(eqx.Module):
@@ -143,41 +140,26 @@ def poincare(
     session.
     """
     check_scene(column, start)
-    rtol, atol = tolerances(rtol, atol)
-    if coordinate not in COORDINATES:
-        raise ValueError(
-            f"Argument `coordinate` must be one of {', '.join(COORDINATES)}, but is "
-            f"{coordinate!r}."
-        )
+    choice("coordinate", coordinate, COORDINATES)
     level = number("level", level)
+    first = number("transient", transient, "nonnegative")
     fold = SectionLog(
+        transient=0.0,
+        span=first + number("span", span, "positive"),
+        most=1,
+        escape=number("escape", escape, "positive"),
         size=whole_number("points", points),
         plane=Plane(COORDINATES.index(coordinate), level, bool(rising)),
-        transient=number("transient", transient, "nonnegative"),
-        span=number("span", span, "positive"),
-        escape=number("escape", escape, "positive"),
+        first=first,
     )
-    y0 = float_state(start)
-    good = valid_scene(column, y0) & fold.valid() & keeps("positive", rtol, atol)
-    end = fold.transient + fold.span
-    limit = whole_number("max_steps", max_steps)
-    run = follow(
-        Motion(
-            column,
-            y0,
-            fold,
-            Method(explicit_method(solver, Explicit()), rtol, atol, limit),
-            valid=good,
-            first_stop=end,
-            end=end + fold.span,
-        )
-    )
-    seen = run.folded
+    method = explicit_steps(solver, rtol, atol, max_steps)
+    run = follow_spans(column, start, fold, method)
+    log = run.folded.watch
     return Section(
-        times=seen.times,
-        phi=seen.y[:, :2],
-        omega=seen.y[:, 2:],
-        count=seen.count,
+        times=log.times,
+        phi=log.y[:, :2],
+        omega=log.y[:, 2:],
+        count=log.count,
         steps=run.steps,
         outcome=run.outcome.astype(jnp.int8),
     )
@@ -189,29 +171,21 @@ class SectionState(NamedTuple):
     times: Any
     y: Any
     count: Any
-    outcome: Scalar
 
 
-class SectionLog(AbstractFold):
-    """Room for `size` passages."""
+class SectionLog(AbstractSpans):
+    """Room for `size` passages in one span, none before the time `first`."""
 
     size: int
     plane: Plane
-    transient: Scalar
-    span: Scalar
-    escape: Scalar
+    first: Scalar
 
     def valid(self) -> Any:
         """Whether the options keep their rules; for those only known when traced."""
-        good = keeps("nonnegative", self.transient) & keeps("finite", self.plane.level)
-        return good & keeps("positive", self.span, self.escape)
+        good = keeps("nonnegative", self.first) & keeps("finite", self.plane.level)
+        return super().valid() & good & keeps("positive", self.span - self.first)
 
-    def integrand(self, column):
-        """Nothing."""
-        del column
-        return None
-
-    def init(self, column, t0, y0):
+    def begin(self, column, t0, y0):
         """No point yet."""
         del column, t0
         dtype = jnp.result_type(y0[0])
@@ -219,22 +193,23 @@ class SectionLog(AbstractFold):
             jnp.full(self.size, jnp.nan, dtype),
             jnp.full((self.size, 4), jnp.nan, dtype),
             jnp.zeros((), jnp.int32),
-            jnp.asarray(OUTCOME.not_computed, jnp.int32),
         )
 
-    def step(self, column, state, step):
-        """Keep the step's passage, if any."""
+    def watch(self, column, state, step):
+        """Log the step's passage, if any."""
         del column
-        found = passage(self.plane, step)
-        end = self.transient + self.span
-        there = found.there & (found.time >= self.transient)
-        row = jnp.where(there, state.count, self.size)  # beyond: dropped
-        times = state.times.at[row].set(found.time, mode="drop")
-        y = state.y.at[row].set(jnp.stack(found.y), mode="drop")
-        count = state.count + there.astype(jnp.int32)
-        over = (count >= self.size) | (step.t1 >= end)
-        outcome = jnp.where(over, OUTCOME.complete, state.outcome)
-        turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
-        outcome = jnp.where(turned, OUTCOME.escaped, outcome).astype(jnp.int32)
-        after = SectionState(times, y, count, outcome)
-        return after, end, outcome != OUTCOME.not_computed
+        log, point = state.watch, passage(self.plane, step)
+        there = point.there & (point.time >= self.first)
+        row = jnp.where(there, log.count, self.size)  # beyond: dropped
+        log = SectionState(
+            log.times.at[row].set(point.time, mode="drop"),
+            log.y.at[row].set(jnp.stack(point.y), mode="drop"),
+            log.count + there.astype(jnp.int32),
+        )
+        return log, log.count >= self.size, None
+
+    def judge(self, column, state, step, ended):
+        """Done where there is no more room, or no more time."""
+        del column, step
+        full = state.watch.count >= self.size
+        return state.watch, jnp.where(full | ended, OUTCOME.complete, state.outcome)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from ..context import plain
 from ..model.column import Column, State
+from ..model.sticking_set import check_sticks
 from ..motion.observers import Period, StickFraction
 from ..motion.settle import Settled, settle
 from ..numerics.numbers import check_options
@@ -102,12 +103,8 @@ def regularisation_error(
 
     **Raises:** `ValueError` as `settle` and `SmoothCoulomb`, and for another law.
     """
+    check_sticks(column)
     law: Any = column.friction
-    if not column.sticks:
-        raise ValueError(
-            "Argument `column` must be a `Column` with `SetValuedCoulomb` friction, "
-            f"but its friction is {law!r}."
-        )
     smooth = law.smoothed(v_smooth, v_stribeck)
     smoothed = eqx.tree_at(lambda c: c.friction, column, smooth)
     check_options("regularisation_error", options, settle)

@@ -25,6 +25,7 @@ import jax.numpy as jnp
 from ..motion.integrate import Method, Motion
 from ..motion.scene import float_state
 from ..motion.variational import Variational, Varied, varied
+from ..numerics.materialise import tree_where
 from ..numerics.numbers import Scalar
 from ..results import OUTCOME
 from ..solvers import AbstractFold
@@ -93,10 +94,10 @@ class Parting(AbstractFold):
         size = jnp.sqrt(sum((y * y for y in step.y1), 0.0 * step.t1))
         look = Look(
             varied=varied,
-            best=_where(longer, now, state.best),
+            best=tree_where(longer, now, state.best),
             when=jnp.where(longer, step.t1, state.when),
-            mark=_where(further, now, state.mark),
-            earlier=_where(further, state.mark, state.earlier),
+            mark=tree_where(further, now, state.mark),
+            earlier=tree_where(further, state.mark, state.earlier),
             largest=jnp.maximum(size, state.largest),
             outcome=state.outcome,
         )
@@ -107,10 +108,6 @@ class Parting(AbstractFold):
             over |= (m1 == 0) & (m2 == 0)
         outcome = jnp.where(over, OUTCOME.complete, look.outcome).astype(jnp.int32)
         return look._replace(outcome=outcome), jnp.inf, over
-
-
-def _where(flag: Any, new: Any, old: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(flag, a, b), new, old)
 
 
 class Place(NamedTuple):

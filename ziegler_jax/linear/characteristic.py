@@ -32,6 +32,7 @@ from jax import lax
 
 from ..model.damping import joint_matrix
 from ..numerics.numbers import Scalar, equals
+from ..numerics.series import value
 
 
 class Damped(NamedTuple):
@@ -65,16 +66,8 @@ class Characteristic(NamedTuple):
     valid: jax.Array
 
 
-def value(p: tuple[Scalar, ...], q: Scalar) -> Any:
-    """The polynomial p, lowest power first, at q."""
-    total = p[-1]
-    for coefficient in p[-2::-1]:
-        total = total * q + coefficient
-    return total
-
-
 def slope(p: tuple[Scalar, ...], q: Scalar) -> Any:
-    """Its derivative."""
+    """The slope of the polynomial p, lowest power first, at q."""
     return value(tuple(k * p[k] for k in range(1, len(p))), q)
 
 

@@ -26,9 +26,10 @@ from jax import lax
 
 from ..context import plain
 from ..model.column import Column
-from ..numerics.numbers import Scalar
+from ..numerics.numbers import Scalar, choice
+from ..numerics.series import value
 from ..results import CRITICAL, Variable
-from .characteristic import Characteristic, characteristic, slope, value
+from .characteristic import Characteristic, characteristic, slope
 from .spectrum import refuse_friction
 
 Kind = Literal["flutter", "divergence", "flutter_end"]
@@ -111,10 +112,7 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
     Nonconservative Stability Problems of Modern Physics (2013).
     """
     refuse_friction("critical_load", column)
-    if kind not in KINDS:
-        raise ValueError(
-            f"Argument `kind` must be one of {', '.join(KINDS)}, but is {kind!r}."
-        )
+    choice("kind", kind, KINDS)
     p = characteristic(column)
     if kind == "flutter_end" and p.p1 is not None:
         raise ValueError(

@@ -20,9 +20,10 @@ from ..context import plain
 from ..model.column import Column
 from ..model.damping import Sum, Viscous
 from ..model.friction import AbstractRateFriction
-from ..numerics.numbers import Scalar
+from ..numerics.numbers import Scalar, instance
+from ..numerics.series import value
 from ..results import REGIME
-from .characteristic import Characteristic, characteristic, inertia, stiffness, value
+from .characteristic import Characteristic, characteristic, inertia, stiffness
 
 
 class Linear(NamedTuple):
@@ -156,8 +157,7 @@ def tangent_column(column: Column) -> Column:
 
 def refuse_friction(who: str, column: Column) -> None:
     """Raise for a column whose friction a linear function cannot see."""
-    if not isinstance(column, Column):
-        raise ValueError(f"Argument `column` must be a `Column`, but is {column!r}.")
+    instance("column", column, Column)
     if column.friction is not None:
         raise ValueError(
             f"Argument `column` must have no friction for `{who}`, but has "

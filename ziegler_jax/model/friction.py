@@ -26,6 +26,7 @@ from ..numerics.numbers import (
     equals,
     is_concrete,
     keeps_rules,
+    whole_number,
 )
 from .joint_reactions import reaction_loads
 
@@ -101,11 +102,7 @@ class JointReaction(AbstractLoad):
 
     def __check_init__(self):
         """Refuse a loop that does not run."""
-        if not isinstance(self.newton_steps, int) or self.newton_steps < 1:
-            raise ValueError(
-                "Argument `newton_steps` must be a whole number of at least 1, but is "
-                f"{self.newton_steps!r}."
-            )
+        whole_number("newton_steps", self.newton_steps)
 
     def at_rest(self, q: Scalar) -> Pair:
         """Return |q| for both joints: the reactions balance the load alone."""

@@ -20,7 +20,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..numerics.numbers import Pair, Scalar, both, checked, is_concrete, keeps_rules
+from ..numerics.numbers import (
+    Pair,
+    Scalar,
+    both,
+    checked,
+    choice,
+    is_concrete,
+    keeps_rules,
+)
 from .friction import (
     AbstractFriction,
     AbstractLoad,
@@ -115,11 +123,7 @@ class SetValuedCoulomb(AbstractFriction):
             self.rules, mu_s=mu_s, mu_k=mu_k, pin_radius=pin_radius
         )
         self.load = normal_load(load)
-        if release not in RELEASES:
-            raise ValueError(
-                f"Argument `release` must be one of {', '.join(RELEASES)}, but is "
-                f"{release!r}."
-            )
+        choice("release", release, RELEASES)
         if self.load.of_motion and release != "stick-first":
             raise ValueError(
                 'Argument `release` must be "stick-first" with the load '

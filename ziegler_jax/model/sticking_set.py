@@ -93,9 +93,14 @@ def sticking_set(column: Column) -> StickingSet:
 
     **Raises:** `ValueError` for another friction law.
     """
+    check_sticks(column)
+    return StickingSet(column)
+
+
+def check_sticks(column: Any) -> None:
+    """Refuse what is no column with set-valued friction."""
     if not isinstance(column, Column) or not column.sticks:
         raise ValueError(
             "Argument `column` must be a `Column` with `SetValuedCoulomb` friction, "
             f"but is {column!r}."
         )
-    return StickingSet(column)

@@ -13,11 +13,10 @@ import jax.numpy as jnp
 
 from ..model.column import Column, energy, power
 from ..numerics.numbers import Scalar, Vector4, both, keeps, number_or_pair
-from ..results import Variable
+from ..results import TIME, Variable
 from ..solvers import Step
 from .section import Plane, angles, passage
 
-TIME = "sqrt(m l^2/k)"
 POWER = "k sqrt(k/(m l^2))"
 
 

@@ -12,14 +12,13 @@ import numpy as np
 from ..context import overridden_tolerances
 from ..model.column import Column, State
 from ..model.damping import is_polynomial
-from ..numerics.numbers import Scalar, Vector4, is_concrete, number
+from ..numerics.numbers import Scalar, Vector4, instance, is_concrete, number
 from ..results import OUTCOME
 from ..solvers import Explicit, Rosenbrock, Taylor
 from .observers import AbstractObserver, Amplitude
 
 REST_RATE = 1e-6  # without friction there is no rate of the column's own
 FINEST_IN_FLOAT32 = 1e-5
-MOST_STEPS = 2**31 - 1  # they are counted in 32 bits
 
 
 def outcome_of(result: Any, last_slope: Any, otherwise: Any) -> jax.Array:
@@ -44,6 +43,16 @@ def recorded(**options: Any) -> tuple[tuple[str, Any], ...]:
             value = "set at each point"
         record.append((name, value))
     return tuple(record)
+
+
+def ending(run: Any) -> dict[str, Any]:
+    """Where, when and how a motion ended, as a result has it."""
+    return {
+        "final": State(run.y[:2], run.y[2:]),
+        "time": run.time,
+        "steps": run.steps,
+        "outcome": run.outcome.astype(jnp.int8),
+    }
 
 
 def nan_where(failed: Any, values: Any) -> Any:
@@ -135,10 +144,8 @@ def float_state(start: State) -> Vector4:
 
 def check_scene(column: Any, start: Any, name: str = "start") -> None:
     """Raise a sentence if these are no column and no start."""
-    if not isinstance(column, Column):
-        raise ValueError(f"Argument `column` must be a `Column`, but is {column!r}.")
-    if not isinstance(start, State):
-        raise ValueError(f"Argument `{name}` must be a `State`, but is {start!r}.")
+    instance("column", column, Column)
+    instance(name, start, State)
 
 
 def check_maker(make_column: Any) -> None:
@@ -172,17 +179,6 @@ def tolerances(rtol: Any, atol: Any) -> tuple[Scalar, Scalar]:
                     "compute in 64 bits."
                 )
     return overridden_tolerances(rtol, atol)
-
-
-def whole_number(name: str, x: Any) -> int:
-    """A count of at least one, validated."""
-    whole = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
-    if not whole or not 1 <= x <= MOST_STEPS:
-        raise ValueError(
-            f"Argument `{name}` must be a whole number of at least 1 and below 2^31, "
-            f"but is {x!r}."
-        )
-    return int(x)
 
 
 def increasing_times(ts: Any, dtype: Any) -> jax.Array:

@@ -7,19 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..model.column import Column, State
-from ..results import OUTCOME, Variable, checked
+from ..results import OUTCOME, AbstractMotionResult, Variable, checked, quantity
 from . import not_finite
 from .integrate import Run, follow
-from .observers import TIME, AbstractObserver
-from .scene import (
-    Solver,
-    nan_where,
-    recorded,
-)
+from .observers import AbstractObserver
+from .scene import Solver, ending, nan_where, recorded
 from .settle_problem import Settling
 
 
-class Settled(eqx.Module):
+class Settled(AbstractMotionResult):
     """The long-run motion of one lane, as numbers.
 
     Beside the fields, each observer adds an attribute of its name: `amplitude` always,
@@ -27,14 +23,11 @@ class Settled(eqx.Module):
     """
 
     observed: dict[str, Any]
-    drift: Any  # relative change of the amplitudes between the last two windows
-    final: State  # the state at the end
-    time: Any  # when it ended
-    steps: Any  # attempted steps, rejected ones included
-    windows: Any  # windows observed
-    outcome: Any  # a code of OUTCOME
+    drift: Any = eqx.field(
+        metadata=quantity("relative change of the amplitudes over the last window")
+    )
+    windows: Any = eqx.field(metadata=quantity("observed windows"))
     observers: tuple[AbstractObserver, ...]
-    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
 
     def __getattr__(self, name: str) -> Any:
         """What an observer of that name found."""
@@ -52,19 +45,7 @@ class Settled(eqx.Module):
         for observer in self.observers:
             found = observer.variables(self.observed[observer.name])
             named |= checked(f"the observer `{observer.name}`", found)
-        return named | {
-            "drift": Variable(
-                self.drift, "relative change of the amplitudes over the last window"
-            ),
-            "time": Variable(self.time, "time at the end", TIME),
-            "steps": Variable(self.steps, "attempted steps"),
-            "windows": Variable(self.windows, "observed windows"),
-            "outcome": Variable(self.outcome, "how the motion ended", codes=OUTCOME),
-        }
-
-    def attributes(self) -> dict[str, Any]:
-        """How it was computed: the options that are the same at every point."""
-        return dict(self.settings)
+        return named | super().variables()
 
 
 @not_finite.motion
@@ -147,22 +128,19 @@ def settle(
 
 def settled(motion: Settling, run: Run) -> Settled:
     """What a motion that has ended amounts to."""
-    watch, watched, y1 = motion.watch, run.folded, run.y
+    fold, watch, y1 = motion.watch, run.folded.watch, run.y
     failed = run.outcome < OUTCOME.unsettled
     observed = {
         observer.name: nan_where(
-            failed, observer.result(motion.column, state, watch.window, y1)
+            failed, observer.result(motion.column, state, fold.span, y1)
         )
-        for observer, state in zip(watch.observers, watched.observed, strict=True)
+        for observer, state in zip(fold.observers, watch.observed, strict=True)
     }
     return Settled(
         observed=observed,
-        drift=nan_where(failed | ~jnp.isfinite(watched.drift), watched.drift),
-        final=State(y1[:2], y1[2:]),
-        time=run.time,
-        steps=run.steps,
-        windows=watched.windows,
-        outcome=run.outcome.astype(jnp.int8),
-        observers=watch.observers,
+        drift=nan_where(failed | ~jnp.isfinite(watch.drift), watch.drift),
+        windows=run.folded.spans,
+        observers=fold.observers,
         settings=recorded(**motion.settings()),
+        **ending(run),
     )

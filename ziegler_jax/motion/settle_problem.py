@@ -4,7 +4,7 @@ from typing import Any
 
 from ..context import overridden_solver
 from ..model.column import Column, State
-from ..numerics.numbers import keeps, number
+from ..numerics.numbers import keeps, number, whole_number
 from ..results import OUTCOME
 from .integrate import Method, Motion
 from .observers import AbstractObserver
@@ -16,10 +16,9 @@ from .scene import (
     tolerances,
     usual_method,
     valid_scene,
-    whole_number,
     with_amplitude,
 )
-from .windows import Windows, first_stop, last_stop
+from .windows import Rest, Windows
 
 
 class Settling(Motion):
@@ -51,11 +50,11 @@ class Settling(Motion):
         solver = method_of(solver, column, usual_method(column))
         self.watch = watch = Windows(
             transient=number("transient", transient, "nonnegative"),
-            window=number("window", window, "positive"),
-            max_windows=whole_number("max_windows", max_windows),
+            span=number("window", window, "positive"),
+            most=whole_number("max_windows", max_windows),
             rtol_settle=number("rtol_settle", rtol_settle, "positive"),
             escape=number("escape", escape, "positive"),
-            rate_cut=rate_cut_of(column, rate_cut),
+            rest=Rest(rate_cut_of(column, rate_cut), at_once=strict),
             observers=with_amplitude(observers, column),
             strict=strict,
         )
@@ -66,8 +65,8 @@ class Settling(Motion):
             watch,
             Method(solver, rtol, atol, whole_number("max_steps", max_steps)),
             valid=valid,
-            first_stop=first_stop(watch.transient, watch.window),
-            end=last_stop(watch.transient, watch.window, watch.max_windows),
+            first_stop=watch.first_stop(),
+            end=watch.last_stop(),
             at_end=OUTCOME.unsettled,
         )
 
@@ -79,11 +78,11 @@ class Settling(Motion):
             "rtol": self.method.rtol,
             "atol": self.method.atol,
             "transient": watch.transient,
-            "window": watch.window,
-            "max_windows": watch.max_windows,
+            "window": watch.span,
+            "max_windows": watch.most,
             "max_steps": self.method.max_steps,
             "rtol_settle": watch.rtol_settle,
             "escape": watch.escape,
-            "rate_cut": "by modes" if watch.by_modes else watch.rate_cut,
+            "rate_cut": watch.rest.setting(),
             **(self.column.friction.settings() if self.column.friction else {}),
         }

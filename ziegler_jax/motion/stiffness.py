@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, vector_field
-from ..numerics.numbers import Vector4, is_concrete, number
+from ..numerics.numbers import Vector4, instance, is_concrete, number
 
 
 def is_stiff(column: Column, rtol: Any) -> jax.Array:
@@ -56,8 +56,7 @@ def is_stiff(column: Column, rtol: Any) -> jax.Array:
     **Raises:** `ValueError` for what is no `Column`, and for a concrete `rtol` that is
     not positive.
     """
-    if not isinstance(column, Column):
-        raise ValueError(f"Argument `column` must be a `Column`, but is {column!r}.")
+    instance("column", column, Column)
     rtol = number("rtol", rtol, "positive")
     with ExitStack() as known:
         if all(is_concrete(x) for x in jax.tree.leaves((column, rtol))):

@@ -11,6 +11,7 @@ sticks has no rate to differ in: v keeps none, a dimension of the tangents is lo
 with it goes an exponent to minus infinity.
 """
 
+import abc
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -113,7 +114,7 @@ class Growing(NamedTuple):
 
 
 class AbstractGrowth(AbstractFold):
-    """A fold that lets tangents, its state's `growing`, go along with the motion.
+    """A fold that lets tangents go along with the motion.
 
     The motion's error bounds the steps; where it says little, as at rest, that of the
     tangents does.
@@ -121,6 +122,10 @@ class AbstractGrowth(AbstractFold):
 
     solver: eqx.AbstractVar[Explicit]
     rtol: eqx.AbstractVar[Scalar]  # of the motion
+
+    @abc.abstractmethod
+    def tangents(self, state: Any) -> "Growing":
+        """Where the fold's state has them."""
 
     def integrand(self, column):
         """Nothing: tangents are no integrals."""
@@ -131,15 +136,16 @@ class AbstractGrowth(AbstractFold):
         """A step, and the images of the tangents with their errors."""
         del terms, first
         _, (y1, images), (error, errors), (last, _) = push(
-            solver, column, t0, t1, y0, state.growing.vectors
+            solver, column, t0, t1, y0, self.tangents(state).vectors
         )
         return y1, error, last, (images, errors), None
 
-    def grow(self, column: Any, growing: Growing, step: Step) -> tuple[Growing, Scalar]:
+    def grow(self, column: Any, state: Any, step: Step) -> tuple[Growing, Scalar]:
         """The tangents after a step, orthonormal again, and how long the next may be.
 
         **Arguments:** `column`: in the modes of the step.
         """
+        growing = self.tangents(state)
         if step.modes:  # it may have been cut
             ends = step.t0, step.t1, step.y0
             _, (_, images), (_, errors), _ = push(

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from ..context import overridden_solver
 from ..model.column import Column, State
-from ..numerics.numbers import keeps
+from ..numerics.numbers import keeps, whole_number
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit
 from . import not_finite
@@ -26,7 +26,6 @@ from .scene import (
     tolerances,
     usual_method,
     valid_scene,
-    whole_number,
 )
 
 
@@ -63,11 +62,6 @@ class Record(AbstractFold):
 
     ts: Any
     size: int
-
-    def integrand(self, column):
-        """Nothing."""
-        del column
-        return None
 
     def init(self, column, t0, y0):
         """The start, with the modes that it begins in."""

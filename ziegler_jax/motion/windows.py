@@ -1,81 +1,251 @@
-"""The watch that `settle` keeps over a lane: windows, their agreement, the verdict."""
+"""Motions judged span by span: a transient, then equal spans until one decides.
 
-from typing import Any, NamedTuple
+`AbstractSpans` is the machine of all questions of this kind; `Windows` is that of
+`settle`.
+"""
+
+import abc
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column
-from ..numerics.materialise import if_any_lane
-from ..numerics.numbers import Scalar, Vector4, is_concrete, keeps
+from ..model.column import Column, State
+from ..numerics.materialise import if_any_lane, tree_where
+from ..numerics.numbers import Scalar, Vector4, is_concrete, keeps, whole_number
 from ..results import OUTCOME
-from ..solvers import AbstractFold, Step
+from ..solvers import AbstractFold, Explicit, Step
+from .integrate import Method, Motion, Run, follow
 from .observers import AbstractObserver, joint_rates
+from .scene import explicit_method, float_state, tolerances, valid_scene
 
-APART = 16  # units of rounding at the end: a shorter window is none
-
-
-def first_stop(transient: Scalar, window: Scalar) -> Scalar:
-    """The end of the transient, or of the first window where there is none."""
-    if is_concrete(transient):
-        return transient if transient > 0 else window
-    return jnp.where(transient > 0, transient, window)
+APART = 16  # units of rounding at the end: a shorter span is none
 
 
-def last_stop(transient: Scalar, window: Scalar, count: int) -> Scalar:
-    """A time before which `count` windows are over, but for their rounding."""
-    return transient + window * (count + 1)
+class SpanState(NamedTuple):
+    """Where a lane is among its spans."""
 
-
-def told_apart(name: str, transient: Scalar, window: Scalar, count: int) -> Any:
-    """Whether a window can be told from rounding to the last; `name`: what it is.
-
-    **Raises:** `ValueError` if it cannot, and both numbers are concrete.
-    """
-    eps = float(jnp.finfo(jnp.result_type(float)).eps)
-    least = APART * eps * last_stop(transient, window, count)
-    if is_concrete(least) and not window >= least:
-        raise ValueError(
-            f"Argument `{name}` must be at least {APART} units of rounding at the "
-            f"motion's end, {float(least):.3g}, but is {float(window):g}; take longer "
-            "or fewer of them, or a shorter `transient`."
-        )
-    return window >= least
-
-
-class Watched(NamedTuple):
-    """The running numbers of a lane."""
-
-    observed: tuple  # one state per observer, the amplitude's first
-    window_end: Scalar
-    windows: Scalar  # completed windows; -1 in the transient
-    previous: tuple  # the amplitudes of the window before
-    drift: Scalar
-    fastest: Scalar  # the largest joint rate of this window; 1 if any, by modes
-    faster: Scalar  # that of the window before
+    watch: Any  # the question's own running numbers
+    end: Scalar  # of this span
+    spans: Scalar  # completed ones; -1 in the transient
     outcome: Scalar  # `not_computed` while it runs
 
 
-class Windows(AbstractFold):
-    """A transient, then windows until two agree (see `settle`)."""
+class AbstractSpans(AbstractFold):
+    """A transient, then equal spans until one decides.
+
+    A question says what it watches (`begin`, `watch`) and, where a span has ended or it
+    asked for a judgement, how the motion ended, if it did (`judge`). A rod that turns
+    over ends it at once.
+    """
 
     transient: Scalar
-    window: Scalar
-    rtol_settle: Scalar
+    span: Scalar
+    most: int  # spans
     escape: Scalar
-    rate_cut: Scalar | None  # None: set-valued friction, by modes
-    max_windows: int
+
+    span_name: ClassVar[str] = "block"  # that of the argument
+
+    @abc.abstractmethod
+    def begin(self, column: Any, t0: Scalar, y0: Vector4) -> Any:
+        """What is watched, before the first step."""
+
+    @abc.abstractmethod
+    def watch(self, column: Any, state: SpanState, step: Step) -> tuple[Any, Any, Any]:
+        """What is watched after a step, whether to judge, how long the next may be.
+
+        The last is None where that is no matter.
+        """
+
+    @abc.abstractmethod
+    def judge(
+        self, column: Any, state: SpanState, step: Step, ended: Any
+    ) -> tuple[Any, Any]:
+        """What is watched from here on, and the outcome; `ended`: whether the span has.
+
+        Other lanes may have asked: one that did not must stay as it is.
+        """
+
+    def valid(self) -> Any:
+        """Whether the options keep their rules; for those only known when traced.
+
+        **Raises:** `ValueError` for a span that cannot be told from rounding.
+        """
+        good = keeps("nonnegative", self.transient)
+        good &= keeps("positive", self.span, self.escape)
+        eps = float(jnp.finfo(jnp.result_type(float)).eps)
+        least = APART * eps * self.last_stop()
+        if is_concrete(least) and not self.span >= least:
+            raise ValueError(
+                f"Argument `{self.span_name}` must be at least {APART} units of "
+                f"rounding at the motion's end, {float(least):.3g}, but is "
+                f"{float(self.span):g}; take longer or fewer of them, or a shorter "
+                "`transient`."
+            )
+        return good & (self.span >= least)
+
+    def first_stop(self) -> Scalar:
+        """The end of the transient, or of the first span where there is none."""
+        if is_concrete(self.transient):
+            return self.transient if self.transient > 0 else self.span
+        return jnp.where(self.transient > 0, self.transient, self.span)
+
+    def last_stop(self) -> Scalar:
+        """A time before which all spans are over, but for their rounding."""
+        return self.transient + self.span * (self.most + 1)
+
+    def init(self, column, t0, y0):
+        """Before the first step."""
+        before = jnp.asarray(self.transient) > 0
+        return SpanState(
+            self.begin(column, t0, y0),
+            self.first_stop() + 0.0 * y0[0],
+            jnp.where(before, -1, 0).astype(jnp.int32),
+            jnp.asarray(OUTCOME.not_computed, jnp.int32),
+        )
+
+    def step(self, column, state, step):
+        """Watch a step; where a span ends, or is asked to, judge and begin the next."""
+        watch, asked, longest = self.watch(column, state, step)
+        ended = step.t1 >= state.end
+        over = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
+
+        def judge(state):
+            state = state._replace(spans=state.spans + ended.astype(jnp.int32))
+            watch, outcome = self.judge(column, state, step, ended)
+            outcome = jnp.where(over, OUTCOME.escaped, outcome).astype(jnp.int32)
+            end = jnp.where(ended, step.t1 + self.span, state.end)
+            return SpanState(watch, end, state.spans, outcome)
+
+        asked = ended | over | asked
+        after = if_any_lane(asked, judge, state._replace(watch=watch))
+        stop = after.end
+        if longest is not None:
+            stop = jnp.minimum(stop, step.t1 + longest)
+        return after, stop, after.outcome != OUTCOME.not_computed
+
+
+def explicit_steps(solver: Any, rtol: Any, atol: Any, max_steps: Any) -> Method:
+    """An explicit method and its budget, validated; Tsit5 where none is named."""
+    rtol, atol = tolerances(rtol, atol)
+    limit = whole_number("max_steps", max_steps)
+    return Method(explicit_method(solver, Explicit()), rtol, atol, limit)
+
+
+def follow_spans(
+    column: Column,
+    start: State,
+    fold: AbstractSpans,
+    method: Method,
+    at_end: OUTCOME = OUTCOME.complete,
+) -> Run:
+    """The motion from `start` to its end."""
+    y0 = float_state(start)
+    good = keeps("positive", method.rtol, method.atol)
+    motion = Motion(
+        column,
+        y0,
+        fold,
+        method,
+        valid=good & valid_scene(column, y0) & fold.valid(),
+        first_stop=fold.first_stop(),
+        end=fold.last_stop(),
+        at_end=at_end,
+    )
+    return follow(motion)
+
+
+class Speeds(NamedTuple):
+    """The largest joint rates; by modes 1 for a joint that slips."""
+
+    now: Scalar  # in this span
+    before: Scalar  # in the span before
+
+
+class Rest(eqx.Module):
+    """When a motion has come to rest: all joints stick, or creep and do not speed up.
+
+    **Arguments:** `rate_cut`: what is slower creeps; None: set-valued friction, by
+    modes; `at_once`: what sticks in both joints sticks for ever: no span is waited for.
+    """
+
+    rate_cut: Scalar | None
+    at_once: bool = eqx.field(static=True)
+
+    @property
+    def by_modes(self) -> bool:
+        """Whether rest is a matter of modes."""
+        return self.rate_cut is None
+
+    def begin(self, y: Vector4) -> Speeds:
+        """At the start of a motion."""
+        zero = 0.0 * y[0]
+        return Speeds(zero if self.by_modes else _fastest(y), zero)
+
+    def watch(self, speeds: Speeds, step: Step) -> Speeds:
+        """After a step."""
+        if self.by_modes:
+            m1, m2 = step.modes
+            rate = jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0).astype(m1.dtype)
+        else:
+            rate = _fastest(step.y1)
+        return speeds._replace(now=jnp.maximum(speeds.now, rate))
+
+    def sticks(self, step: Step) -> Any:
+        """Whether both joints stick from here on, where that is enough."""
+        if not (self.by_modes and self.at_once):
+            return False
+        m1, m2 = step.event[1]
+        return (m1 == 0) & (m2 == 0)
+
+    def reached(self, speeds: Speeds, step: Step, ended: Any) -> Any:
+        """Whether it rests at the end of a step, with which a span may have ended."""
+        if self.by_modes:
+            return self.sticks(step) | (ended & (speeds.now < 0.5))
+        # slow is not at rest where it grows: the span before tells
+        return ended & (speeds.now < self.rate_cut) & (speeds.now <= speeds.before)
+
+    def outcome(self, column: Column) -> OUTCOME:
+        """What rest is called."""
+        return OUTCOME.rest if column.friction is None else OUTCOME.stuck
+
+    def setting(self) -> Any:
+        """The cut, for the record."""
+        return "by modes" if self.rate_cut is None else self.rate_cut
+
+    def renewed(self, speeds: Speeds, step: Step, begins: Any) -> Speeds:
+        """Where a span begins after a step."""
+        new = Speeds(self.begin(step.y1).now, speeds.now)
+        return tree_where(begins, new, speeds)
+
+
+class WindowState(NamedTuple):
+    """What is watched in a window."""
+
+    observed: tuple  # one state per observer, the amplitude's first
+    previous: tuple  # the amplitudes of the window before
+    drift: Scalar
+    speeds: Speeds
+
+
+class Windows(AbstractSpans):
+    """A transient, then windows until two agree (see `settle`).
+
+    `strict`: for a verdict alone: windows agree only if they draw nearer, as at a
+    stable cycle.
+    """
+
+    rtol_settle: Scalar
+    rest: Rest
     observers: tuple[AbstractObserver, ...]
-    # For a verdict alone: what sticks in both joints sticks for ever and need not be
-    # watched, and windows agree only if they draw nearer, as at a stable cycle.
     strict: bool = eqx.field(static=True, default=False)
+
+    span_name: ClassVar[str] = "window"
 
     def valid(self) -> Any:
         """Whether the options keep their rules; for those only known when traced."""
-        options = self.window, self.rtol_settle, self.escape, self.rate_cut
-        good = keeps("nonnegative", self.transient) & keeps("positive", *options)
-        good &= told_apart("window", self.transient, self.window, self.max_windows)
+        good = super().valid() & keeps("positive", self.rtol_settle, self.rest.rate_cut)
         for observer in self.observers:
             good &= observer.valid()
         return good
@@ -89,109 +259,58 @@ class Windows(AbstractFold):
         zero = jax.ShapeDtypeStruct((), jnp.result_type(float))
         return joint if jax.eval_shape(joint, (zero,) * 4) else None
 
-    def init(self, column, t0, y0):
-        """Nothing seen yet."""
+    def begin(self, column, t0, y0):
+        """Observers that saw nothing yet."""
         zero = 0.0 * y0[0]
-        compares = self.max_windows > 1
-        return Watched(
+        return WindowState(
             observed=self._fresh(column, t0, y0),
-            window_end=first_stop(self.transient, self.window) + zero,
-            windows=jnp.where(jnp.asarray(self.transient) > 0, -1, 0).astype(jnp.int32),
-            previous=(zero, zero, zero) if compares else (),
+            previous=(zero, zero, zero) if self.most > 1 else (),
             drift=zero + jnp.inf,
-            fastest=zero if self.by_modes else _fastest(y0),
-            faster=zero,
-            outcome=jnp.asarray(OUTCOME.not_computed, jnp.int32),
+            speeds=self.rest.begin(y0),
         )
 
-    def step(self, column, state, step):
-        """See a step; at a window's end compare, judge, and begin the next."""
+    def watch(self, column, state, step):
+        """Let all observers see the step."""
         observed, used = [], 0
-        for observer, part in zip(self.observers, state.observed, strict=True):
+        for observer, part in zip(self.observers, state.watch.observed, strict=True):
             count = len(observer.integrand(column, step.y1))
             mine = step._replace(integrals=step.integrals[used : used + count])
             observed.append(observer.step(column, part, mine))
             used += count
-        fastest = jnp.maximum(state.fastest, self._motion(step))
-        seen = state._replace(observed=tuple(observed), fastest=fastest)
-        ended = step.t1 >= state.window_end
-        turned = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
+        speeds = self.rest.watch(state.watch.speeds, step)
+        watch = state.watch._replace(observed=tuple(observed), speeds=speeds)
+        return watch, self.rest.sticks(step), None
 
-        held: Any = False
-        if self.strict and self.by_modes:
-            m1, m2 = step.event[1]
-            held = (m1 == 0) & (m2 == 0)
-
-        def judge(seen: Watched) -> Watched:
-            return self._judge(column, seen, step, ended, turned, held)
-
-        after = if_any_lane(ended | turned | held, judge, seen)
-        return after, after.window_end, after.outcome != OUTCOME.not_computed
-
-    def _judge(
-        self,
-        column: Column,
-        seen: Watched,
-        step: Step,
-        ended: Any,
-        turned: Any,
-        held: Any,
-    ) -> Watched:
-        """The verdict on a lane whose window ended, or that turned over or is held."""
-        windows = seen.windows + ended.astype(jnp.int32)
-        judged = ended & (windows > 0)
-        if self.by_modes:
-            at_rest = held | (judged & (seen.fastest < 0.5))
-        else:  # slow is not at rest where it grows: the window before tells
-            at_rest = judged & (seen.fastest < self.rate_cut)
-            at_rest &= seen.fastest <= seen.faster
-            at_rest &= windows >= min(2, self.max_windows)
-        over = judged & (windows >= self.max_windows)
-        amplitudes, drift, agreed = seen.observed[0], seen.drift, False
-        if self.max_windows > 1:
-            relative = _relative_change(amplitudes, seen.previous)
-            drift = jnp.where(judged & (windows > 1), relative, drift)
-            agreed = judged & (drift <= self.rtol_settle)
+    def judge(self, column, state, step, ended):
+        """Compare the window that ended with the one before."""
+        watch, speeds = state.watch, state.watch.speeds
+        ended_window = ended & (state.spans > 0)
+        two = self.rest.by_modes | (state.spans >= min(2, self.most))
+        at_rest = self.rest.reached(speeds, step, ended_window & two)
+        amplitudes, drift, agreed = watch.observed[0], watch.drift, False
+        if self.most > 1:
+            relative = _relative_change(amplitudes, watch.previous)
+            drift = jnp.where(ended_window & (state.spans > 1), relative, drift)
+            agreed = ended_window & (drift <= self.rtol_settle)
             if self.strict:
-                agreed &= (windows > 2) & (drift <= seen.drift)
-
-        if not self.by_modes:
+                agreed &= (state.spans > 2) & (drift <= watch.drift)
+        if not self.rest.by_modes:
             # at rest steps leave noise, and two windows of it may agree: no cycle
-            agreed &= seen.fastest >= self.rate_cut
-        resting = OUTCOME.rest if column.friction is None else OUTCOME.stuck
-        outcome = jnp.where(over, OUTCOME.unsettled, seen.outcome)
+            agreed &= speeds.now >= self.rest.rate_cut
+        last = ended_window & (state.spans >= self.most)
+        outcome = jnp.where(last, OUTCOME.unsettled, state.outcome)
         outcome = jnp.where(agreed, OUTCOME.cycle, outcome)
-        outcome = jnp.where(at_rest, resting, outcome)
-        outcome = jnp.where(turned, OUTCOME.escaped, outcome)
+        outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
         begins = ended & (outcome == OUTCOME.not_computed)
 
-        def where(new: Any, old: Any) -> Any:
-            return jax.tree.map(lambda a, b: jnp.where(begins, a, b), new, old)
-
-        return Watched(
-            observed=where(self._fresh(column, step.t1, step.y1), seen.observed),
-            window_end=where(step.t1 + self.window, seen.window_end),
-            windows=windows,
-            previous=where(amplitudes, seen.previous) if seen.previous else (),
+        fresh, previous = self._fresh(column, step.t1, step.y1), watch.previous
+        watch = WindowState(
+            observed=tree_where(begins, fresh, watch.observed),
+            previous=tree_where(begins, amplitudes, previous) if previous else (),
             drift=drift,
-            fastest=where(
-                0.0 * step.t1 if self.by_modes else _fastest(step.y1), seen.fastest
-            ),
-            faster=where(seen.fastest, seen.faster),
-            outcome=outcome.astype(jnp.int32),
+            speeds=self.rest.renewed(speeds, step, begins),
         )
-
-    @property
-    def by_modes(self) -> bool:
-        """Whether rest is a matter of modes."""
-        return self.rate_cut is None
-
-    def _motion(self, step: Step) -> Any:
-        """The step's largest joint rate at its end; by modes 1 if a joint slips."""
-        if not self.by_modes:
-            return _fastest(step.y1)
-        m1, m2 = step.modes
-        return jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0).astype(m1.dtype)
+        return watch, outcome
 
     def _fresh(self, column: Column, t: Scalar, y: Vector4) -> tuple:
         return tuple(observer.init(column, t, y) for observer in self.observers)

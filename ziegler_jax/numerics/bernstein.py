@@ -17,6 +17,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import lax
 
+from .hermite import falling_root
 from .materialise import if_any_lane, materialise
 from .series import sum_of, value, value_and_slope
 
@@ -120,14 +121,12 @@ def _root(guard: Any, level: Any, about: Any, s: Any, asked: Any, at: Any) -> An
 
     def nearer(x, times):
         row = guard()
-        left, right = 0.0 * s, s
-        for _ in range(times):
+
+        def above(x):
             height, slope = value_and_slope(row, x)
-            miss = height - level
-            left, right = jnp.where(miss > 0, x, left), jnp.where(miss > 0, right, x)
-            new = x - miss / jnp.where(slope < 0, slope, -1.0)
-            good = (slope < 0) & (new >= left) & (new <= right)
-            x = jnp.where(good, new, 0.5 * (left + right))
+            return height - level, slope
+
+        x = falling_root(above, x, 0.0 * s, s, times)
         # it begins below, or ends there
         return jnp.where(asked & (row[0] > level), x, 0.0)
 

@@ -5,6 +5,7 @@ with its extrema, and so a guard that falls below zero and rises again within th
 is seen.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -29,14 +30,9 @@ class Quintic(NamedTuple):
 
     def __call__(self, x: Any) -> Any:
         """The number at x: the cubic of values and slopes, and what bends it."""
-        (c2, c3), rest = self.cubic(), 1 - x
+        (c2, c3), rest = _cubic(self), 1 - x
         bent = rest * (self.a0 / 2 - c2) + x * (self.a1 / 2 - c2 - 3 * c3)
         return self.g0 + x * (self.v0 + x * (c2 + c3 * x) + x * rest * rest * bent)
-
-    def cubic(self) -> tuple[Any, Any]:
-        """c2, c3 of the cubic."""
-        rise = self.g1 - self.g0
-        return 3 * rise - 2 * self.v0 - self.v1, self.v0 + self.v1 - 2 * rise
 
     def slope(self, x: Any) -> Any:
         """The slope at x."""
@@ -62,7 +58,7 @@ class Quintic(NamedTuple):
         counts as one that does not turn. Then the place is the end.
         """
         v0 = self.v0
-        c2, c3 = self.cubic()
+        c2, c3 = _cubic(self)
         square = c2 * c2 - 3 * c3 * v0
         root = jnp.sqrt(jnp.where(square > 0, square, 1.0))
         root = jnp.where(v0 > 0, root, -root)
@@ -122,14 +118,9 @@ class Course(NamedTuple):
 
     def slope(self, x: Any) -> Any:
         """The slope at x, per step."""
-        c2, c3 = self.shape()
+        c2, c3 = _cubic(self)
         bends = 2 * self.bend * x * (1 - x) * (1 - 2 * x)
         return self.v0 + x * (2 * c2 + 3 * x * c3) + bends
-
-    def shape(self) -> tuple[Any, Any]:
-        """The cubic's c2, c3."""
-        rise = self.g1 - self.g0
-        return 3 * rise - 2 * self.v0 - self.v1, self.v0 + self.v1 - 2 * rise
 
 
 def through(g0: Any, v0: Any, x: Any, gx: Any, g1: Any) -> Course:
@@ -153,7 +144,7 @@ def weak_point(g0: Any, v0: Any, g1: Any) -> tuple[Any, Any]:
 def extrema(course: Course) -> tuple[Any, Any]:
     """Where in (0, 1) the cubic has its extrema, in order; 1 for one that is absent."""
     v0 = course.v0
-    c2, c3 = course.shape()
+    c2, c3 = _cubic(course)
     square = c2 * c2 - 3 * c3 * v0
     root = _root(square)
     sum_ = -(c2 + jnp.where(c2 < 0, -root, root))  # nothing cancels
@@ -192,7 +183,7 @@ def plainly_falls(course: Course, tol: Any) -> tuple[Any, Any]:
     return plain, low[3]
 
 
-def rough_place(course: Course, left: Any, right: Any) -> Any:
+def rough_place(course: Course | Quintic, left: Any, right: Any) -> Any:
     """About where the course crosses zero in the bracket: on the chord."""
     at_left, at_right = course(left), course(right)
     drop = at_left - at_right
@@ -200,16 +191,40 @@ def rough_place(course: Course, left: Any, right: Any) -> Any:
     return left + jnp.clip(share, 0.0, 1.0) * (right - left)
 
 
-def place(course: Course, level: Any, x: Any, left: Any, right: Any) -> Any:
+def place(course: Course | Quintic, level: Any, x: Any, left: Any, right: Any) -> Any:
     """Where the course passes `level` in the bracket, from about x."""
-    for _ in range(ITERATIONS):
-        value, slope = course(x) - level, course.slope(x)
+
+    def above(x):
+        return course(x) - level, course.slope(x)
+
+    return falling_root(above, x, left, right, ITERATIONS)
+
+
+def falling_root(
+    function: Callable[[Any], tuple[Any, Any]],
+    x: Any,
+    left: Any,
+    right: Any,
+    times: int,
+) -> Any:
+    """Where a number falls through zero, from about x: Newton's method in a bracket.
+
+    **Arguments:** `function`: the number and its slope at x; `times`: how many steps.
+    """
+    for _ in range(times):
+        value, slope = function(x)
         left = jnp.where(value > 0, x, left)
         right = jnp.where(value > 0, right, x)
         newton = x - value / jnp.where(slope < 0, slope, -1.0)
         good = (slope < 0) & (newton >= left) & (newton <= right)
         x = jnp.where(good, newton, 0.5 * (left + right))
     return x
+
+
+def _cubic(course: Course | Quintic) -> tuple[Any, Any]:
+    """c2, c3 of the cubic through the values and slopes of both ends."""
+    rise, v0, v1 = course.g1 - course.g0, course.v0, course.v1
+    return 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
 
 
 def _root(square: Any) -> Any:

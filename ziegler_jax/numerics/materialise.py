@@ -55,6 +55,11 @@ def materialise(at: Any, function: Callable, *args: Any) -> Any:
     return jax.tree.unflatten(tree, lax.cond(predicate, always, never))
 
 
+def tree_where(flag: Any, new: Any, old: Any) -> Any:
+    """`new` where the flag is set, else `old`: of each number of two alike trees."""
+    return jax.tree.map(lambda a, b: jnp.where(flag, a, b), new, old)
+
+
 @custom_vmap
 def _any_lane(flag: jax.Array) -> jax.Array:
     """Whether the flag is set in any lane of the batch."""

@@ -71,6 +71,33 @@ def number(name: str, x: Any, rule: str = "finite") -> Any:
     return x
 
 
+def instance(name: str, x: Any, kind: type) -> None:
+    """Refuse what is not of a class."""
+    if not isinstance(x, kind):
+        raise ValueError(
+            f"Argument `{name}` must be a `{kind.__name__}`, but is {x!r}."
+        )
+
+
+def choice(name: str, x: Any, known: Iterable[str]) -> None:
+    """Refuse what is none of the known names."""
+    if x not in known:
+        raise ValueError(
+            f"Argument `{name}` must be one of {', '.join(known)}, but is {x!r}."
+        )
+
+
+def whole_number(name: str, x: Any) -> int:
+    """A count of at least one, validated."""
+    whole = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
+    if not whole or not 1 <= x < 2**31:  # steps are counted in 32 bits
+        raise ValueError(
+            f"Argument `{name}` must be a whole number of at least 1 and below 2^31, "
+            f"but is {x!r}."
+        )
+    return int(x)
+
+
 def keeps(rule: str, *numbers: Any) -> Any:
     """Whether traced numbers keep a rule of `number`; concrete ones do, None is none.
 

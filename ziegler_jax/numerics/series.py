@@ -7,7 +7,7 @@ they tell the next coefficient of the motion from those before (Taylor's method;
 Jorba, M. Zou, Experimental Mathematics 14 (2005) 99-117).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -176,7 +176,7 @@ def sum_of(terms: list) -> Any:
     return sum(terms[1:], terms[0])
 
 
-def value(coefficients: list, x: Any) -> Any:
+def value(coefficients: Sequence[Any], x: Any) -> Any:
     """The polynomial at x, by Horner's rule."""
     result = coefficients[-1]
     for c in reversed(coefficients[:-1]):

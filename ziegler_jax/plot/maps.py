@@ -18,6 +18,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
+from ..numerics.numbers import choice
 from ..results import OUTCOME
 from .style import (
     AT_REST,
@@ -179,10 +180,7 @@ def _variable(dataset: Any, variable: str, dims: dict[str, str]) -> xr.DataArray
             f"{type(dataset).__name__}."
         )
     if variable not in dataset.data_vars:
-        names = ", ".join(str(name) for name in dataset.data_vars)
-        raise ValueError(
-            f"Argument `variable` must be one of {names}, but is {variable!r}."
-        )
+        choice("variable", variable, [str(name) for name in dataset.data_vars])
     values = dataset[variable]
     for argument, dim in dims.items():
         if dim not in values.dims:

@@ -36,7 +36,7 @@ from ..numerics.hermite import (
     through,
     weak_point,
 )
-from ..numerics.materialise import if_any_lane, materialise
+from ..numerics.materialise import if_any_lane, materialise, tree_where
 from ..numerics.numbers import Pair, Scalar, Vector4
 from .control import Signals
 from .explicit import OKAY, Explicit, dense
@@ -220,7 +220,7 @@ class StickSlip(AbstractObserved):
             rows = zip(spare, easing, inside, spare1, strict=True)
             holding = [through(g, h * v, inner, gx, g1) for g, v, gx, g1 in rows]
             return [
-                jax.tree.map(lambda a, b, s=s: jnp.where(s, a, b), one, other)
+                tree_where(s, one, other)
                 for s, one, other in zip(
                     stuck, holding, _sliding(law.modes, motion), strict=True
                 )
@@ -240,7 +240,7 @@ class StickSlip(AbstractObserved):
                 falls_below(course, e, turn)
                 for course, e, turn in zip(courses, tol, turns, strict=True)
             ]
-            return jax.tree.map(lambda a, b: jnp.where(doubtful, a, b), new, brackets)
+            return tree_where(doubtful, new, brackets)
 
         brackets = if_any_lane(doubtful, look_closely, brackets)
 
@@ -336,12 +336,11 @@ def _arrival(law: Any, y: Vector4, passed: Any, cut: Any, tol: Pair) -> Any:
     w1, w2 = law.hold(y[2], y[3])
     rest, landed, met = [], [], True
     rows = zip(law.modes, (w1, w2 - w1), passed, tol, strict=True)
-    for m, u, (mine, falls), e in rows:
-        slips, guard = m != 0, m * u
-        on = slips & (mine | ((guard <= e) & falls))
-        landed.append(on)
-        rest.append(~slips | on | (cut & (jnp.abs(u) <= e)))
-        met &= ~slips | ((guard >= -e) & (~mine | (guard <= e)))
+    for m, u, here, e in rows:
+        slips, (ends, close) = m != 0, _at_event(m * u, here, e)
+        landed.append(slips & ends)
+        rest.append(~slips | ends | (cut & (jnp.abs(u) <= e)))
+        met &= ~slips | close
     return at_rest((y[0], y[1], w1, w2), tuple(rest)), tuple(rest), tuple(landed), met
 
 
@@ -349,11 +348,18 @@ def _released(law: Any, balance: Any, passed: Any, tol: Pair, least: Scalar) -> 
     """Which sticking joints reach their most, and whether as close as asked."""
     freed, met = [], True
     rows = zip(law.modes, law.spare(balance, least), passed, tol, strict=True)
-    for m, guard, (mine, falls), e in rows:
-        sticks = m == 0
-        freed.append(sticks & (mine | ((guard <= e) & falls)))
-        met &= ~sticks | ((guard >= -e) & (~mine | (guard <= e)))
+    for m, guard, here, e in rows:
+        sticks, (ends, close) = m == 0, _at_event(guard, here, e)
+        freed.append(sticks & ends)
+        met &= ~sticks | close
     return tuple(freed), met
+
+
+def _at_event(guard: Any, passed: Any, tol: Any) -> tuple[Any, Any]:
+    """Whether a mode ends here by its guard, and whether as close as the tolerance."""
+    mine, falls = passed
+    low = guard <= tol
+    return mine | (low & falls), (guard >= -tol) & (~mine | low)
 
 
 def chosen(law, balance, rest, landed, tol) -> Pair:

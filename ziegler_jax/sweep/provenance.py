@@ -22,7 +22,7 @@ import numpy as np
 import xarray as xr
 from jax.core import Tracer
 
-from ..results import AXES, empty, flag_attributes
+from ..results import AXES, empty, labels
 from ..runtime import compiles_whole_loops
 from .axes import check_name
 from .partition import Blocks
@@ -129,13 +129,8 @@ def template(
     """The dataset with nothing computed."""
     data, used, coords = {}, {}, {}
     for name, variable in scene.variables.items():
-        attrs: dict[str, Any] = {
-            "long_name": variable.long_name,
-            "units": variable.units,
-        }
-        if variable.codes is not None:
-            attrs = {"long_name": variable.long_name, **flag_attributes(variable.codes)}
-        data[name] = (tuple(grid) + variable.dims, empty(variable, shape), attrs)
+        dims, values = tuple(grid) + variable.dims, empty(variable, shape)
+        data[name] = (dims, values, labels(variable))
         used |= {dim: scene.coordinates[dim] for dim in variable.dims}
     for name, values in {**used, **grid}.items():
         if name in used and name not in AXES:  # rods, joints, branches

@@ -6,10 +6,10 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
 import xarray as xr
 
 from ..context import Context, is_traced, within
+from ..numerics.numbers import whole_number
 from ..runtime import all_cores
 from .axes import check_signature, checked_axes
 from .cluster import Recipe, check_client, run_blocks
@@ -124,8 +124,8 @@ def sweep(
         if not callable(where):
             raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
         check_signature(where, list(grid), "where")
-    batch_size = None if batch_size is None else _count("batch_size", batch_size)
-    threads = None if threads is None else _count("threads", threads)
+    batch_size = None if batch_size is None else whole_number("batch_size", batch_size)
+    threads = None if threads is None else whole_number("threads", threads)
     if precision not in ("float64", "float32"):
         raise ValueError(
             f"Argument `precision` must be float64 or float32, but is {precision!r}."
@@ -242,11 +242,3 @@ def _cost(effort: Effort, points: int, seconds: float) -> dict[str, float]:
         "canary_checks": effort.canary_checks,
         "canary_mismatches": effort.canary_mismatches,
     }
-
-
-def _count(name: str, x: Any) -> int:
-    if isinstance(x, bool) or not isinstance(x, (int, np.integer)) or x < 1:
-        raise ValueError(
-            f"Argument `{name}` must be a whole number of at least 1, but is {x!r}."
-        )
-    return int(x)

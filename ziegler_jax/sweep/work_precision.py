@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from ..context import Context, within
+from ..numerics.numbers import whole_number
 from ..solvers import Explicit
 from .differences import QUANTILES, changed, differences, drawn, measured, quantiles
 from .sweep import sweep
@@ -73,11 +74,7 @@ def work_precision(
     tols = _tolerances(tolerances)
     finest = float(_tolerances([reference_tolerance], "reference_tolerance")[0])
     for name, number in (("sample", sample), ("repeats", repeats)):
-        if not isinstance(number, (int, np.integer)) or number < 1:
-            raise ValueError(
-                f"Argument `{name}` must be a whole number of at least 1, but is "
-                f"{number!r}."
-            )
+        whole_number(name, number)
     if solvers is None:
         solvers = {"Tsit5": Explicit(), "Dopri8": Explicit(dfx.Dopri8.tableau)}
     if not isinstance(solvers, Mapping) or not solvers:
