@@ -320,11 +320,12 @@ def test_a_torque_that_hardly_passes_its_limit_sets_its_joint_free(tol, depth):
     """Whatever the output times: joint 2's torque has its peak at t = 1.394."""
     top = brentq(lambda t: held_torque(t, 3)[0], 1.0, 2.0)
     peak = held_torque(top)[0]
-    freed = brentq(lambda t: held_torque(t)[0] - peak + depth, 1.0, top)
+    most = peak - depth
+    freed = brentq(lambda t: held_torque(t)[0] - most, 1.0, top)
     angle = held_torque(freed)[1]
     rate = (held_torque(freed + 1e-6)[1] - held_torque(freed - 1e-6)[1]) / 2e-6
     # from there on by another code: joint 2 slips, below its limit
-    rods = Rods(0.5, (0.001, peak), (0.001, 0.3 * peak), viscous=(0.8, 0.0))
+    rods = Rods(0.5, (0.001, most), (0.001, 0.3 * most), viscous=(0.8, 0.0))
     other, log = newton_euler(
         rods, (angle, angle, rate, rate), [freed, 3.0], modes=(1, 1)
     )
@@ -333,8 +334,8 @@ def test_a_torque_that_hardly_passes_its_limit_sets_its_joint_free(tol, depth):
     def motion(k):
         ts = jnp.stack([0.0 * k, 0.05 + 0.11 * k, 3.0 + 0.0 * k])
         law = zj.SetValuedCoulomb(
-            (0.001, peak - depth),
-            (0.001, 0.3 * (peak - depth)),
+            (0.001, most),
+            (0.001, 0.3 * most),
             pin_radius=1.0,
             load=zj.ConstantLoad(1.0),
         )
@@ -348,17 +349,11 @@ def test_a_torque_that_hardly_passes_its_limit_sets_its_joint_free(tol, depth):
         count = int(found.events.count)
         assert count == 2 + len(log)
         np.testing.assert_array_equal(found.events.joints[2:count], [x[1] for x in log])
-        # the time is as uncertain as the root of what a torque is told apart by
-        assert abs(float(found.events.times[1]) - freed) < 1e-3
+        # measured 5.8e-7
+        assert abs(float(found.events.times[1]) - freed) < 6e-6
         end = np.hstack([found.phi[-1], found.omega[-1]])
-        print(
-            "PEAK",
-            top,
-            peak,
-            float(found.events.times[1]) - freed,
-            np.abs(end - other[-1]).max(),
-        )
-        np.testing.assert_allclose(end, other[-1], rtol=0, atol=1e-3)
+        np.testing.assert_allclose(end, other[-1], rtol=0, atol=5e-7)  # XX
+        print("PEAK", np.abs(end - other[-1]).max())
 
 
 def test_the_method_is_in_the_record():
