@@ -1,12 +1,176 @@
-"""Special points of a branch of cycles: on multipliers that are known; misuse."""
+"""A branch of cycles through its fold against shooting in scipy; special points."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
+from models import UNIFORM, flow
+from scipy.optimize import brentq, fsolve
 
 import ziegler_jax as zj
 from ziegler_jax import SPECIAL
 from ziegler_jax.analysis import march
+
+# A column with smoothed friction, whose cycle folds -----------------------------------
+
+TAU, V_SMOOTH = 0.1, 0.1
+HIGH = 2.4  # where the branch begins
+APART = 0.005  # rates about the fold
+
+
+def numbers(q):
+    """Of the tests' own column: friction alone."""
+    return q, TAU, V_SMOOTH, 0.0, 0.0
+
+
+def on_the_cycle():
+    """Where another code's motion passes phi1 = 0 at the highest load."""
+
+    def rising(t, y):
+        return y[0]
+
+    rising.direction = 1
+    kicked = (0.0, 0.0, 0.0, 1.5)
+    return flow(kicked, 150.0, numbers(HIGH), events=rising).y_events[0][-1]
+
+
+def shot(rate, guess):
+    """phi2, w2, period and load of the cycle that passes phi1 = 0 at this rate w1.
+
+    The rate falls all along the branch, also where the load turns back: so the fold is
+    no special point of these equations.
+    """
+
+    def miss(x):
+        phi2, w2, period, q = x
+        start = np.array([0.0, phi2, rate, w2])
+        return flow(start, period, numbers(q), 1e-12).y[:, -1] - start
+
+    found, _, good, why = fsolve(miss, guess, xtol=1e-11, full_output=True)
+    assert good == 1 or np.abs(miss(found)).max() < 1e-10, why
+    return found
+
+
+def map_of(y, period, q, apart=1e-5):
+    """The derivative of the motion over a period, from differences."""
+    columns = []
+    for e in apart * np.eye(4):
+        ends = [flow(y + s * e, period, numbers(q), 1e-12).y[:, -1] for s in (1, -1)]
+        columns.append((ends[0] - ends[1]) / (2 * apart))
+    return np.array(columns).T
+
+
+@pytest.fixture(scope="module")
+def branch(unoptimised):
+    """From the load 2.4 down to the fold and up again, as (points, special, ...)."""
+    start = on_the_cycle()
+
+    def column(q):
+        load = zj.ConstantLoad(1.0)
+        law = zj.SmoothCoulomb(TAU, pin_radius=1.0, v_smooth=V_SMOOTH, load=load)
+        return zj.uniform_rods(q, friction=law)
+
+    @jax.jit
+    def follow(y):
+        guess = zj.State((y[0], y[1]), (y[2], y[3]))
+        options = {"direction": -1, "points": 31, "specials": 2}
+        found = zj.continue_cycle(column, guess, HIGH, **options)
+        return found, found.points.multipliers
+
+    found, multipliers = follow(start)
+    return start, jax.tree.map(np.asarray, found), np.asarray(multipliers)
+
+
+def rows(points):
+    """w1 and, beside it, phi2, w2, period and load."""
+    phi, omega = points.state.phi, points.state.omega
+    return omega[0], np.stack([phi[1], omega[1], points.period, points.parameter], -1)
+
+
+@pytest.fixture(scope="module")
+def shots(branch):
+    """Another code's branch: eight cycles by their rates, and three about the fold."""
+    start, found, _ = branch
+    rates, known = rows(found.points)
+    chosen = np.array([0, 4, 6, 9, 13, 19, 21, 23, 25])
+    assert (np.diff(rates[chosen][2:]) < 0).all()
+    first = 7.0  # its period, about
+    path = [shot(rates[0], (start[1], start[3], first, HIGH))]
+    for i, j in zip(chosen[1:], chosen[:-1], strict=True):
+        # from the one before; the package says only where to look
+        path.append(shot(rates[i], path[-1] + known[i] - known[j] + 1e-3))
+    at = rows(found.special)[0][0]
+    near = [shot(at + by, path[5]) for by in (-APART, 0.0, APART)]
+    return chosen, np.array(path), np.array(near)
+
+
+@pytest.mark.slow
+def test_a_branch_is_the_one_that_another_code_shoots(branch, shots):
+    _, found, _ = branch
+    chosen, path, _ = shots
+    assert int(found.count) == 31
+    known = rows(found.points)[1][chosen]
+    # both sides of the fold, and loads that come twice
+    q = known[:, 3]
+    assert (np.diff(q[:5]) < 0).all() and (np.diff(q[-4:]) > 0).all()
+    # measured 9e-11: phi2, w2, period, load
+    np.testing.assert_allclose(known, path, rtol=0, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_the_fold_is_where_another_codes_load_turns_back(branch, shots):
+    _, found, _ = branch
+    below, at, above = shots[2][:, 3]
+    assert found.kind[0] == SPECIAL.fold
+    fold = found.special.parameter[0]
+    assert abs(fold - at) < 1e-10  # measured 2e-13
+    # the vertex of the parabola: what is left falls with the square of APART
+    slope, bend = (above - below) / (2 * APART), (above - 2 * at + below) / APART**2
+    assert bend > 0 and abs(slope / bend) < 3e-4  # measured 6e-5
+
+
+@pytest.mark.slow
+def test_a_cycle_loses_its_stability_at_the_fold_by_anothers_multipliers(branch, shots):
+    _, found, multipliers = branch
+    chosen, path, _ = shots
+    rates = rows(found.points)[0]
+    for k, stable in ((3, True), (7, False)):
+        i, (phi2, w2, period, q) = chosen[k], path[k]
+        y = np.array([0.0, phi2, rates[i], w2])
+        exact = np.linalg.eigvals(map_of(y, period, q))
+        exact = exact[np.argsort(-np.abs(exact))]
+        mine = multipliers[i][np.argsort(-np.abs(multipliers[i]))]
+        # measured 1.5e-8: the differences
+        np.testing.assert_allclose(np.abs(mine), np.abs(exact), rtol=0, atol=2e-7)
+        assert found.points.stable[i] == stable
+        assert (np.abs(exact) > 1 + 1e-3).any() != stable
+
+
+def birth():
+    """Load, 128/45, and frequency where the equilibrium loses its stability."""
+    a, b, d = UNIFORM
+    inverse = np.linalg.inv([[a, b], [b, d]])
+    damping = TAU / V_SMOOTH * np.array([[2.0, -1.0], [-1.0, 1.0]])
+
+    def roots(q):
+        stiff = np.array([[2 - q, q - 1], [-1.0, 1.0]])
+        lower = np.hstack([-inverse @ stiff, -inverse @ damping])
+        return np.linalg.eigvals(np.vstack([np.eye(2, 4, 2), lower]))
+
+    q = brentq(lambda q: roots(q).real.max(), 1.0, 4.0)
+    return q, np.abs(roots(q).imag).max()
+
+
+@pytest.mark.slow
+def test_a_branch_ends_where_the_equilibrium_loses_its_stability(branch):
+    """Load and period as functions of the squared amplitude, continued to zero."""
+    q, omega = birth()
+    points = branch[1].points
+    last = slice(26, 31)
+    square = points.amplitude.joint[last, 1] ** 2
+    for values, exact in ((points.parameter, q), (points.period, 2 * np.pi / omega)):
+        # the quartic's own error; measured 2.6e-4 and 8.7e-5
+        assert abs(np.polyfit(square, values[last], 4)[-1] - exact) < 1e-3
 
 
 def hidden(rng, total, product, third):

@@ -176,6 +176,7 @@ def test_a_lane_does_not_depend_on_its_mates(scenes):
 def test_the_cycle_that_the_smoothed_law_tends_to(scenes):
     _, _, _, ds = scenes
     cycle = ds.isel(i=len(CASES))
+    # by another code
     assert abs(float(cycle.joint_amplitude.sel(joint=2)) - 0.63105) < 1e-5
     assert abs(float(cycle.rod_amplitude.sel(rod=1)) - 0.6798) < 1e-4
 

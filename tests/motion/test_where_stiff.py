@@ -34,10 +34,11 @@ def test_the_rule_is_that_of_the_jacobian_at_rest(rtol):
     assert not zj.is_stiff(column(1.01 * border, 1.0), rtol)
 
 
-def test_uniform_rods_decay_at_15_4_torques_a_smoothing_rate():
+def test_uniform_rods_decay_at_108_sevenths_torques_a_smoothing_rate():
+    """tr(M^-1 [[2, -1], [-1, 1]]) = (2 d + 2 b + a) / (a d - b^2) = 3 / (7 / 36)."""
     mass, damping, _ = zj.linearise(zj.tangent_column(column(1.0, mu=1.0)))
     decay = np.trace(np.linalg.solve(mass, damping))
-    assert abs(decay / 0.1 - 15.43) < 0.01  # measured 15.4286
+    assert abs(decay / 0.1 - 108 / 7) < 1e-12  # measured 2e-15
 
 
 def test_known_traced_and_batched_numbers_give_one_answer():
