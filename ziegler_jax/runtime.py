@@ -1,4 +1,4 @@
-"""The process: its cores, XLA's one setting, JAX's cache and flags, Ctrl-C."""
+"""The process: its cores and memory, XLA's one setting, JAX's cache and flags, Ctrl-C."""
 
 import os
 import re
@@ -152,3 +152,26 @@ def own_flags() -> AbstractContextManager[Any]:
     flags.enter_context(jax.debug_infs(False))
     flags.enter_context(jax.disable_jit(False))
     return flags
+
+
+def free_memory() -> int | None:
+    """Bytes that this process may still take; None where the system does not say."""
+    found = []
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        sizes = dict(line.split(":") for line in lines)
+        found.append(1024 * int(sizes["MemAvailable"].split()[0]))
+    except (OSError, KeyError, ValueError):
+        pass
+    try:  # a container's limit
+        group = Path("/sys/fs/cgroup")
+        limit = int((group / "memory.max").read_text())
+        found.append(limit - int((group / "memory.current").read_text()))
+    except (OSError, ValueError):
+        pass
+    if not found:
+        try:
+            found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+        except (AttributeError, ValueError, OSError):
+            return None
+    return min(found)

@@ -85,14 +85,21 @@ def test_the_drag_of_air_is_the_sum_of_that_of_its_points(rng):
     assert np.max(errors) < 2e-13  # measured 1.5e-14
 
 
-@pytest.mark.xfail(
-    reason="`reactions` leave out the drag on the rods", raises=AssertionError,
-    strict=True,
-)  # fmt: skip
 def test_joints_carry_the_drag_of_air(rng):
-    rods = random_rods(rng, load=(0.7, 1.3), air=(0.2, 0.3))
-    # without friction's part in it: off by 0.1 and more
-    assert apart(rods, rng.uniform(-1.5, 1.5, 4), 0.05)[1] < 3e-13
+    """Alone, and in a sum with viscous joints, which put no force on the rods."""
+    for _ in range(20):
+        rods = random_rods(rng, load=(0.7, 1.3), air=tuple(rng.uniform(0, 0.5, 2)))
+        state = rng.uniform(-1.5, 1.5, 4)
+        assert apart(rods, state, 0.05)[1] < 3e-13
+    air, joints = zj.Air(0.2, 0.3), zj.Viscous(0.0, 0.0)
+    y = tuple(float(x) for x in state)
+    for damping in (zj.Sum(air, joints), zj.Sum(joints, air)):
+        one = zj.reactions(zj.uniform_rods(1.2, damping=damping), y)
+        other = zj.reactions(zj.uniform_rods(1.2, damping=air), y)
+        assert np.abs(one - other).max() < 1e-15
+    half = zj.Air(0.1, 0.15)
+    twice = zj.reactions(zj.uniform_rods(1.2, damping=zj.Sum(half, half)), y)
+    assert np.abs(twice - other).max() < 1e-15
 
 
 # Motions ------------------------------------------------------------------------------

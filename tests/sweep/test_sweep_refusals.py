@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import memory
+from ziegler_jax.sweep import partition
 
 SHORT = {"transient": 5.0, "window": 5.0, "max_windows": 2, "rtol": 1e-4, "atol": 1e-4}
 
@@ -163,9 +163,9 @@ def test_what_would_not_fit_into_memory_is_refused_at_once(refuses, monkeypatch)
         "`where`", *parts,
     )  # fmt: skip
     assert time.perf_counter() - start < 5  # before anything is compiled
-    monkeypatch.setattr(memory, "free_memory", lambda: 1000)
+    monkeypatch.setattr(partition, "free_memory", lambda: 1000)
     refuses(lambda: quiet(x=np.arange(100.0)), "`store`", "800 bytes", "1000 bytes")
-    monkeypatch.setattr(memory, "free_memory", lambda: None)  # not known: go on
+    monkeypatch.setattr(partition, "free_memory", lambda: None)  # not known: go on
     assert quiet(x=np.arange(100.0)).value[99] == 99.0**2
 
 
@@ -173,7 +173,7 @@ def test_results_count_with_all_their_numbers(refuses, monkeypatch):
     def scene(x):
         return {name: x for name in "abcd"}
 
-    monkeypatch.setattr(memory, "free_memory", lambda: 5000)
+    monkeypatch.setattr(partition, "free_memory", lambda: 5000)
     refuses(lambda: zj.sweep(scene, x=np.arange(100.0)), "results", "3200 bytes")
 
     def narrow(x):  # held as numbers that can be NaN

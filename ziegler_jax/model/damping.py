@@ -27,6 +27,15 @@ class AbstractDamping(eqx.Module):
         Sums and products of it alone, where `is_polynomial` says so.
         """
 
+    def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:
+        r"""What holds the rods back from outside, which their joints carry.
+
+        Numbers (f1, f2, f3) of the forces $-f_1 \omega_1$ on rod 1 across it, and
+        $-f_2 \omega_1$ across rod 1 and $-f_3 \omega_2$ across rod 2 on rod 2; None
+        where all acts between the rods.
+        """
+        return None
+
     def valid(self) -> Any:
         """Whether the numbers keep the law's rules; traced where they are."""
         return keeps_rules(self.rules, self)
@@ -91,6 +100,10 @@ class Air(AbstractDamping):
             (both, self.e2 * self.l2**3 / 3),
         )
 
+    def drag(self) -> tuple[Scalar, Scalar, Scalar]:
+        """Summed over the points of the rods."""
+        return self.e1 / 2, self.e2 * self.l2, self.e2 * self.l2**2 / 2
+
 
 class Sum(AbstractDamping):
     """Two damping laws at once, e.g. `Sum(Viscous(0.01, 0.01), Air(0.1, 0.1))`.
@@ -115,6 +128,14 @@ class Sum(AbstractDamping):
         (a11, a12), (a21, a22) = self.first.matrix(cos_d)
         (b11, b12), (b21, b22) = self.second.matrix(cos_d)
         return (a11 + b11, a12 + b12), (a21 + b21, a22 + b22)
+
+    def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:
+        """The sum of both."""
+        parts = [d for d in (self.first.drag(), self.second.drag()) if d is not None]
+        if len(parts) < 2:
+            return parts[0] if parts else None
+        (a1, a2, a3), (b1, b2, b3) = parts
+        return a1 + b1, a2 + b2, a3 + b3
 
     def valid(self) -> Any:
         """Both laws keep their rules."""

@@ -50,6 +50,11 @@ def joint_reactions(column: Any, forces: Any) -> Reactions:
         sin_f, cos_f = sincos((1 - column.follower) * phi2)
         along, across = along + column.q * cos_f, across - column.q * sin_f
     joint1 = along + column.s1 * along1, across + column.s1 * across1
+    drag = None if column.damping is None else column.damping.drag()
+    if drag is not None:  # the joints hold the rods against it
+        f1, f2, f3 = drag[0] * w1, drag[1] * w1, drag[2] * w2
+        joint1 = joint1[0] - s * (f1 + f2), joint1[1] + c * (f1 + f2) + f3
+        along, across = along - s * f2, across + c * f2 + f3
     moments = column.m2 + column.s1, column.m2
     return Reactions((joint1, (along, across)), (s, c), moments, column.b)
 

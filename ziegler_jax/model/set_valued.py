@@ -153,7 +153,8 @@ class SetValuedCoulomb(AbstractFriction):
     def smoothed(self, v_smooth: Any, v_stribeck: Any = None) -> SmoothCoulomb:
         """The smoothed law with the same coefficients, pin radius and load."""
         mu_k = self.mu_k
-        if mu_k is not None and v_stribeck is None and is_concrete(mu_k):
+        known = all(map(is_concrete, jax.tree.leaves((mu_k, self.mu_s))))
+        if mu_k is not None and v_stribeck is None and known:
             mu_k = None if mu_k == self.mu_s else mu_k
         return SmoothCoulomb(
             self.mu_s,

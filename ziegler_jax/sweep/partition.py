@@ -9,15 +9,18 @@ open block thus has a point in some lane, and there are few more of them than la
 import hashlib
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from ..results import OUTCOME, Variable, empty
+from ..runtime import free_memory
 
 # Writing a block costs some 10 ms, computing one seconds; its arrays are about 1 MB.
 POINTS_A_BLOCK = 16_384
+SHARE = 0.5  # of the free memory that a sweep may fill
 
 
 class Block(NamedTuple):
@@ -252,3 +255,68 @@ class _Open:
                 outcomes = {c.name: int(codes[c]) for c in OUTCOME if codes[c]}
         seconds = time.perf_counter() - self.began
         return Tally(self.points.size, seconds, self.steps, outcomes)
+
+
+def check_room(what: str, size: int) -> None:
+    """Refuse what would take more than half of the free memory.
+
+    **Raises:** `ValueError` that says the bytes and names the cure.
+    """
+    free = free_memory()
+    if free is not None and size > SHARE * free:
+        raise ValueError(
+            f"Argument `store` must be given for a sweep of this size: {what} would "
+            f"take {_bytes(size)} of the {_bytes(free)} of free memory. Name a folder, "
+            'e.g. `store="map.zarr"`.'
+        )
+
+
+def _bytes(size: int) -> str:
+    if size < 1e6:
+        return f"{size} bytes"
+    return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
+
+
+class Memory:
+    """Keeps blocks in arrays of the whole grid."""
+
+    def __init__(self, template: xr.Dataset):
+        """`template`: the Dataset with nothing computed."""
+        self.template = template
+        self.arrays = {str(n): v.values.copy() for n, v in template.data_vars.items()}
+
+    def __enter__(self) -> "Memory":
+        """Nothing to open."""
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        """Nothing to close."""
+
+    def release(self) -> None:
+        """Nothing to give back."""
+
+    def missing(self, blocks: Blocks) -> dict[int, int]:
+        """How many points are still to be computed, by block."""
+        return {n: int(blocks.sizes[n]) for n in np.flatnonzero(blocks.sizes).tolist()}
+
+    def damaged(self) -> list[str]:
+        """Nothing."""
+        return []
+
+    def mend(self, axes: Mapping[str, np.ndarray]) -> None:
+        """Nothing to mend."""
+
+    def keep(self, block: Block, arrays: Mapping[str, Any], tally: Tally) -> None:
+        """Take a whole block."""
+        del tally
+        for name, values in arrays.items():
+            self.arrays[name][block.region] = values
+
+    def dataset(self, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """The sweep's result."""
+        data = {
+            n: (v.dims, self.arrays[str(n)], v.attrs)
+            for n, v in self.template.data_vars.items()
+        }
+        attributes = {**self.template.attrs, **attributes}
+        return xr.Dataset(data, self.template.coords, attributes)

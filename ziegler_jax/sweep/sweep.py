@@ -14,8 +14,7 @@ from ..runtime import all_cores
 from .axes import check_signature, checked_axes
 from .cluster import Recipe, check_client, run_blocks
 from .differences import audit_attributes, checked_share, drawn
-from .memory import Memory, check_room
-from .partition import Block, Blocks, Desk, Tally, asked
+from .partition import Block, Blocks, Desk, Memory, Tally, asked, check_room
 from .program import Scene, compiled, traced
 from .progress import Progress
 from .provenance import check_names, identity, provenance, template
