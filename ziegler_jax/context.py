@@ -105,6 +105,7 @@ class Cuts:
         """For this trace, and none within it."""
         self.trace = get_opaque_trace_state()
         self.motions = False  # whether the point follows motions at all
+        self.refused = False  # and one of them whole
 
 
 _CUTS: ContextVar[Cuts | None] = ContextVar("cuts", default=None)
@@ -145,6 +146,7 @@ def resumable(
         return None
     cuts.motions = True
     if cuts.trace != get_opaque_trace_state():
+        cuts.refused = True
         return None
     leaves, tree = jax.tree.flatten(state)
     leaves = [jnp.asarray(leaf) for leaf in leaves]

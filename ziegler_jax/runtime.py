@@ -1,4 +1,4 @@
-"""The process: its cores and memory, XLA's one setting, JAX's cache and flags, Ctrl-C."""
+"""The process: cores, memory, the one setting of XLA, JAX's cache and flags, Ctrl-C."""
 
 import os
 import re

@@ -2,6 +2,7 @@
 
 import itertools
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from .stages import Stage
 
 # Every so many calls one is made twice: it costs 0.4 % and must give the same bits.
 CANARY = 256
+LATE = 0.5  # seconds that results may wait for others
 _CALLS = itertools.count(1)  # of this process: a cluster's blocks make a few each
 
 
@@ -89,9 +91,8 @@ class Work:
         self.dtype = np.float64 if program.wide else np.float32
         self.lock = threading.Lock()
         self.waiting: list[list[Lanes]] = [[] for _ in self.stages]
-        # the steps of the last lanes that ended at a loop
-        self.recent = [np.zeros(0, np.int64) for _ in self.stages]
         self.finished = self.reported = 0
+        self.handed_over = time.monotonic()
         self.own_steps = self.all_steps = 0
         self.checks = self.mismatches = 0
 
@@ -138,13 +139,13 @@ class Work:
 
     def segment(self, number: int) -> bool:
         """Lead a batch through a segment; False if no lane waits."""
-        lanes = self.take(number, self.size)
+        stage = self.stages[number]
+        lanes = self.take(number, stage.lanes)
         if lanes is None:
             return False
         count = lanes.points.size
         # padded with real lanes: another size would be compiled again
-        padded = lanes.at(np.resize(np.arange(count), self.size)).rows
-        stage = self.stages[number]
+        padded = lanes.at(np.resize(np.arange(count), stage.lanes)).rows
         fixed, state = split(stage, padded)
         after = self.call(lanes.points, stage.function, fixed, state)
         if number + 1 < len(self.stages):
@@ -159,10 +160,13 @@ class Work:
             self.own_steps += int(lanes.steps.sum())
         return True
 
-    def finish(self, least: int) -> None:
-        """Hand over results as long as at least so many lanes have them."""
+    def finish(self, all_of_them: bool = False) -> None:
+        """Hand over results: of whole batches, all now and then or where asked to."""
         last = len(self.stages) - 1
+        late = time.monotonic() > self.handed_over + LATE
+        least = 1 if late or all_of_them else self.stages[last].lanes
         while self.count(last) >= least and self.segment(last):
+            self.handed_over = time.monotonic()
             if self.queue.closed:
                 return
 
@@ -202,13 +206,10 @@ class Work:
 
     # Counts ---------------------------------------------------------------------------
 
-    def ran(self, loop: int, steps: np.ndarray, ran: int) -> np.ndarray:
-        """Count the steps that a batch ran; the steps of lanes that ended lately."""
+    def ran(self, steps: int) -> None:
+        """Count the steps that a batch ran."""
         with self.lock:
-            self.all_steps += ran
-            recent = np.concatenate([self.recent[loop], steps])
-            self.recent[loop] = recent[-self.size :]
-            return self.recent[loop]
+            self.all_steps += steps
 
     def useful(self) -> float:
         """The share of steps that belong to lanes which have ended."""

@@ -33,6 +33,7 @@ from .stages import Packing, Stage, stages
 BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 384
 BATCH_WITHOUT = 8192
 KEPT = 96  # compiled stages
+SEGMENTS = 8  # batches of lanes that a segment between loops takes at once
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
 _NOT_THE_USERS = (
@@ -116,7 +117,7 @@ def traced(
             result = point(**dict(zip(names, values, strict=True)))
             variables = named_variables(result)
             arrays = [jnp.asarray(v.value) for v in variables.values()]
-        described["follows_motions"] = cuts.motions
+        described["cuts"] = cuts
         described["attributes"] = getattr(result, "attributes", dict)()
         own = getattr(result, "coordinates", dict)()
         described["coordinates"] = {**DIMENSIONS, **own}
@@ -132,10 +133,18 @@ def traced(
             whole = jax.make_jaxpr(leaves)(*[scalar] * len(names))
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
-        follows = described.pop("follows_motions")
+        cuts = described.pop("cuts")
         usual = BATCH_OF_ONE_KERNEL if compiles_whole_loops() else BATCH_OF_MANY
-        size = batch_size or (usual if follows else BATCH_WITHOUT)
-        lowered = tuple(_lowered(stage, size) for stage in stages(whole))
+        size = batch_size or (usual if cuts.motions else BATCH_WITHOUT)
+        parts = stages(whole)
+        # between loops there is little to do, unless a motion runs whole there
+        wide_segments = len(parts) > 1 and not cuts.refused
+        lowered = tuple(
+            _lowered(part._replace(lanes=size * SEGMENTS))
+            if wide_segments and not part.is_loop
+            else _lowered(part._replace(lanes=size))
+            for part in parts
+        )
     return Scene(
         point=point,
         names=names,
@@ -148,7 +157,7 @@ def traced(
     )
 
 
-def _lowered(stage: Stage, size: int) -> LoweredStage:
+def _lowered(stage: Stage) -> LoweredStage:
     """The stage for a batch of lanes, which stand behind in all arrays."""
     in_axes = (None, -1, -1) if stage.is_loop else (-1, -1)
     batched = jax.vmap(stage.function, in_axes=in_axes, out_axes=-1)
@@ -156,7 +165,7 @@ def _lowered(stage: Stage, size: int) -> LoweredStage:
         batched = _one_kernel(batched)
     options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
     run = jax.jit(batched, compiler_options=options)
-    program = run.trace(*_nothing(stage, size))
+    program = run.trace(*_nothing(stage))
     callbacks = tuple(_callbacks(program.jaxpr.jaxpr))
     return LoweredStage(stage, run, program.lower(), callbacks)
 
@@ -176,9 +185,9 @@ def _one_kernel(batched: Callable) -> Callable:
     return run
 
 
-def _nothing(stage: Stage, size: int) -> tuple:
+def _nothing(stage: Stage) -> tuple:
     """The arguments of a batch, for one step of no lane in particular."""
-    packed = stage.fixed.empty(size), stage.state.empty(size)
+    packed = stage.fixed.empty(stage.lanes), stage.state.empty(stage.lanes)
     return (np.int32(1), *packed) if stage.is_loop else packed
 
 
@@ -258,12 +267,9 @@ def _compiled(
             _kept.move_to_end(key)
             return _kept[key], False
     with own_flags(), jax.enable_x64(scene.wide):
-        if lowered.stage.is_loop:
-            # a call of a jitted function costs half of its compiled form's
-            run = lowered.run
-            run(*_nothing(lowered.stage, scene.batch_size))
-        else:
-            run = lowered.lowered.compile()
+        # a call of a jitted function costs half of its compiled form's
+        run = lowered.run
+        run(*_nothing(lowered.stage))
     with _kept_lock:
         _kept[key] = run
         while len(_kept) > KEPT:

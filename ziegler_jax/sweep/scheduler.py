@@ -96,20 +96,22 @@ def _run(work: Work) -> None:
     """A thread: batches at one loop after the other, until no lane is left."""
     loops = range(1, len(work.stages), 2)
     batch = None
+    # the steps of the last lanes that ended at each loop
+    recent = {loop: np.zeros(0, np.int64) for loop in loops}
     while not work.queue.closed:
-        work.finish(work.size)
+        work.finish()
         here = _chosen(work, loops, batch)
         if here is None:
             break
         if batch is None or batch.loop != here:
             if batch is not None:
                 work.give(batch.loop, batch.lanes(batch.busy))
-            batch = _Batch(work, here)
+            batch = _Batch(work, here, recent)
         batch.refill()
         if batch.busy.any():
             batch.chunk()
     if not work.queue.closed:
-        work.finish(1)
+        work.finish(all_of_them=True)
 
 
 def _chosen(work: Work, loops: range, batch: "_Batch | None") -> int | None:
@@ -134,8 +136,9 @@ def _chosen(work: Work, loops: range, batch: "_Batch | None") -> int | None:
 class _Batch:
     """Lanes at a loop, each in its place until it has ended."""
 
-    def __init__(self, work: Work, loop: int):
-        """No lane yet."""
+    def __init__(self, work: Work, loop: int, recent: dict[int, np.ndarray]):
+        """No lane yet; `recent`: the steps of the thread's last lanes at each loop."""
+        self.recent = recent
         self.work, self.loop, self.stage = work, loop, work.stages[loop]
         size = work.size
         self.busy, self.wants = np.zeros(size, bool), True
@@ -170,7 +173,7 @@ class _Batch:
         self.total[places], self.steps[places] = new_rows.steps, new_rows.here
         self.stalled[places] = 0
         self.busy[idle[:count]] = True
-        typical, slow, alike = self._costs(self.work.recent[self.loop])
+        typical, slow, alike = self._costs()
         fair = int(np.clip(typical // CHUNKS_A_LANE, SHORTEST_CHUNK, LONGEST_CHUNK))
         if slow:
             self.max_steps = min(slow, LONGEST_RUN) if alike else fair
@@ -193,16 +196,20 @@ class _Batch:
         self.total += taken
         ended = self.busy & ~running
         self.busy = self.busy & running
-        recent = self.work.ran(self.loop, steps[ended], int(taken.max()) * ended.size)
-        self.work.give(self.loop + 1, self.lanes(ended))
-        _, slow, alike = self._costs(recent)
+        self.work.ran(int(taken.max()) * ended.size)
+        if ended.any():
+            self.work.give(self.loop + 1, self.lanes(ended))
+            recent = np.concatenate([self.recent[self.loop], steps[ended]])
+            self.recent[self.loop] = recent[-ended.size :]
+        _, slow, alike = self._costs()
         mates = np.count_nonzero(self.busy & (steps < OVERDUE * slow))
         self.wants = not (alike and mates > STRAGGLERS * ended.size)
         if not self.wants:
             self.max_steps = int(np.clip(slow // 16, SHORTEST_CHUNK, LONGEST_CHUNK))
 
-    def _costs(self, recent: np.ndarray) -> tuple[int, int, bool]:
+    def _costs(self) -> tuple[int, int, bool]:
         """The steps of a usual lane, of the slowest, and whether these are alike."""
+        recent = self.recent[self.loop]
         typical, slow = _cost(recent)
         enough = 2 * recent.size >= self.busy.size
         return typical, slow, enough and typical > ALIKE * slow

@@ -74,6 +74,7 @@ class Stage(NamedTuple):
     fixed: Packing
     state: Packing
     is_loop: bool
+    lanes: int = 1  # how many it takes at a time
 
 
 def stages(whole: ClosedJaxpr) -> list[Stage]:
