@@ -91,6 +91,7 @@ class Work:
         self.dtype = np.float64 if program.wide else np.float32
         self.lock = threading.Lock()
         self.waiting: list[list[Lanes]] = [[] for _ in self.stages]
+        self.batches: set[Any] = set()  # that run at a loop
         self.finished = self.reported = 0
         self.handed_over = time.monotonic()
         self.own_steps = self.all_steps = 0
@@ -130,6 +131,26 @@ class Work:
     def ready(self, loop: int) -> int:
         """How many lanes could begin a loop."""
         return self.count(loop) + self.count(loop - 1)
+
+    def leave(self, batch: Any) -> bool:
+        """Whether a thread without lanes may end: not if some were just left to it."""
+        with self.lock:
+            if any(self.waiting[1:-1]):
+                return False
+            self.batches.discard(batch)
+            return True
+
+    def join(self, batch: Any) -> bool:
+        """Leave the last lanes to a fuller batch at their loop, if one has room."""
+        mine = np.count_nonzero(batch.busy)
+        with self.lock:
+            for other in self.batches - {batch}:
+                busy = np.count_nonzero(other.busy)
+                if other.loop == batch.loop and mine <= busy <= self.size - mine:
+                    self.waiting[batch.loop].append(batch.lanes(batch.busy))
+                    self.batches.discard(batch)
+                    return True
+        return False
 
     def supply(self, loop: int, count: int) -> Lanes | None:
         """At most so many lanes to begin a loop, led there if they are not yet."""

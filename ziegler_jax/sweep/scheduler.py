@@ -16,9 +16,10 @@ import numpy as np
 from .lanes import Lanes, Queue, Work
 from .program import Program
 
-# Chunk length trades dispatch cost against lanes that idle once they have ended: a
-# sixth of a lane's steps was fastest.
-CHUNKS_A_LANE = 6
+# Chunk length trades the cost of a call, about that of so many steps of a batch,
+# against lanes that idle once they have ended, for half a chunk each: the sum is least
+# at sqrt(2 CALL steps).
+CALL = 50
 SHORTEST_CHUNK, FIRST_CHUNK, LONGEST_CHUNK = 64, 128, 1024
 # Where neighbours cost alike, a chunk is a lane's whole run: none idles for long, and
 # calls are few. A few stragglers go on beside the next lanes.
@@ -102,11 +103,17 @@ def _run(work: Work) -> None:
         work.finish()
         here = _chosen(work, loops, batch)
         if here is None:
-            break
+            if work.leave(batch):
+                break
+            continue
         if batch is None or batch.loop != here:
             if batch is not None:
                 work.give(batch.loop, batch.lanes(batch.busy))
+                work.batches.discard(batch)
             batch = _Batch(work, here, recent)
+            work.batches.add(batch)
+        elif here == loops[-1] and not any(map(work.ready, loops)) and work.join(batch):
+            break
         batch.refill()
         if batch.busy.any():
             batch.chunk()
@@ -174,9 +181,9 @@ class _Batch:
         self.stalled[places] = 0
         self.busy[idle[:count]] = True
         typical, slow, alike = self._costs()
-        fair = int(np.clip(typical // CHUNKS_A_LANE, SHORTEST_CHUNK, LONGEST_CHUNK))
+        fair = np.clip(np.sqrt(2 * CALL * typical), SHORTEST_CHUNK, LONGEST_CHUNK)
         if slow:
-            self.max_steps = min(slow, LONGEST_RUN) if alike else fair
+            self.max_steps = min(slow, LONGEST_RUN) if alike else int(fair)
 
     def chunk(self) -> None:
         """At most `max_steps` of every lane; those that have ended go on."""
