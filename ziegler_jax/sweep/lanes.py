@@ -15,6 +15,7 @@ from .stages import Stage
 # Every so many calls one is made twice: it costs 0.4 % and must give the same bits.
 CANARY = 256
 LATE = 0.5  # seconds that results may wait for others
+PAUSE = 0.001  # seconds until a thread without lanes looks again
 _CALLS = itertools.count(1)  # of this process: a cluster's blocks make a few each
 
 
@@ -92,6 +93,7 @@ class Work:
         self.lock = threading.Lock()
         self.waiting: list[list[Lanes]] = [[] for _ in self.stages]
         self.batches: set[Any] = set()  # that run at a loop
+        self.led = 0  # segments that are running: their lanes wait nowhere
         self.finished = self.reported = 0
         self.handed_over = time.monotonic()
         self.own_steps = self.all_steps = 0
@@ -133,16 +135,20 @@ class Work:
         return self.count(loop) + self.count(loop - 1)
 
     def leave(self, batch: Any) -> bool:
-        """Whether a thread without lanes may end: not if some were just left to it."""
+        """Whether a thread without lanes may end: not if more may come its way."""
         with self.lock:
-            if any(self.waiting[1:-1]):
-                return False
-            self.batches.discard(batch)
-            return True
+            ends = not self.led and not any(self.waiting[1:-1])
+            if ends:
+                self.batches.discard(batch)
+        if not ends:
+            time.sleep(PAUSE)
+        return ends
 
     def join(self, batch: Any) -> bool:
         """Leave the last lanes to a fuller batch at their loop, if one has room."""
         mine = np.count_nonzero(batch.busy)
+        if not mine or self.led:
+            return False
         with self.lock:
             for other in self.batches - {batch}:
                 busy = np.count_nonzero(other.busy)
@@ -160,6 +166,15 @@ class Work:
 
     def segment(self, number: int) -> bool:
         """Lead a batch through a segment; False if no lane waits."""
+        with self.lock:
+            self.led += 1
+        try:
+            return self._segment(number)
+        finally:
+            with self.lock:
+                self.led -= 1
+
+    def _segment(self, number: int) -> bool:
         stage = self.stages[number]
         lanes = self.take(number, stage.lanes)
         if lanes is None:

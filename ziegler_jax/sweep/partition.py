@@ -3,7 +3,8 @@
 A block is a box of the grid, whole along the last axes, a run along one, and a single
 value along those in front: in C order its points follow each other. Lanes of several
 blocks run in one batch, and a block is handed over when its last point has ended; an
-open block thus has a point in some lane, and there are few more of them than lanes.
+open block thus has a point in some lane, and there are few more of them than lanes in
+batches and in the segments before these.
 """
 
 import hashlib

@@ -25,7 +25,7 @@ from jax import lax
 
 from ..context import Cuts, may_cut, of_its_own, within
 from ..results import DIMENSIONS, Variable, empty, named_variables
-from ..runtime import compiles_whole_loops, held_interrupts, own_flags
+from ..runtime import all_cores, compiles_whole_loops, held_interrupts, own_flags
 from .stages import Packing, Stage, stages
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
@@ -57,8 +57,10 @@ class LoweredStage(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """A hash of the program's text."""
-        return hashlib.sha256(self.lowered.as_text().encode()).hexdigest()
+        """A hash of the program's text, and of what its arguments hold."""
+        layout = self.stage.fixed.shapes, self.stage.state.shapes
+        text = f"{layout} {self.lowered.as_text()}"
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 class Scene(NamedTuple):
@@ -164,7 +166,8 @@ def _lowered(stage: Stage) -> LoweredStage:
     if stage.is_loop and compiles_whole_loops():
         batched = _one_kernel(batched)
     options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
-    run = jax.jit(batched, compiler_options=options)
+    # an unused argument would be left out of the text, and with it what it is
+    run = jax.jit(batched, compiler_options=options, keep_unused=True)
     program = run.trace(*_nothing(stage))
     callbacks = tuple(_callbacks(program.jaxpr.jaxpr))
     return LoweredStage(stage, run, program.lower(), callbacks)
@@ -242,8 +245,12 @@ _kept_lock = threading.Lock()
 def compiled(scene: Scene) -> Program:
     """The scene, compiled, stages beside each other; each kept by its text."""
     started = time.perf_counter()
-    with ThreadPoolExecutor(len(scene.stages)) as pool:
-        runs = list(pool.map(_compiled, scene.stages, scene.digests, repeat(scene)))
+    keys = [(d, s.callbacks) for d, s in zip(scene.digests, scene.stages, strict=True)]
+    unlike = dict(zip(keys, scene.stages, strict=True))
+    with ThreadPoolExecutor(min(len(unlike), all_cores())) as pool:
+        done = pool.map(_compiled, unlike.values(), unlike, repeat(scene.wide))
+        made = dict(zip(unlike, done, strict=True))
+    runs = [made[key] for key in keys]
     seconds = time.perf_counter() - started
     return Program(
         stages=tuple(
@@ -257,19 +264,20 @@ def compiled(scene: Scene) -> Program:
     )
 
 
-def _compiled(
-    lowered: LoweredStage, digest: str, scene: Scene
-) -> tuple[Callable, bool]:
+def _compiled(lowered: LoweredStage, key: tuple, wide: bool) -> tuple[Callable, bool]:
     """The stage's program, and whether it was compiled just now."""
-    key = digest, lowered.callbacks, scene.wide
+    key = *key, wide
     with _kept_lock:
         if key in _kept:
             _kept.move_to_end(key)
             return _kept[key], False
-    with own_flags(), jax.enable_x64(scene.wide):
-        # a call of a jitted function costs half of its compiled form's
-        run = lowered.run
-        run(*_nothing(lowered.stage))
+    with own_flags(), jax.enable_x64(wide):
+        if lowered.stage.is_loop:
+            # a call of a jitted function costs half of its compiled form's
+            run = lowered.run
+            run(*_nothing(lowered.stage))
+        else:  # not run: what it would do with these numbers is not known
+            run = lowered.lowered.compile()
     with _kept_lock:
         _kept[key] = run
         while len(_kept) > KEPT:

@@ -4,7 +4,7 @@ Between loops a point computes straight on: a segment. A point with K loops has 
 stages: segment, loop, segment, ..., loop, segment. A lane goes through them in order,
 and what it takes along from one to the next is a row of numbers: at a loop its state,
 and besides what the loop or a later stage reads. What depends on no value of the lane
-is not taken along but computed in each stage that reads it.
+is not taken along but computed in each stage that reads it, at each of its calls.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -88,7 +88,7 @@ def stages(whole: ClosedJaxpr) -> list[Stage]:
     fixed, state = list(jaxpr.invars), []
     for i, cut in enumerate([*cuts, len(jaxpr.eqns)]):
         begin = cuts[i - 1] + 1 if i else 0
-        free = [e for e in jaxpr.eqns[:begin] if not _any_of(e.outvars, varies)]
+        free = [e for e in jaxpr.eqns[:begin] if _free(e, varies)]
         own = [*free, *jaxpr.eqns[begin:cut]]
         ends = i == len(cuts)
         constants, after, begun = [], [], list(jaxpr.outvars)
@@ -103,7 +103,7 @@ def stages(whole: ClosedJaxpr) -> list[Stage]:
         results = Packing(_avals(after)), Packing(_avals(begun))
         parts.append(Stage(_segment(segment, layouts, results, ends), *layouts, False))
         if not ends:
-            free = [e for e in jaxpr.eqns[:cut] if not _any_of(e.outvars, varies)]
+            free = [e for e in jaxpr.eqns[:cut] if _free(e, varies)]
             constants = _function(whole, free, after, constants)
             parts.append(Stage(_loop(loops[i], constants, results), *results, True))
             fixed, state = after, list(loops[i].outvars)
@@ -191,6 +191,11 @@ def _operands(loop: JaxprEqn) -> tuple[list, list]:
 
 def _variables(operands) -> list[Var]:
     return [v for v in operands if not isinstance(v, Literal)]
+
+
+def _free(equation: JaxprEqn, varies: set[Var]) -> bool:
+    """Whether it varies with no lane, and does nothing beside."""
+    return not equation.effects and not _any_of(equation.outvars, varies)
 
 
 def _any_of(variables, among) -> bool:
