@@ -1,5 +1,8 @@
 """A point cut at its loops: the same numbers, and no more taken along than is read."""
 
+import threading
+import time
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -140,3 +143,97 @@ def test_a_loop_is_told_by_its_steps():
     found = sweep(one)
     assert found.attrs["useful_step_fraction"] > 0.3
     assert (found.steps.values > 0).all()
+
+
+# What a review found ------------------------------------------------------------------
+
+
+def sums(x, y):
+    far, steps = loop(1e3 * y, x)
+    return {"r": far + steps.astype(float)}
+
+
+def starts(x, y):
+    """Its last stage reads the start, where that of `sums` reads the loop's end."""
+    _, steps = loop(1e3 * y, x)
+    return {"r": x + steps.astype(float)}
+
+
+def chosen_of(place):
+    pick = jax.jit(lambda a, b: (a, b))
+
+    def scene(x, y):
+        far, steps = loop(1e3 * y, x)
+        return {"r": pick(x, far)[place] + steps.astype(float)}
+
+    return scene
+
+
+@pytest.mark.parametrize(
+    "one, other", [(sums, starts), (chosen_of(0), chosen_of(1))], ids=["read", "picked"]
+)
+def test_scenes_that_read_other_numbers_are_other_programs(one, other):
+    digests = {program.traced(s, ("x", "y"), True, 8).digest for s in (one, other)}
+    assert len(digests) == 2
+    for scene in (one, other, one):
+        mesh = [m.ravel() for m in np.meshgrid(X, Y, indexing="ij")]
+        whole = jax.jit(jax.vmap(scene))(*mesh)["r"]
+        np.testing.assert_array_equal(sweep(scene).r.values.ravel(), whole)
+
+
+def test_nothing_is_computed_at_points_that_are_not_asked_for():
+    """A loop without an end at zero, and a callback that refuses it."""
+
+    def scene(x, y):
+        def checked(value):
+            assert (value > 0).all()
+            return value
+
+        grown = lax.while_loop(lambda s: s < 1, lambda s: s + x, 0 * x)
+        like = jax.ShapeDtypeStruct((), x.dtype)
+        seen = jax.pure_callback(checked, like, x, vmap_method="expand_dims")
+        return {"r": loop(100 * y, grown + seen)[0]}
+
+    assert (sweep(scene).r.values >= 100 * Y).all()
+
+
+def test_what_a_point_does_beside_is_done_once_and_where_it_stands():
+    lanes = []
+
+    def scene(x, y):
+        jax.debug.callback(lambda value: lanes.append(float(value)), x)
+        return {"r": loop(100 * y, x)[0]}
+
+    sweep(scene, x=X[:8], y=[1.0])
+    jax.effects_barrier()
+    assert set(lanes) == set(X[:8].tolist())
+
+
+def test_a_batch_without_lanes_leaves_none_to_another(monkeypatch):
+    class Batch:
+        loop, busy = 1, np.zeros(8, bool)
+
+    whole = program.compiled(program.traced(one, ("x", "y"), True, 8))
+    work = scheduler.Work(whole, {"x": X, "y": Y}, scheduler.Queue(iter([])), None)
+    work.batches = {Batch(), Batch()}
+    assert not work.join(next(iter(work.batches)))
+    assert not any(work.waiting) and work.leave(None)
+
+
+def test_no_thread_ends_while_lanes_are_led_to_a_loop(monkeypatch):
+    threads, segment = set(), scheduler.Work._segment
+    chunk = scheduler._Batch.chunk
+
+    def slow(work, number):
+        time.sleep(0.05)
+        return segment(work, number)
+
+    def watched(batch):
+        threads.add(threading.get_ident())
+        time.sleep(0.01)
+        chunk(batch)
+
+    monkeypatch.setattr(scheduler.Work, "_segment", slow)
+    monkeypatch.setattr(scheduler._Batch, "chunk", watched)
+    sweep(one, threads=2)  # 69 points: nine batches, two segments
+    assert len(threads) == 2
