@@ -112,8 +112,8 @@ _CUTS: ContextVar[Cuts | None] = ContextVar("cuts", default=None)
 
 
 @contextmanager
-def may_cut(cuts: Cuts) -> Iterator[None]:
-    """Trace a point that may be cut."""
+def may_cut(cuts: Cuts | None) -> Iterator[None]:
+    """Trace a point that may be cut; None: what may not."""
     token = _CUTS.set(cuts)
     try:
         yield
@@ -156,7 +156,8 @@ def resumable(
         pairs = zip(jax.tree.leaves(after), leaves, strict=True)
         return *(jnp.asarray(new, old.dtype) for new, old in pairs), *status(after)
 
-    closed = jax.make_jaxpr(body)(np.int32(1), *leaves)
+    with may_cut(None):  # a loop within is a part of this one
+        closed = jax.make_jaxpr(body)(np.int32(1), *leaves)
     last = resumable_loop.bind(*closed.consts, *leaves, body=closed.jaxpr)
     return tree.unflatten(last)
 

@@ -8,7 +8,7 @@ import ziegler_jax as zj
 from ziegler_jax.results import ORBIT
 from ziegler_jax.sweep import program
 
-LOADS = np.array([1.2, 1.5, 1.8, 2.0, 2.2, 2.4, 2.7])  # q_cr = 1.46 of these columns
+LOADS = np.array([1.2, 1.5, 1.8, 2.0, 2.2, 2.4, 2.7])  # q_cr = 1.656
 
 
 def point(q):
@@ -36,7 +36,7 @@ def test_cycles_of_a_sweep_are_those_of_direct_calls(swept):
     found = swept.outcome.values == ORBIT.found
     assert found.tolist() == [False] * 2 + [True] * 5
     for name, values in direct.items():
-        # measured 2e-13, of the periods; one more iteration would change them by less
+        # measured 0; another program may round elsewhere
         np.testing.assert_allclose(swept[name].values, values, rtol=1e-9, err_msg=name)
     # windows agree early where motions settle slowly, near q_cr; the cycle is exact
     off = swept.settled.values[4:] / swept.amplitude.values[4:] - 1
@@ -46,7 +46,7 @@ def test_cycles_of_a_sweep_are_those_of_direct_calls(swept):
 def test_the_motion_the_return_and_the_shots_are_cut_apart(swept):
     stages = program.traced(point, ("q",), True, 4).stages
     assert sum(stage.stage.is_loop for stage in stages) == 3
-    assert 0.2 < swept.attrs["useful_step_fraction"] <= 1
+    assert 0.2 < swept.attrs["useful_step_fraction"] <= 1  # measured 0.71
 
 
 def test_a_cycle_alone_is_the_same_bit_for_bit(swept):

@@ -139,9 +139,9 @@ def test_lanes_in_flight_are_few_however_many_points_there_are(monkeypatch):
     assert 0 < most <= bound < 1000
 
 
-def test_a_loop_is_told_by_its_steps():
+def test_the_steps_of_a_loop_are_counted():
     found = sweep(one)
-    assert found.attrs["useful_step_fraction"] > 0.3
+    assert found.attrs["useful_step_fraction"] > 0.3  # measured 0.71
     assert (found.steps.values > 0).all()
 
 
@@ -209,7 +209,7 @@ def test_what_a_point_does_beside_is_done_once_and_where_it_stands():
     assert set(lanes) == set(X[:8].tolist())
 
 
-def test_a_batch_without_lanes_leaves_none_to_another(monkeypatch):
+def test_a_batch_without_lanes_leaves_none_to_another():
     class Batch:
         loop, busy = 1, np.zeros(8, bool)
 

@@ -10,7 +10,7 @@ from ..model.column import Column
 from ..motion.integrate import Method, Motion, Run, follow
 from ..motion.section import Plane, passage
 from ..motion.sequence import in_turn
-from ..motion.variational import Flow, flow, flow_of, varied_motion
+from ..motion.variational import Flow, flow_of, varied_motion
 from ..numerics.numbers import Scalar, Vector4
 from ..results import OUTCOME
 from ..solvers import AbstractFold
@@ -26,11 +26,6 @@ class Passages(AbstractFold):
 
     section: Scalar
     loops: int
-
-    def integrand(self, column):
-        """Nothing."""
-        del column
-        return None
 
     def init(self, column, t0, y0):
         """No passage yet: their number, when the first was, when and where the last."""
@@ -206,6 +201,7 @@ def attached(
         return jnp.zeros(size, y0.dtype)
 
     def slope(p, y0, span, *extra):
-        return linear(flow(make, p, y0, span, method), *extra)
+        motion = varied_motion(make, p, y0, span, method)
+        return linear(flow_of(motion.advance(motion.begin())), *extra)
 
     return implicit((size,), slope, p, y0, span, *extra)

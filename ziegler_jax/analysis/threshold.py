@@ -63,10 +63,6 @@ class Parting(AbstractFold):
     width: Scalar
     window: Scalar
 
-    def integrand(self, column):
-        """The variational equations'."""
-        return self.inner.integrand(column)
-
     def advance(self, solver, terms, t0, t1, y0, column, first, state):
         """A step with the Jacobian that these ask for."""
         ends = t0, t1, y0

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..context import resumable
-from ..numerics.materialise import if_any_lane
+from ..numerics.materialise import if_any_lane, tree_where
 from .integrate import Motion, Run
 
 # The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
@@ -73,6 +73,5 @@ def in_turn(
 
 
 def _where(flag: Any, new: Any, old: Any) -> Any:
-    return jax.tree.map(
-        lambda a, b: jnp.where(flag, a, b).astype(jnp.result_type(b)), new, old
-    )
+    same = jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), new, old)
+    return tree_where(flag, same, old)

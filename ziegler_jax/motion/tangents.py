@@ -127,11 +127,6 @@ class AbstractGrowth(AbstractFold):
     def tangents(self, state: Any) -> "Growing":
         """Where the fold's state has them."""
 
-    def integrand(self, column):
-        """Nothing: tangents are no integrals."""
-        del column
-        return None
-
     def advance(self, solver, terms, t0, t1, y0, column, first, state):
         """A step, and the images of the tangents with their errors."""
         del terms, first

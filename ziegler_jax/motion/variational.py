@@ -38,22 +38,6 @@ class Flow(NamedTuple):
     steps: Any
 
 
-def flow(
-    make: Callable[[Any], Column],
-    parameters: Any,
-    y0: Any,
-    span: Any,
-    method: Method,
-    vary: bool = True,
-) -> Flow:
-    """Follow `make(parameters)` from y0 (4,) over a positive span, with derivatives.
-
-    **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them.
-    """
-    motion = varied_motion(make, parameters, y0, span, method, vary)
-    return flow_of(motion.advance(motion.begin()))
-
-
 def varied_motion(
     make: Callable[[Any], Column],
     parameters: Any,
@@ -62,7 +46,10 @@ def varied_motion(
     method: Method,
     vary: bool = True,
 ) -> Motion:
-    """The motion that `flow` follows."""
+    """The motion of `make(parameters)` from y0 (4,) over a positive span.
+
+    **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them.
+    """
     args, fold = varied(make, parameters, method.solver, vary)
     start: Any = tuple(y0[i] for i in range(4))
     return Motion(args, start, fold, method, end=span)
@@ -112,11 +99,6 @@ class Variational(AbstractFold):
     solver: Explicit
     k: int = eqx.field(static=True)
     moves: Any
-
-    def integrand(self, column):
-        """Nothing: a step offers its Jacobian in place of integrals."""
-        del column
-        return None
 
     def init(self, column, t0, y0):
         """Unit vectors, and the start's own angles."""

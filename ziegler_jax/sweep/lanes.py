@@ -134,6 +134,11 @@ class Work:
         """How many lanes could begin a loop."""
         return self.count(loop) + self.count(loop - 1)
 
+    def change(self, old: Any, new: Any) -> None:
+        """One batch less and one more."""
+        with self.lock:
+            self.batches = (self.batches - {old}) | {new}
+
     def leave(self, batch: Any) -> bool:
         """Whether a thread without lanes may end: not if more may come its way."""
         with self.lock:

@@ -140,13 +140,12 @@ def traced(
         size = batch_size or (usual if cuts.motions else BATCH_WITHOUT)
         parts = stages(whole)
         # between loops there is little to do, unless a motion runs whole there
-        wide_segments = len(parts) > 1 and not cuts.refused
-        lowered = tuple(
-            _lowered(part._replace(lanes=size * SEGMENTS))
-            if wide_segments and not part.is_loop
-            else _lowered(part._replace(lanes=size))
-            for part in parts
-        )
+        light = len(parts) > 1 and not cuts.refused
+        widths = [
+            size if part.is_loop or not light else size * SEGMENTS for part in parts
+        ]
+        pairs = zip(parts, widths, strict=True)
+        lowered = tuple(_lowered(part._replace(lanes=width)) for part, width in pairs)
     return Scene(
         point=point,
         names=names,

@@ -107,11 +107,10 @@ def _run(work: Work) -> None:
                 break
             continue
         if batch is None or batch.loop != here:
-            if batch is not None:
-                work.give(batch.loop, batch.lanes(batch.busy))
-                work.batches.discard(batch)
-            batch = _Batch(work, here, recent)
-            work.batches.add(batch)
+            old, batch = batch, _Batch(work, here, recent)
+            if old is not None:
+                work.give(old.loop, old.lanes(old.busy))
+            work.change(old, batch)
         elif here == loops[-1] and not any(map(work.ready, loops)) and work.join(batch):
             break
         batch.refill()

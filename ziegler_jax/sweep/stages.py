@@ -80,44 +80,50 @@ class Stage(NamedTuple):
 def stages(whole: ClosedJaxpr) -> list[Stage]:
     """The stages of a traced point, each with the layout of what goes into it."""
     jaxpr = whole.jaxpr.replace(eqns=_needed(whole.jaxpr.eqns, whole.jaxpr.outvars))
-    cuts = [i for i, e in enumerate(jaxpr.eqns) if e.primitive is resumable_loop]
-    loops = [jaxpr.eqns[i] for i in cuts]
-    varies = _varying(jaxpr)
-    reads = _read_after(jaxpr, [*cuts, len(jaxpr.eqns)], varies)
-    parts = []
+    varies, parts, begin = _varying(jaxpr), [], 0
     fixed, state = list(jaxpr.invars), []
-    for i, cut in enumerate([*cuts, len(jaxpr.eqns)]):
-        begin = cuts[i - 1] + 1 if i else 0
-        free = [e for e in jaxpr.eqns[:begin] if _free(e, varies)]
-        own = [*free, *jaxpr.eqns[begin:cut]]
-        ends = i == len(cuts)
-        constants, after, begun = [], [], list(jaxpr.outvars)
-        if ends:
-            pass
-        else:
-            constants, begun = _operands(loops[i])
-            later = [v for v in _variables(constants) if v in varies]
-            after = list(dict.fromkeys([*later, *reads[i]]))
-        segment = _function(whole, own, [*fixed, *state], [*after, *begun])
-        layouts = Packing(_avals(fixed)), Packing(_avals(state))
+
+    def free(place):
+        return [e for e in jaxpr.eqns[:place] if _free(e, varies)]
+
+    def segment(end, after, begun):
+        own = [*free(begin), *jaxpr.eqns[begin:end]]
+        function = _function(whole, own, [*fixed, *state], [*after, *begun])
+        return function, (Packing(_avals(fixed)), Packing(_avals(state)))
+
+    for cut, loop in enumerate(jaxpr.eqns):
+        if loop.primitive is not resumable_loop:
+            continue
+        constants, begun = _operands(loop)
+        read = [*_variables(constants), *_read_behind(jaxpr, cut)]
+        after = list(dict.fromkeys(v for v in read if v in varies))
+        function, layouts = segment(cut, after, begun)
         results = Packing(_avals(after)), Packing(_avals(begun))
-        parts.append(Stage(_segment(segment, layouts, results, ends), *layouts, False))
-        if not ends:
-            free = [e for e in jaxpr.eqns[:cut] if _free(e, varies)]
-            constants = _function(whole, free, after, constants)
-            parts.append(Stage(_loop(loops[i], constants, results), *results, True))
-            fixed, state = after, list(loops[i].outvars)
-    return parts
+        parts.append(Stage(_between(function, layouts, results), *layouts, False))
+        constants = _function(whole, free(cut), after, constants)
+        parts.append(Stage(_loop(loop, constants, results), *results, True))
+        fixed, state, begin = after, list(loop.outvars), cut + 1
+    function, layouts = segment(len(jaxpr.eqns), [], jaxpr.outvars)
+    results = Packing(_avals(jaxpr.outvars))
+    return [*parts, Stage(_last(function, layouts, results), *layouts, False)]
 
 
-def _segment(function, layouts, results, ends):
+def _between(function, layouts, results):
     fixed, state = layouts
 
     def segment(packed, begun):
         leaves = function(*fixed.unpack(packed), *state.unpack(begun))
         count = len(results[0].shapes)
-        after = results[1].pack(leaves[count:])
-        return after if ends else (results[0].pack(leaves[:count]), after)
+        return results[0].pack(leaves[:count]), results[1].pack(leaves[count:])
+
+    return segment
+
+
+def _last(function, layouts, results):
+    fixed, state = layouts
+
+    def segment(packed, begun):
+        return results.pack(function(*fixed.unpack(packed), *state.unpack(begun)))
 
     return segment
 
@@ -170,17 +176,11 @@ def _varying(jaxpr: Jaxpr) -> set[Var]:
     return varies
 
 
-def _read_after(jaxpr: Jaxpr, cuts: list[int], varies: set[Var]) -> list[list[Var]]:
-    """For each loop: what varies, was computed before it, and is read behind it."""
-    places = {v: -1 for v in jaxpr.invars}
-    for i, equation in enumerate(jaxpr.eqns):
-        places.update((v, i) for v in equation.outvars)
-    lists = []
-    for cut in cuts[:-1]:
-        behind = [*(v for e in jaxpr.eqns[cut + 1 :] for v in e.invars), *jaxpr.outvars]
-        behind = dict.fromkeys(v for v in _variables(behind) if v in varies)
-        lists.append([v for v in behind if places[v] < cut])
-    return lists
+def _read_behind(jaxpr: Jaxpr, cut: int) -> list[Var]:
+    """What was computed before an equation and is read behind it."""
+    behind = [*(v for e in jaxpr.eqns[cut + 1 :] for v in e.invars), *jaxpr.outvars]
+    new = {v for e in jaxpr.eqns[cut:] for v in e.outvars}
+    return [v for v in _variables(behind) if v not in new]
 
 
 def _operands(loop: JaxprEqn) -> tuple[list, list]:
