@@ -32,11 +32,8 @@ def reference(q):
     return zj.settle(
         zj.uniform_rods(q=q, friction=friction),
         zj.State(omega=(0.0, 0.2)),
-        transient=80.0,
-        window=20.0,
-        max_windows=1,
-        rtol=1e-6,
-        atol=1e-6,
+        windows=zj.Windows(transient=80.0, length=20.0, max_windows=1),
+        method=zj.Method(rtol=1e-6, atol=1e-6),
     )
 
 

@@ -38,7 +38,11 @@ def main():
     def run(threads, copies=1):
         name = f"{threads} threads, {copies} copies"
         found[name] = zj.sweep(
-            repeated, q=q, copy=np.arange(copies), threads=threads, progress=False
+            repeated,
+            q=q,
+            copy=np.arange(copies),
+            lanes=zj.Lanes(threads=threads),
+            progress=False,
         ).attrs
         return found[name]["run_seconds"] / found[name]["points"]
 

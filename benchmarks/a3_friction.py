@@ -86,8 +86,8 @@ def map_point_of(kind):
         v = None if kind == "set-valued" else v_smooth
         column = zj.uniform_rods(q=q, friction=law(mu, v, pin_radius=PIN_RADIUS))
         solver = zj.Rosenbrock() if kind == "smoothed, stiff" else None
-        options = {"rtol": tol, "atol": tol, "solver": solver, "max_steps": MAP_BUDGET}
-        return zj.settle(column, zj.State(omega=KICK), **{**SETTLE, **options})
+        method = zj.Method(solver, tol, max_steps=MAP_BUDGET)
+        return zj.settle(column, zj.State(omega=KICK), **SETTLE, method=method)
 
     return point
 
@@ -105,13 +105,13 @@ def cycle_point(kind):
         return zj.settle(
             zj.uniform_rods(q=q, friction=friction),
             zj.State(omega=(0.0, SPEED)),
-            transient=TRANSIENT,
-            window=WINDOW,
-            max_windows=1,
-            solver=zj.Rosenbrock() if kind == "smoothed, stiff" else None,
-            rtol=tol,
-            atol=tol,
-            max_steps=10_000_000,
+            windows=zj.Windows(transient=TRANSIENT, length=WINDOW, max_windows=1),
+            method=zj.Method(
+                solver=zj.Rosenbrock() if kind == "smoothed, stiff" else None,
+                rtol=tol,
+                atol=tol,
+                max_steps=10_000_000,
+            ),
         )
 
     return point

@@ -1,6 +1,6 @@
 """What the windows of `settle` cost and decide: where its defaults come from.
 
-A random sample of the main job's points under several `max_windows` and `rtol_settle`.
+A random sample of the main job's points under several `max_windows` and `agreement`.
 A cycle is false where a much finer run (160 windows, 2e-5) finds none, or one with an
 amplitude that differs by more than 1 %. Prints one JSON line a setting; two minutes.
 
@@ -29,8 +29,8 @@ def main():
     shape = (q.size, mu.size, mu.size)
     chosen = np.random.default_rng(1).random(shape) < options.points / POINTS
     truth = None
-    for max_windows, rtol_settle in SETTINGS:
-        SETTLE.update(max_windows=max_windows, rtol_settle=rtol_settle)
+    for max_windows, agreement in SETTINGS:
+        SETTLE["windows"] = zj.Windows(100, 40, max_windows, agreement)
         ds = zj.sweep(
             point,
             where=lambda q, mu_s, mu_k: chosen & (mu_k <= mu_s),
@@ -50,7 +50,7 @@ def main():
             "commit": commit(),
             "points": points,
             "max_windows": max_windows,
-            "rtol_settle": rtol_settle,
+            "agreement": agreement,
             "unsettled": float((ds.outcome == zj.OUTCOME.unsettled).sum()) / points,
             "cycles": float(cycles.sum()) / points,
             "false_cycles": float((cycles & ~confirmed).sum()) / points,

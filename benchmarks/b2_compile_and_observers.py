@@ -50,7 +50,7 @@ def watched(observers):
 
 def fixed(q):
     """A fixed span: what is differentiated must not end in another window."""
-    return settled(q, transient=80.0, window=40.0, max_windows=1).final.phi[1]
+    return settled(q, windows=zj.Windows(80.0, 40.0, 1)).final.phi[1]
 
 
 def derivative(q):
@@ -140,7 +140,9 @@ def main():
     shuffled = np.random.default_rng(0).permutation(Q)
     for batch in BATCHES:
         for order, q in (("in order", Q), ("shuffled", shuffled)):
-            ds = zj.sweep(points["none"], q=q, batch_size=batch, progress=False)
+            ds = zj.sweep(
+                points["none"], q=q, lanes=zj.Lanes(batch_size=batch), progress=False
+            )
             row = say(
                 batch_size=batch,
                 order=order,

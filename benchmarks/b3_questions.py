@@ -52,12 +52,14 @@ def questions(table):
 
     def closed(cell):
         motion = settled(cell)
-        orbit = zj.periodic_orbit(column(cell), motion.final, rtol=1e-8, atol=1e-8)
+        orbit = zj.periodic_orbit(
+            column(cell), motion.final, method=zj.Method(rtol=1e-8, atol=1e-8)
+        )
         return {
             "outcome": motion.outcome,
             "orbit": orbit.outcome,
             "steps": orbit.steps,
-            "amplitude": orbit.amplitude.joint[1] / motion.amplitude.joint[1],
+            "amplitude": orbit.joint_amplitude[1] / motion.joint_amplitude[1],
         }
 
     def exponents(cell):

@@ -65,12 +65,20 @@ def runner(solver, steps=MAX_STEPS, set_valued=False):
     @jax.jit
     def run(n):
         start = zj.State((n["phi1"], n["phi2"]), (n["omega1"], n["omega2"]))
-        window = {"transient": n["lead"], "window": n["span"] - n["lead"]}
         found = zj.settle(
-            column_of(n, set_valued), start, **window, max_windows=1, rtol=n["tol"],
-            atol=n["tol"], escape=n["escape"], solver=solver, max_steps=steps,
-        )  # fmt: skip
-        return found.outcome, found.final.y, found.steps, found.amplitude.joint
+            column_of(n, set_valued),
+            start,
+            windows=zj.Windows(
+                transient=n["lead"],
+                length=n["span"] - n["lead"],
+                max_windows=1,
+                escape=n["escape"],
+            ),
+            method=zj.Method(
+                rtol=n["tol"], atol=n["tol"], solver=solver, max_steps=steps
+            ),
+        )
+        return found.outcome, found.final.y, found.steps, found.joint_amplitude
 
     return run
 

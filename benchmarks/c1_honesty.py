@@ -43,9 +43,11 @@ MOST = 50_000_000
 def motion(solver, y, q, ts, tol):
     """The states at `ts`, (n, 4)."""
     found = zj.trajectory(
-        zj.uniform_rods(q), zj.State(tuple(y[:2]), tuple(y[2:])), ts, rtol=tol,
-        atol=tol, solver=solver, max_steps=MOST,
-    )  # fmt: skip
+        zj.uniform_rods(q),
+        zj.State(tuple(y[:2]), tuple(y[2:])),
+        ts,
+        method=zj.Method(rtol=tol, atol=tol, solver=solver, max_steps=MOST),
+    )
     return jnp.concatenate([found.phi, found.omega], -1)
 
 

@@ -36,12 +36,8 @@ def point(q, mu, v_smooth, tol):
     found = zj.settle(
         zj.uniform_rods(q=q, friction=friction),
         zj.State(omega=(0.0, KICK)),
-        transient=SPAN / 2,
-        window=SPAN / 2,
-        max_windows=1,
-        rtol=tol,
-        atol=tol,
-        solver=zj.Rosenbrock(),
+        windows=zj.Windows(transient=SPAN / 2, length=SPAN / 2, max_windows=1),
+        method=zj.Method(rtol=tol, atol=tol, solver=zj.Rosenbrock()),
     )
     phi1, phi2 = found.final.phi
     return {"phi1": phi1, "phi2": phi2, "steps": found.steps}

@@ -31,7 +31,7 @@ from ziegler_jax.sweep.program import compiled, traced
 
 LANES, SECONDS_A_CALL = 128, 0.003
 LOADS = np.linspace(2.0, 2.5, LANES)
-LONG = {"transient": 1e4, "window": 100.0, "max_windows": 2}  # no lane ends in a call
+LONG = {"windows": zj.Windows(1e4, 100.0, max_windows=2)}  # no lane ends in a call
 
 
 def smooth(q):
@@ -44,7 +44,12 @@ def smooth(q):
         load=zj.ConstantLoad(1.0),
     )
     column = zj.uniform_rods(q, friction=friction)
-    return zj.settle(column, zj.State(omega=(0.0, 0.2)), rtol=1e-4, atol=1e-4, **LONG)
+    return zj.settle(
+        column,
+        zj.State(omega=(0.0, 0.2)),
+        method=zj.Method(rtol=1e-4, atol=1e-4),
+        **LONG,
+    )
 
 
 def set_valued(q):

@@ -23,7 +23,9 @@ def stick_slip(q, tau_s, tau_k, phi, omega, ts, tol, release, method):
     friction = dry(tuple(tau_s), tuple(tau_k), release)
     column = zj.uniform_rods(q, friction=friction)
     start = zj.State(tuple(phi), tuple(omega))
-    return zj.trajectory(column, start, ts, rtol=tol, atol=tol, solver=METHODS[method])
+    return zj.trajectory(
+        column, start, ts, method=zj.Method(rtol=tol, atol=tol, solver=METHODS[method])
+    )
 
 
 @functools.partial(jax.jit, static_argnames="kind")
@@ -37,7 +39,7 @@ def motion(q, c, phi, omega, ts, tol, kind):
         )
         column = zj.uniform_rods(q, friction=law)
     start = zj.State(tuple(phi), tuple(omega))
-    return zj.trajectory(column, start, ts, rtol=tol, atol=tol)
+    return zj.trajectory(column, start, ts, method=zj.Method(rtol=tol, atol=tol))
 
 
 def states(found):
@@ -189,11 +191,9 @@ def other_lanes(watch):
             return zj.settle(
                 zj.uniform_rods(q=q, friction=law),
                 zj.State(omega=(0.0, 0.2)),
-                transient=30.0,
-                window=20.0,
-                max_windows=4,
+                windows=zj.Windows(transient=30.0, length=20.0, max_windows=4),
                 observers=observers,
-                solver=solver,
+                method=zj.Method(solver=solver),
             )
 
         run = functools.partial(

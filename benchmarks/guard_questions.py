@@ -21,14 +21,15 @@ def folds():
             return zj.uniform_rods(q, friction=dry(tau))
 
         kicked = zj.settle(column(1.95), zj.State(omega=(0.0, 3.0)))
-        return zj.cycle_fold(column, kicked.final, 1.95, step=0.05)
+        orbit = zj.periodic_orbit(column(1.95), kicked.final)
+        return zj.cycle_fold(column, orbit, 1.95, arc=zj.Arc(step=0.05))
 
     lines, taus = {}, np.array([0.01, 0.03, 0.1, 0.26])
     found = fold(taus)
     for i, tau in enumerate(taus):
         mu = np.asarray(found.cycle.multipliers)[i, 0]
         lines |= {
-            f"fold, tau = {tau:g}": number(found.value[i], 1e-9),
+            f"fold, tau = {tau:g}": number(found.fold[i], 1e-9),
             f"fold, tau = {tau:g}: period": number(found.cycle.period[i, 0], 1e-9),
             f"fold, tau = {tau:g}: multipliers": array([mu.real, mu.imag], 1e-6),
             f"fold, tau = {tau:g}: outcome": whole(found.outcome[i]),
@@ -55,12 +56,12 @@ def orbit_of(kind):
 
     def point(tol):
         guess = zj.State(*ORBITS[kind])
-        orbit = zj.periodic_orbit(column(), guess, rtol=tol, atol=tol)
+        orbit = zj.periodic_orbit(column(), guess, method=zj.Method(rtol=tol, atol=tol))
         parts = {"period": orbit.period, "outcome": orbit.outcome}
         for i in range(4):
             parts[f"re_{i}"] = orbit.multipliers[i].real
             parts[f"im_{i}"] = orbit.multipliers[i].imag
-        return parts | {"rod_1": orbit.amplitude.rod[0]}
+        return parts | {"rod_1": orbit.rod_amplitude[0]}
 
     return point
 
@@ -71,7 +72,7 @@ def orbits(watch, kind):
         zj.sweep,
         orbit_of(kind),
         tol=[1e-6, 1e-8, 1e-10],
-        batch_size=128,
+        lanes=zj.Lanes(batch_size=128),
         progress=False,
     )
     ds, lines = watch(f"tangents, {kind}", run), {}
@@ -93,7 +94,10 @@ def exponents_of(q, tau, tol, kind):
     law = dry(tau) if kind == "set-valued" else law
     column, start = zj.uniform_rods(q, friction=law), zj.State(omega=(0.0, 0.3))
     return zj.lyapunov_exponents(
-        column, start, transient=100.0, block=25.0, blocks=12, rtol=tol, atol=tol
+        column,
+        start,
+        spans=zj.Spans(transient=100.0, length=25.0, count=12),
+        method=zj.Method(rtol=tol, atol=tol),
     )
 
 
@@ -114,7 +118,10 @@ def exponents():
 def kick_of(q, tau):
     column = zj.uniform_rods(q, friction=dry(tau))
     return zj.critical_kick(
-        column, zj.State(omega=(0.0, 1.0)), (0.0, 40 * tau), scan=4, halvings=10
+        column,
+        zj.State(omega=(0.0, 1.0)),
+        (0.0, 40 * tau),
+        search=zj.Search(scan=4, halvings=10),
     )
 
 
@@ -123,20 +130,19 @@ def onset_of(tau, kick):
         lambda q: zj.uniform_rods(q, friction=dry(tau)),
         zj.State(omega=(0.0, kick)),
         (1.0, 2.4),
-        scan=4,
-        halvings=9,
+        search=zj.Search(scan=4, halvings=9),
     )
 
 
 def thresholds():
     """Critical kicks and an onset load, with the widths of their last intervals."""
-    options = {"batch_size": 4, "progress": False}
+    options = {"lanes": zj.Lanes(4), "progress": False}
     kicks = zj.sweep(kick_of, q=[1.8, 2.0, 2.4], tau=[0.02], **options)
     onset = zj.sweep(onset_of, tau=[0.03], kick=[0.8], **options)
     lines = {}
     for name, ds in (("critical_kick", kicks), ("flutter_onset", onset)):
         lines |= {
-            f"{name}: values": array(ds[name], 1e-12),
+            f"{name}: values": array(ds.threshold, 1e-12),
             f"{name}: widths": array(ds.width, 1e-12),
             f"{name}: steps": array(ds.steps, 1e-3),
         } | counts(name, zj.ONSET, ds.outcome)
@@ -159,7 +165,7 @@ def verdicts():
     def judge(n):
         law = zj.SmoothCoulomb(n[1], pin_radius=1.0, v_smooth=n[2], load=UNIT)
         column = zj.uniform_rods(n[0], friction=law, damping=zj.Viscous(n[3], n[3]))
-        return zj.verdict(column, zj.State(omega=(0.0, n[4])), blocks=10)
+        return zj.verdict(column, zj.State(omega=(0.0, n[4])), spans=zj.Spans(count=10))
 
     found, lines = judge(np.array(list(VERDICTS.values()))), {}
     for i, name in enumerate(VERDICTS):
@@ -196,7 +202,7 @@ def linear():
         for kind in ("flutter", "divergence"):
             found = zj.critical_load(column, kind)
             lines |= {
-                f"{name}, {kind}": number(found.q),
+                f"{name}, {kind}": number(found.q_cr),
                 f"{name}, {kind}: frequency": number(found.frequency),
                 f"{name}, {kind}: outcome": whole(found.outcome),
             }
@@ -210,7 +216,7 @@ def linear():
     def critical(q, c1, c2):
         column = zj.uniform_rods(q, damping=zj.Viscous(c1, c2))
         load, abscissa = zj.critical_load(column), zj.spectral_abscissa(column)
-        return {"load": load.q, "regime": zj.regime(column), "abscissa": abscissa}
+        return {"load": load.q_cr, "regime": zj.regime(column), "abscissa": abscissa}
 
     c = np.geomspace(1e-3, 3, 12)
     ds = zj.sweep(critical, q=np.linspace(0.5, 4, 12), c1=c, c2=c, progress=False)

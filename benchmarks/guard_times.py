@@ -15,9 +15,7 @@ def one_window(law):
         return zj.settle(
             zj.uniform_rods(q=q, friction=law),
             zj.State(omega=(0.0, 0.2)),
-            transient=80.0,
-            window=20.0,
-            max_windows=1,
+            windows=zj.Windows(transient=80.0, length=20.0, max_windows=1),
         )
 
     return point

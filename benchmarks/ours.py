@@ -37,14 +37,13 @@ def point_of(scene, start, solver, **options):
         settled = zj.settle(
             column,
             zj.State(start[:2], start[2:]),
-            transient=0.0,
-            window=span,
-            max_windows=1,
-            escape=1e9,
-            rtol=tol,
-            atol=tol,
-            solver=(SOLVERS | STIFF_SOLVERS)[solver],
-            max_steps=10_000_000,
+            windows=zj.Windows(transient=0.0, length=span, max_windows=1, escape=1e9),
+            method=zj.Method(
+                rtol=tol,
+                atol=tol,
+                solver=(SOLVERS | STIFF_SOLVERS)[solver],
+                max_steps=10_000_000,
+            ),
         )
         phi, omega = settled.final.phi, settled.final.omega
         states = {"phi1": phi[0], "phi2": phi[1], "w1": omega[0], "w2": omega[1]}

@@ -46,7 +46,7 @@ def point(q, mu):
     friction = zj.SmoothCoulomb(mu, pin_radius=0.05, v_smooth=0.05)
     return zj.settle(
         zj.uniform_rods(q, friction=friction), zj.State(omega=(0.0, 0.3)),
-        transient=40.0, window=20.0, max_windows=3, rtol=1e-5, atol=1e-5,
+        windows=zj.Windows(40.0, 20.0, 3), method=zj.Method(rtol=1e-5),
     )
 
 count = int(sys.argv[4])
@@ -159,7 +159,7 @@ def overhead(folder, points, repeats):
         cpu[name].append(time.process_time() - before)
         return found.attrs["points"]
 
-    store = {"store": folder / "main.zarr", "overwrite": True}
+    store = {"store": zj.Store(folder / "main.zarr", overwrite=True)}
     contestants = {
         "memory": lambda: run("memory"),
         "store": lambda: run("store", **store),

@@ -47,9 +47,11 @@ def point(q, copy):
     friction = zj.SmoothCoulomb(0.1, pin_radius=0.05, v_smooth=0.05)
     start = zj.State(omega=(0.0, 0.3 + 0 * copy))
     return zj.settle(
-        zj.uniform_rods(q, friction=friction), start,
-        transient=20.0, window=10.0, max_windows=2, rtol=1e-4, atol=1e-4,
-    )  # fmt: skip
+        zj.uniform_rods(q, friction=friction),
+        start,
+        windows=zj.Windows(transient=20.0, length=10.0, max_windows=2),
+        method=zj.Method(rtol=1e-4, atol=1e-4),
+    )
 
 
 class Cluster:
@@ -108,7 +110,7 @@ def main():
         seconds.setdefault(name, []).append(time.perf_counter() - start)
 
     with tempfile.TemporaryDirectory() as folder:
-        store = {"store": Path(folder) / "map.zarr", "overwrite": True}
+        store = {"store": zj.Store(Path(folder) / "map.zarr", overwrite=True)}
         cluster = Cluster(folder, options.profile)
 
         def on_cluster(name, **more):
@@ -124,7 +126,9 @@ def main():
             # the first round compiles; connecting is not counted in any
             interleaved(
                 {
-                    "threads": lambda: sweep("threads", threads=WORKERS),
+                    "threads": lambda: sweep(
+                        "threads", lanes=zj.Lanes(threads=WORKERS)
+                    ),
                     "gathered": lambda: on_cluster("gathered"),
                     "written": lambda: on_cluster("written", **store),
                 },

@@ -1,4 +1,4 @@
-"""Every claim of the seed, computed: `python figures/audit.py` writes audit.md.
+"""Every claim of the paper, computed: `python figures/audit.py` writes audit.md.
 
 A row is a claim, one line of Python that computes what decides it, and a rule that
 turns its value into a verdict. So the verdicts follow the numbers; where the text alone
@@ -19,15 +19,16 @@ import numpy as np
 from audit_rows import CONFIRMED, OPEN, REFUTED, ROWS
 from tqdm import tqdm
 
-HEAD = """# The seed, audited
+TITLE = "Modeling stability of Ziegler column with consideration of dry friction"
+HEAD = f"""# "{TITLE}", audited
 
 Each row reruns by its line, in the folder `figures` after
 `from audit_scenes import *`; all of them by `python figures/audit.py`, which writes
 this table. Times in sqrt(m l^2/k), torques in k, angles in rad; the column is the
-seed's, two uniform rods.
+paper's, two uniform rods.
 
 """
-COLUMNS = ("", "the seed's claim", "computed", "verdict", "line")
+COLUMNS = ("", "the paper's claim", "computed", "verdict", "line")
 
 
 class Judged(NamedTuple):

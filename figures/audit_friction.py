@@ -35,7 +35,7 @@ def _(angles):
 @row(
     "Friction limits the amplitude of vibrations",
     "[(k, float(peak(resolved(2.6, 3000, k))[0]), float(settled(law(0.1), kick=k, "
-    "max_windows=100).amplitude.rod[0])) for k in (0.02, 2, 4)]",
+    "windows=zj.Windows(max_windows=100)).rod_amplitude[0])) for k in (0.02, 2, 4)]",
 )
 def _(found):
     pairs = ", ".join(f"{free:.2f} and {rub:.2f} at {k:g}" for k, free, rub in found)
@@ -57,7 +57,7 @@ def _(kinds):
 
 
 @row(
-    "Constant amplitude, and never a closed trajectory (the seed against itself)",
+    "Constant amplitude, and never a closed trajectory (the paper against itself)",
     "[np.ptp(crossings(late(r)), axis=0) for r in (0.03, 0.1, 1.0)]",
 )
 def _(spreads):
@@ -147,7 +147,7 @@ for _name, _said in (
 
 
 @row(
-    "The motion is quasi-periodic and deterministically chaotic (the seed against "
+    "The motion is quasi-periodic and deterministically chaotic (the paper against "
     "itself)",
     "None",
 )

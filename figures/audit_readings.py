@@ -1,6 +1,6 @@
-"""What a kick leads to in every reading of the seed's missing data.
+"""What a kick leads to in every reading of the paper's missing data.
 
-The seed names neither pin radius, normal load nor kick: here each law of friction runs
+The paper names neither pin radius, normal load nor kick: here each law of friction runs
 over all of them, by `lyapunov_exponents` and the multipliers of the cycle nearest to
 where the run ends.
 """
@@ -68,15 +68,16 @@ def runs(friction, constant):
             column,
             start,
             count=2,
-            transient=share * TRANSIENT,
-            block=share * BLOCK,
-            blocks=BLOCKS,
-            rtol=1e-7,
-            atol=1e-7,
+            spans=zj.Spans(
+                transient=share * TRANSIENT, length=share * BLOCK, count=BLOCKS
+            ),
+            method=zj.Method(rtol=1e-7, atol=1e-7),
         )
         floquet = jnp.nan * late.time
         if friction is law:  # of a smoothed law it would cost more than all the rest
-            orbit = zj.periodic_orbit(column, late.final, rtol=1e-9, atol=1e-9)
+            orbit = zj.periodic_orbit(
+                column, late.final, method=zj.Method(rtol=1e-9, atol=1e-9)
+            )
             floquet = jnp.log(jnp.abs(orbit.multipliers[1])) / orbit.period
         w1, w2 = late.final.omega
         return {
@@ -90,7 +91,9 @@ def runs(friction, constant):
 
     normal = sorted({n for f, n in READINGS.values() if f is friction and n})
     axes = {"normal": normal if constant else [0.0], "radius": RADII, "kick": KICKS}
-    return zj.sweep(point, batch_size=len(RADII) * len(KICKS) // 2, axes=axes)
+    return zj.sweep(
+        point, lanes=zj.Lanes(batch_size=len(RADII) * len(KICKS) // 2), axes=axes
+    )
 
 
 def kind(run, rest):

@@ -14,7 +14,7 @@ TEXT = " (a reading of the text alone)"
 
 
 class Row(NamedTuple):
-    """A claim of the seed and how it is decided."""
+    """A claim of the paper and how it is decided."""
 
     claim: str
     line: str
@@ -55,7 +55,7 @@ def _(gaps):
     "Instability, flutter or divergence, goes with frequencies that coalesce",
     "[np.sort(np.abs(zj.spectrum(zj.uniform_rods(q=q, follower=0)).imag))[::2] "
     "for q in (0.3, 0.38)], float(zj.critical_load(zj.uniform_rods(follower=0), "
-    "'divergence').q)",
+    "'divergence').q_cr)",
 )
 def _(found):
     (far, near), q = found
@@ -77,7 +77,7 @@ def _(dets):
 
 @row(
     "The classical column has concentrated masses; q_cr = 2.54",
-    "[float(zj.critical_load(c).q) for c in (zj.point_masses(2, 1), "
+    "[float(zj.critical_load(c).q_cr) for c in (zj.point_masses(2, 1), "
     "zj.point_masses(1, 1), zj.uniform_rods())]",
 )
 def _(q):
@@ -106,7 +106,7 @@ def _(residual):
     return f"residual at the eigenvalues: {residual:.0e}", holds(residual < 1e-6)
 
 
-@row("Eq (8): q_cr = 2.54", "float(zj.critical_load(zj.uniform_rods()).q)")
+@row("Eq (8): q_cr = 2.54", "float(zj.critical_load(zj.uniform_rods()).q_cr)")
 def _(q):
     return f"{q:.6f} = (18 - 2 sqrt 7)/5", holds(round(q, 2) == 2.54)
 
@@ -120,13 +120,13 @@ def _(ratios):
     mass, stiffness = (np.asarray(x) for x in ratios)
     text = f"at q = 2.6 M of Eq (6) is {mass.min():.3f} to {mass.max():.3f} times the "
     text += f"column's, K {stiffness.min():.3f} to {stiffness.max():.3f} times: "
-    text += "the seed's time is sqrt 2 times that of Eq (2); loads do not change"
+    text += "the paper's time is sqrt 2 times that of Eq (2); loads do not change"
     return text, holds(np.allclose(mass, stiffness))
 
 
 @row(
     "I_zz = 1/2 m L^2 about the centre of mass",
-    "[float(zj.critical_load(zj.Column(0.0, 5/4 + i, 1/2, 1/4 + i)).q) "
+    "[float(zj.critical_load(zj.Column(0.0, 5/4 + i, 1/2, 1/4 + i)).q_cr) "
     "for i in (1/12, 1/2)]",
 )
 def _(q):
@@ -157,7 +157,7 @@ def _(found):
 
 @row(
     "m, l, k merely scale: thresholds and dynamics stay the same",
-    "[settled(joint(0.1, zj.FollowerLoad(), rate)).amplitude.joint "
+    "[settled(joint(0.1, zj.FollowerLoad(), rate)).joint_amplitude "
     "for rate in (0.1, 1.0)]",
 )
 def _(amplitudes):
@@ -174,7 +174,7 @@ def _(amplitudes):
     "[float(flutter_under_gravity(weight)) for weight in (0, 9.81 / 10)]",
 )
 def _(q):
-    text = "m g l/k = 0.98 with the seed's numbers: upright q_cr falls "
+    text = "m g l/k = 0.98 with the paper's numbers: upright q_cr falls "
     text += "from {:.2f} to {:.2f}"
     verdict = f"{REFUTED} upright; holds where the plane of motion is horizontal"
     return text.format(*q), holds(abs(q[0] - q[1]) < 0.01, verdict)
@@ -182,7 +182,7 @@ def _(q):
 
 @row(
     "Damping can lower the critical load (Ziegler's paradox)",
-    "[float(zj.critical_load(zj.uniform_rods(damping=zj.Viscous(c, c))).q) "
+    "[float(zj.critical_load(zj.uniform_rods(damping=zj.Viscous(c, c))).q_cr) "
     "for c in (1e-8, 0.1)]",
 )
 def _(q):
@@ -246,7 +246,7 @@ def _(rates):
 
 
 @row(
-    "Flutter is for q > 2.6, and Fig 3 shows it at q = 2.6 (the seed against itself)",
+    "Flutter is for q > 2.6, and Fig 3 shows it at q = 2.6 (the paper against itself)",
     "growth(2.6)",
 )
 def _(rate):
@@ -273,7 +273,7 @@ def _(found):
 
 @row(
     "The nonlinear onset, 2.6, confirms the linear one with high accuracy",
-    "2.6 / float(zj.critical_load(zj.uniform_rods()).q) - 1, onset() / 2.6 - 1",
+    "2.6 / float(zj.critical_load(zj.uniform_rods()).q_cr) - 1, onset() / 2.6 - 1",
 )
 def _(off):
     text = "2.6 is {:.1%} above q_cr, and the nonlinear column's onset {:.1%} from 2.6"

@@ -1,4 +1,4 @@
-"""The scenes by which `audit.py` judges the seed's claims: one function a question.
+"""The scenes by which `audit.py` judges the paper's claims: one function a question.
 
 Times are in sqrt(m l^2/k), torques in k, angles in rad.
 """
@@ -44,7 +44,7 @@ def stiff(q, span, kick=KICK):
 @public
 def growth(q, kick=1e-8, begin=30.0, end=60.0):
     """The growth rate of the nonlinear column after a kick."""
-    motion = resolved(q, end, kick, rtol=1e-11, atol=1e-16)
+    motion = resolved(q, end, kick, method=zj.Method(rtol=1e-11, atol=1e-16))
     ts = np.asarray(motion.ts)
     late = ts > begin
     return mean_rate(ts[late], np.abs(np.asarray(motion.phi[late, 1])))
@@ -92,7 +92,7 @@ def reversal(q, span=40.0, kick=0.02):
     """Run, reverse the rates, run as long: how far from the start, relative."""
     ts = np.array([0.0, span])
     column, start = zj.uniform_rods(q=q), zj.State(omega=(0.0, kick))
-    tight = {"rtol": 1e-12, "atol": 1e-14}
+    tight = {"method": zj.Method(rtol=1e-12, atol=1e-14)}
     there = zj.trajectory(column, start, ts, **tight)
     middle = zj.State(tuple(there.phi[-1]), tuple(-there.omega[-1]))
     back = zj.trajectory(column, middle, ts, **tight)
@@ -107,7 +107,12 @@ def volume(q, span=20.0, kick=0.02):
 
     def end(y):
         start = zj.State(y[:2], y[2:])
-        m = zj.trajectory(column, start, np.array([0.0, span]), rtol=1e-11, atol=1e-13)
+        m = zj.trajectory(
+            column,
+            start,
+            np.array([0.0, span]),
+            method=zj.Method(rtol=1e-11, atol=1e-13),
+        )
         return jnp.concatenate([m.phi[-1], m.omega[-1]])
 
     def density(y):
@@ -197,9 +202,13 @@ def flutter_under_gravity(weight=9.81 / 10):
 @public
 def swing(q, kick, span=500.0):
     """The largest angle of a rod without friction up to a time."""
-    whole = {"transient": 0.0, "window": span, "max_windows": 1, "escape": 1e3}
+    whole = zj.Windows(transient=0.0, length=span, max_windows=1, escape=1e3)
     column, start = zj.uniform_rods(q=q), zj.State(omega=(0.0, kick))
-    return float(zj.settle(column, start, rtol=1e-8, **whole).amplitude.rod.max())
+    return float(
+        zj.settle(
+            column, start, windows=whole, method=zj.Method(rtol=1e-8)
+        ).rod_amplitude.max()
+    )
 
 
 @public
@@ -236,7 +245,7 @@ def below_critical(q, kick=0.5, small=0.01):
     free = float(peak(resolved(q, 1000, kick))[0])
     cycle = settled(friction, q, kick)
     quiet = settled(friction, q, small)
-    swings = free, float(cycle.amplitude.joint[0])
+    swings = free, float(cycle.joint_amplitude[0])
     return swings, zj.OUTCOME(int(quiet.outcome)).name
 
 
@@ -264,8 +273,8 @@ def sticks():
 @functools.cache
 def late(radius, q=2.6):
     """Ten periods of what a kick settles to, from the friction `law(radius)`."""
-    tight = {"rtol_settle": 1e-6, "max_windows": 200, "rtol": 1e-9, "atol": 1e-9}
-    end = settled(law(radius), q, **tight)
+    windows = zj.Windows(agreement=1e-6, max_windows=200)
+    end = settled(law(radius), q, windows=windows, method=zj.Method(rtol=1e-9))
     column = zj.uniform_rods(q=q, friction=law(radius))
     return zj.trajectory(
         column, end.final, np.linspace(0, 10 * float(end.period), 6001)

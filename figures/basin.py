@@ -12,7 +12,9 @@ TAU = 0.05
 def point(phi2, omega2):
     start = zj.State((0.0, phi2), (0.0, omega2))
     return zj.settle(
-        style.dry(1.8, TAU), start, transient=0.0, rtol_settle=1e-3, max_windows=100
+        style.dry(1.8, TAU),
+        start,
+        windows=zj.Windows(transient=0.0, agreement=1e-3, max_windows=100),
     )
 
 

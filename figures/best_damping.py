@@ -26,7 +26,7 @@ def main():
         def scene(log_ratio, make=make):
             return make(damping=zj.Viscous(1e-9 * jnp.exp(log_ratio), 1e-9))
 
-        scan = jax.vmap(lambda x, f=scene: zj.critical_load(f(x)).q)(x)
+        scan = jax.vmap(lambda x, f=scene: zj.critical_load(f(x)).q_cr)(x)
         best = zj.stabilise(scene, {"log_ratio": (x[0], x[-1])}, start={"log_ratio": 0})
         path = best.history
         left.semilogx(np.exp(x), scan, dash, color=colour, lw=2.5, label=name)

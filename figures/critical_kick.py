@@ -24,9 +24,9 @@ def main():
     print(np.unique(ds.outcome, return_counts=True))
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), width_ratios=(1.2, 1))
     kick = {"long_name": r"critical kick $\dot\varphi_2(0)$", "units": UNITS}
-    ds.critical_kick.attrs |= kick
+    ds.threshold.attrs |= kick
     left.set_yscale("log")
-    zj.plot.map(ds, "critical_kick", x="q", y="tau", ax=left, norm="log")
+    zj.plot.map(ds, "threshold", x="q", y="tau", ax=left, norm="log")
     left.set_facecolor(zj.plot.REST_COLOUR)
     left.text(1.22, 0.1, "rest after all\nkicks to 1.6")
     slow = ds.outcome == zj.ONSET.undecided
@@ -39,7 +39,7 @@ def main():
     colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, 5))
     for tau, colour in zip(taus[[0, 16, 32, 48, 63]], colours, strict=True):
         one = ds.sel(tau=tau)
-        right.semilogy(one.q, one.critical_kick / tau, color=colour, label=f"{tau:.3f}")
+        right.semilogy(one.q, one.threshold / tau, color=colour, label=f"{tau:.3f}")
     right.set_xlabel("load $q = Fl/k$")
     right.set_yticks([4, 6, 10, 20, 40], ["4", "6", "10", "20", "40"], minor=False)
     right.minorticks_off()

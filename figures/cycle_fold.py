@@ -11,7 +11,8 @@ import ziegler_jax as zj
 def scene(tau, q):  # constant torque in both joints, mu_s = mu_k
     law = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))
     column = lambda q: zj.uniform_rods(q, friction=law)  # noqa: E731
-    return column, zj.settle(column(q), zj.State(omega=(0.0, 3.0))).final, q
+    kicked = zj.settle(column(q), zj.State(omega=(0.0, 3.0)))
+    return column, zj.periodic_orbit(column(q), kicked.final), q
 
 
 @jax.jit
@@ -22,16 +23,16 @@ def folds(tau):
 
 @jax.jit
 def branch(tau):
-    way = {"direction": -1, "points": 150, "step": 0.05, "bounds": (1.0, 2.75)}
-    return zj.continue_cycle(*scene(tau, 2.7), **way)
+    arc = zj.Arc(direction=-1, points=150, step=0.05, bounds=(1.0, 2.75))
+    return zj.continue_cycle(*scene(tau, 2.7), arc=arc)
 
 
 def main():
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14, 4.6))
     tau = np.linspace(0.01, 0.1, 10)  # above, another fold comes first
-    fold = np.asarray(folds(tau).value)
+    fold = np.asarray(folds(tau).fold)
     tau, fold = tau[np.isfinite(fold)], fold[np.isfinite(fold)]
-    q_cr = float(zj.critical_load(zj.uniform_rods()).q)
+    q_cr = float(zj.critical_load(zj.uniform_rods()).q_cr)
     left.fill_betweenx(tau, fold, 3, color=zj.plot.PALE_ORANGE, lw=0)
     left.plot(fold, tau, "o-", color=zj.plot.BLUE, lw=2.5, label="fold of cycles")
     left.plot(
@@ -48,7 +49,7 @@ def main():
     for kind, dash in ((stable, "-"), (~stable, "--")):
         along = np.where(kind | np.roll(kind, 1), q, np.nan)  # to the next kind's first
         middle.plot(
-            along, points.amplitude.joint[:, 1], dash, color=zj.plot.BLUE, lw=2.5
+            along, points.joint_amplitude[:, 1], dash, color=zj.plot.BLUE, lw=2.5
         )
         for i, colour in ((1, zj.plot.BLUE), (2, zj.plot.GREEN)):
             right.plot(along, moduli[:, i], dash, color=colour, lw=2)

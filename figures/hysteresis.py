@@ -16,7 +16,7 @@ def point(mu_s, ratio):
         lambda q: style.dry(q, mu_s, ratio * mu_s),
         LOADS,
         kick=zj.State(omega=(0.0, 0.2)),
-        rtol_settle=1e-3,
+        windows=zj.Windows(agreement=1e-3),
         observers=(zj.StickFraction(),),
     )
 

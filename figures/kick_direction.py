@@ -12,7 +12,9 @@ TAU = 0.02
 
 def point(q, angle):
     kick = zj.State(omega=(jnp.cos(angle), jnp.sin(angle)))
-    return zj.critical_kick(style.dry(q, TAU), kick, (0.0, 3.0), scan=16)
+    return zj.critical_kick(
+        style.dry(q, TAU), kick, (0.0, 3.0), search=zj.Search(scan=16)
+    )
 
 
 def main():
@@ -23,7 +25,7 @@ def main():
     colours = (zj.plot.BLUE, zj.plot.GREEN, zj.plot.VERMILLION)
     around = np.append(np.concatenate([angle, angle + np.pi]), 0.0)
     for q, colour in zip(ds.q.values, colours, strict=True):
-        kick = ds.critical_kick.sel(q=q).values
+        kick = ds.threshold.sel(q=q).values
         # the column is symmetric: the opposite kick has the same threshold
         ax.plot(
             around, np.append(np.tile(kick, 2), kick[0]), color=colour, label=f"{q:g}"

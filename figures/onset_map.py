@@ -10,7 +10,10 @@ import ziegler_jax as zj
 def point(mu_s, mu_k):
     kick = zj.State(omega=(0.0, 0.6))
     return zj.flutter_onset(
-        lambda q: style.dry(q, mu_s, mu_k), kick, (0.2, 2.6), scan=12, halvings=6
+        lambda q: style.dry(q, mu_s, mu_k),
+        kick,
+        (0.2, 2.6),
+        search=zj.Search(scan=12, halvings=6),
     )
 
 
@@ -19,8 +22,8 @@ def main():
     ds = zj.sweep(point, mu_s=mu, mu_k=mu, where=lambda mu_s, mu_k: mu_k <= mu_s)
     print(np.unique(ds.outcome, return_counts=True), ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(7.5, 5))
-    ds.flutter_onset.attrs["long_name"] = "onset load $q = F l/k$"
-    zj.plot.map(ds, "flutter_onset", x="mu_s", y="mu_k", ax=ax)
+    ds.threshold.attrs["long_name"] = "onset load $q = F l/k$"
+    zj.plot.map(ds, "threshold", x="mu_s", y="mu_k", ax=ax)
     s, k = np.meshgrid(ds.mu_s, ds.mu_k, indexing="ij")
     ax.plot([0.005, 0.163], [0.005, 0.163], color="0.45", lw=1)
     ax.text(0.09, 0.097, r"$\tau_s = \tau_k$", color="0.45", ha="right")

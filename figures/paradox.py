@@ -22,11 +22,11 @@ def main():
         (20.0, zj.plot.VERMILLION, ":"),
     )
     for ax, (name, make) in zip(axes, columns, strict=True):
-        undamped = float(zj.critical_load(make()).q)
+        undamped = float(zj.critical_load(make()).q_cr)
         for ratio, colour, dash in lines:
             q = jax.vmap(
                 lambda c, make=make, ratio=ratio: (
-                    zj.critical_load(make(damping=zj.Viscous(ratio * c, c))).q
+                    zj.critical_load(make(damping=zj.Viscous(ratio * c, c))).q_cr
                 )
             )(c)
             ax.semilogx(c, q, dash, color=colour, lw=2.5, label=f"{ratio:g}")

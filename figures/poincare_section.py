@@ -21,7 +21,9 @@ def chaotic(kick):
     friction = zj.SetValuedCoulomb(TAU_S, TAU_K, pin_radius=1.0, load=load)
     start = zj.State(omega=(0.0, kick))
     column = zj.uniform_rods(Q, friction=friction)
-    return zj.poincare(column, start, points=1000, rtol=1e-8, atol=1e-8)
+    return zj.poincare(
+        column, start, points=1000, method=zj.Method(rtol=1e-8, atol=1e-8)
+    )
 
 
 def free(kick):

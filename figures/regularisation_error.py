@@ -20,9 +20,11 @@ def point(q, v_smooth):
     load = zj.ConstantLoad(1.0)
     friction = zj.SetValuedCoulomb(TAU, pin_radius=1.0, load=load)
     column = zj.uniform_rods(q=q, friction=friction)
-    options = {"transient": 300.0, "max_windows": 10, "rtol": 1e-8, "atol": 1e-8}
+    windows, method = zj.Windows(transient=300.0, max_windows=10), zj.Method(rtol=1e-8)
     start = zj.State(omega=KICK)
-    return zj.regularisation_error(column, start, v_smooth, **options)
+    return zj.regularisation_error(
+        column, start, v_smooth, windows=windows, method=method
+    )
 
 
 def main():

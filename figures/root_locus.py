@@ -1,4 +1,4 @@
-"""Eigenvalues of the seed's column as the load rises: two frequencies meet at q_cr."""
+"""Eigenvalues of the paper's column as the load rises: two frequencies meet at q_cr."""
 
 import jax
 import matplotlib.pyplot as plt
@@ -18,21 +18,23 @@ def main():
         (left, s.imag, r"frequency $\mathrm{Im}\,s$  ($\sqrt{k/(ml^2)}$)"),
         (right, s.real, r"growth rate $\mathrm{Re}\,s$  ($\sqrt{k/(ml^2)}$)"),
     ):
-        ax.axvspan(float(begin.q), float(end.q), color=zj.plot.PALE_ORANGE, lw=0)
+        ax.axvspan(float(begin.q_cr), float(end.q_cr), color=zj.plot.PALE_ORANGE, lw=0)
         ax.plot(q, part, ".", ms=2.2, color=zj.plot.BLUE)
-        ax.axvline(float(begin.q), color=zj.plot.VERMILLION, lw=1.5)
-        ax.axvline(float(end.q), color=zj.plot.VERMILLION, lw=1.5, ls="--")
+        ax.axvline(float(begin.q_cr), color=zj.plot.VERMILLION, lw=1.5)
+        ax.axvline(float(end.q_cr), color=zj.plot.VERMILLION, lw=1.5, ls="--")
         ax.set_xlabel("load $q = Fl/k$")
         ax.set_title(name, loc="left")
         ax.set_xlim(0, 6)
         ax.spines[["top", "right"]].set_visible(False)
     left.set_ylim(0, 4.1)
     right.set_ylim(-2.2, 2.2)
-    left.plot(begin.q, begin.frequency, "o", color=zj.plot.VERMILLION, ms=9, zorder=3)
+    left.plot(
+        begin.q_cr, begin.frequency, "o", color=zj.plot.VERMILLION, ms=9, zorder=3
+    )
     left.annotate(
-        f"coalescence\n$q_{{cr}}$ = {float(begin.q):.4f}\n"
+        f"coalescence\n$q_{{cr}}$ = {float(begin.q_cr):.4f}\n"
         rf"$\omega$ = {float(begin.frequency):.4f}",
-        (float(begin.q), float(begin.frequency)),
+        (float(begin.q_cr), float(begin.frequency)),
         (14, 22),
         textcoords="offset points",
     )
@@ -40,8 +42,8 @@ def main():
     right.text(5.35, -0.08, "divergence", ha="center", color="0.3")
     right.text(1.2, 0.12, "oscillates", ha="center", color="0.3")
     right.annotate(
-        f"end of flutter\n$q$ = {float(end.q):.4f}",
-        (float(end.q), 2.15),
+        f"end of flutter\n$q$ = {float(end.q_cr):.4f}",
+        (float(end.q_cr), 2.15),
         (-10, 0),
         textcoords="offset points",
         ha="right",

@@ -1,4 +1,4 @@
-"""The seed's Figure 2, the column under its critical load 2.54, into seed_fig2.png.
+"""The paper's Figure 2, the column under its critical load 2.54, into seed_fig2.png.
 
 2.54 lies below q_cr = 2.5417: two close frequencies beat. The first half of a beat
 looks like flutter; the whole run is bounded. At q_cr itself it grows linearly.
@@ -9,7 +9,7 @@ import seed_style as style
 
 import ziegler_jax as zj
 
-KICK = zj.State(omega=(0.0, 1e-4))  # rod 2, as in the seed; so small, it is linear
+KICK = zj.State(omega=(0.0, 1e-4))  # rod 2, as in the paper; so small, it is linear
 Q = 2.54
 
 
@@ -27,7 +27,7 @@ def main():
         run(Q, 4 * beat),
         f"$q = {Q}$, four beats of {style.seconds(beat):.1f} s: bounded",
     )
-    q_cr = float(zj.critical_load(zj.uniform_rods()).q)
+    q_cr = float(zj.critical_load(zj.uniform_rods()).q_cr)
     style.draw(
         axes[2],
         run(q_cr, 4 * beat),

@@ -1,7 +1,7 @@
-"""The seed's Figure 3, the column without friction at q = 2.6, into seed_fig3.png.
+"""The paper's Figure 3, the column without friction at q = 2.6, into seed_fig3.png.
 
 Neither the printed equations nor the right ones close into a limit cycle, nor does a
-stiff BDF method at the seed's tolerance, which feeds the motion energy.
+stiff BDF method at the paper's tolerance, which feeds the motion energy.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ LONG = 3000.0  # where the method's error shows
 
 
 def as_printed(t, y, q):
-    """Eq (3) of the seed, letter for letter, in its own time.
+    """Eq (3) of the paper, letter for letter, in its own time.
 
     Row 1 lacks + phi2'^2 sin D; row 2 has phi2'^2 where phi1'^2 belongs.
     """
@@ -29,7 +29,7 @@ def as_printed(t, y, q):
 def printed(q, span, kick=KICK):
     """A run of Eq (3) as printed, in the units of Eq (2)."""
     ts = np.linspace(0, span, round(20 * span) + 1)
-    rate = np.array([1, 1, style.SEED_TIME, style.SEED_TIME])  # of the seed's time
+    rate = np.array([1, 1, style.SEED_TIME, style.SEED_TIME])  # of the paper's time
     run = (0, ts[-1] * style.SEED_TIME), [0, 0, 0, kick] / rate, "DOP853"
     tight = {"t_eval": ts * style.SEED_TIME, "rtol": 1e-10, "atol": 1e-12}
     y = solve_ivp(lambda t, y: as_printed(t, y, q), *run, **tight).y

@@ -1,4 +1,4 @@
-"""The seed's Figure 4, friction 0.12 and 0.10 at q = 2.6, into seed_fig4.png.
+"""The paper's Figure 4, friction 0.12 and 0.10 at q = 2.6, into seed_fig4.png.
 
 The pin radius R is not given; the joints carry the follower force here. On 10 mm to 1 m
 what is kicked hard enough to slip ends on one closed cycle (orange). A thin pin only

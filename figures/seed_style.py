@@ -1,6 +1,7 @@
-"""What the seed's figures share: its column in SI units, its colours, its two times.
+"""What the paper's figures share: its column in SI units, its colours, its two times.
 
-The paper that this project started from is the seed. Its mass matrix is doubled and its
+The paper is "Modeling stability of Ziegler column with consideration of dry
+friction", from which this project started. Its mass matrix is doubled and its
 stiffness is not, so that its time is sqrt(2) times that of its own Eq (2).
 """
 
@@ -41,7 +42,7 @@ def motion_of(ts, y):
 
 
 def stiff(q, span, kick, error=1e-5):
-    """The column without friction by scipy's BDF, in place of the seed's HASTIFF."""
+    """The column without friction by scipy's BDF, in place of the paper's HASTIFF."""
     column = zj.uniform_rods(q=q)
     a, b, d = float(column.a), float(column.b), float(column.d)
 
@@ -69,7 +70,7 @@ def part(motion, begin, end):
 
 
 def draw(axes, motion, title):
-    """The motion in seconds below and in the seed's time above, and its phase plane."""
+    """The motion in seconds below and in the paper's time above; the phase plane."""
     history, phase = zj.plot.time_history(motion, ax=axes, units=UNITS)
     history.set_title(title, loc="left")
     history.margins(x=0)
@@ -78,7 +79,7 @@ def draw(axes, motion, title):
     other = history.secondary_xaxis(
         "top", functions=(lambda s: s * scale, lambda s: s / scale)
     )
-    other.set_xlabel("the seed's time")
+    other.set_xlabel("the paper's time")
     phase.ticklabel_format(scilimits=(-2, 3), useMathText=True)
     for panel, width in ((history, 0.8), (phase, 0.5)):
         for line, depth in zip(panel.lines, (3, 2), strict=True):

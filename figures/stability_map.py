@@ -1,4 +1,4 @@
-"""The seed's column over load and follower fraction: where it flutters or buckles."""
+"""The paper's column over load and follower fraction: where it flutters or buckles."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -34,10 +34,10 @@ def main():
         found = zj.sweep(lambda eta, kind=kind: load(eta, kind), eta=eta)
         ax.plot(eta, found.q_cr, dash, color=colour, lw=2.5, label=label)
     seed = zj.critical_load(zj.uniform_rods())
-    ax.plot(1, seed.q, "o", color="k", ms=8)
+    ax.plot(1, seed.q_cr, "o", color="k", ms=8)
     ax.annotate(
-        rf"$\eta = 1$:" "\n" rf"$q_{{cr}}$ = {float(seed.q):.4f}",
-        (1, float(seed.q)),
+        rf"$\eta = 1$:" "\n" rf"$q_{{cr}}$ = {float(seed.q_cr):.4f}",
+        (1, float(seed.q_cr)),
         (6, -10),
         textcoords="offset points",
         va="top",

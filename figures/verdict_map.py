@@ -30,7 +30,7 @@ KINDS = {
 def point(q, mu_k):
     friction = zj.SetValuedCoulomb(4 * mu_k, mu_k, pin_radius=0.1)
     column = zj.uniform_rods(q, friction=friction)
-    return zj.verdict(column, zj.State(omega=(0.0, 0.3)), escape=60.0)
+    return zj.verdict(column, zj.State(omega=(0.0, 0.3)), spans=zj.Spans(escape=60.0))
 
 
 def main():

@@ -31,7 +31,7 @@ def by_eigenvalues(c1, c2):
 
 
 def main():
-    exact = jax.vmap(lambda a, b: zj.critical_load(column(a, b)).q)
+    exact = jax.vmap(lambda a, b: zj.critical_load(column(a, b)).q_cr)
     # polar mesh: each ray keeps its ratio down to the axis
     r, t = np.meshgrid(np.linspace(1e-9, 1, 60), np.linspace(0, np.pi / 2, 181))
     c1, c2 = C1 * r * np.cos(t), C2 * r * np.sin(t)
@@ -40,7 +40,7 @@ def main():
     p1, p2 = C1 * r * np.cos(t * np.pi / 2), C2 * r * np.sin(t * np.pi / 2)
     dots = jax.vmap(by_eigenvalues)(p1, p2)
     worst = float(np.max(np.abs(dots - exact(p1, p2))))
-    top = float(zj.critical_load(column(0.0, 0.0)).q)
+    top = float(zj.critical_load(column(0.0, 0.0)).q_cr)
 
     figure = plt.figure(figsize=(8.5, 6.6))
     ax = figure.add_subplot(projection="3d", computed_zorder=False)

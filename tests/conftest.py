@@ -45,7 +45,7 @@ def unoptimised(request):
     if request.config.getoption("--optimised"):
         yield
         return
-    forget = program._kept.clear, jax.clear_caches
+    forget = program._cache.clear, jax.clear_caches
     for step in forget:
         step()
     jax.config.update("jax_disable_most_optimizations", True)

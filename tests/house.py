@@ -4,7 +4,11 @@
 
 counts it, of this checkout or of another's package: lines, lines of code without
 docstrings, comments and blank lines, files in the longest folder, rooms, imports
-against the rule, circles, calls of diffrax, laws asked for by their class.
+against the rule, circles, calls of diffrax, laws asked for by their class; the most
+arguments of a function (axes and constructors of values apart) and its longest body,
+without its docstring; how
+often `Any` stands, or an alias of it; words that are no names; and lines of docstrings
+and comments.
 """
 
 import ast
@@ -50,6 +54,10 @@ def in_a_circle(files):
 
 def code_lines(text):
     """Lines of code without docstrings, comments and blank lines."""
+    return len(_code_rows(text))
+
+
+def _code_rows(text):
     lines = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.string.strip() and token.type != tokenize.COMMENT:
@@ -59,7 +67,7 @@ def code_lines(text):
         if isinstance(node, holds) and ast.get_docstring(node, clean=False) is not None:
             docstring = node.body[0]
             lines -= set(range(docstring.lineno, docstring.end_lineno + 1))
-    return len(lines)
+    return lines
 
 
 def calls(package, name):
@@ -91,6 +99,85 @@ def asked_for_laws(package):
     ]
 
 
+def functions(package):
+    """All functions, each with the file that it is in."""
+    for path in package.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield path, node
+
+
+def arguments(function):
+    """How many arguments a function takes, `self` and axes apart."""
+    given = function.args.posonlyargs + function.args.args + function.args.kwonlyargs
+    return len([a for a in given if a.arg not in ("self", "cls", "axes")])
+
+
+def body_lines(function):
+    """Lines of a function without its docstring and its signature."""
+    body = function.body
+    if ast.get_docstring(function) is not None:
+        body = body[1:]
+    return function.end_lineno - body[0].lineno + 1 if body else 0
+
+
+def anys(texts):
+    """How often `Any` stands in annotations, or an alias that is no more than it."""
+    names, aliases = collections.Counter(), {"Any", "PyTree"}
+    trees = [ast.parse(text) for text in texts]
+    for tree in trees:
+        for node in tree.body:
+            if isinstance(node, ast.Assign) and getattr(node.value, "id", "") == "Any":
+                aliases |= {target.id for target in node.targets}
+    for tree in trees:
+        names.update(n.id for n in ast.walk(tree) if isinstance(n, ast.Name))
+    return sum(names[alias] for alias in aliases)
+
+
+# Household words in place of a noun of the field.
+PARTICIPLES = {"found", "seen", "kept", "heard", "held", "told"}
+# The code tables whose members may be called so: they are public and stay.
+CODES = {"ORBIT", "CRITICAL", "ONSET"}
+
+
+def participles(texts):
+    """How often such a word is the name of something."""
+    count = 0
+    for text in texts:
+        codes = _codes(text)
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            counts = token.type == tokenize.NAME and token.string in PARTICIPLES
+            count += counts and token.start not in codes
+    return count
+
+
+def _codes(text):
+    """Where members of the code tables are defined and used: `ORBIT.found` is public.
+
+    Places are those of `tokenize`.
+    """
+    places = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ClassDef) and node.name in CODES:
+            for line in node.body:
+                targets = line.targets if isinstance(line, ast.Assign) else []
+                places |= {(target.lineno, target.col_offset) for target in targets}
+        elif isinstance(node, ast.Attribute) and getattr(node.value, "id", "") in CODES:
+            places.add((node.end_lineno, node.end_col_offset - len(node.attr)))
+    return places
+
+
+def prose_lines(text):
+    """Lines of docstrings and comments."""
+    comments = {
+        token.start[0]
+        for token in tokenize.generate_tokens(io.StringIO(text).readline)
+        if token.type == tokenize.COMMENT
+    }
+    filled = sum(bool(line.strip()) for line in text.split("\n"))
+    return filled - code_lines(text) + len(comments & _code_rows(text))
+
+
 def count(package):
     """What `python tests/house.py` prints."""
     files = plan(package)
@@ -108,6 +195,13 @@ def count(package):
         "a circle": in_a_circle(files) is not None,
         "calls of diffeqsolve": len(list(calls(package, "diffeqsolve"))),
         "laws asked for by isinstance": len(asked_for_laws(package)),
+        "most arguments": max(
+            arguments(f) for _, f in functions(package) if f.name != "__init__"
+        ),
+        "longest function": max(body_lines(f) for _, f in functions(package)),
+        "Any and its aliases": anys(texts),
+        "participles for names": participles(texts),
+        "lines of prose": sum(map(prose_lines, texts)),
     }
 
 
@@ -116,11 +210,11 @@ def _parts(package, path):
 
 
 def _imports(package, path):
-    parents, found = _parts(package, path), set()
+    parents, imported = _parts(package, path), set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names = [alias.name.split(".") for alias in node.names]
-            found |= {tuple(n[1:]) for n in names if n[0] == package.name}
+            imported |= {tuple(n[1:]) for n in names if n[0] == package.name}
         elif isinstance(node, ast.ImportFrom):
             module = tuple(node.module.split(".")) if node.module else ()
             if node.level:
@@ -131,9 +225,11 @@ def _imports(package, path):
                 continue
             files = [(*base, alias.name) for alias in node.names]
             known = [package.joinpath(*f).with_suffix(".py").exists() for f in files]
-            found |= {f if is_ else base for f, is_ in zip(files, known, strict=True)}
-    folders = {f for f in found if package.joinpath(*f).is_dir()}
-    return found - folders | {(*f, "__init__") for f in folders}
+            imported |= {
+                f if is_ else base for f, is_ in zip(files, known, strict=True)
+            }
+    folders = {f for f in imported if package.joinpath(*f).is_dir()}
+    return imported - folders | {(*f, "__init__") for f in folders}
 
 
 if __name__ == "__main__":

@@ -27,16 +27,19 @@ def point(x, y):
 
 
 X, Y = np.linspace(0.0, 4.0, 8), np.linspace(0.0, 1.0, 5)
-sweep = functools.partial(zj.sweep, point, x=X, y=Y, batch_size=4, progress=False)
+sweep = functools.partial(
+    zj.sweep, point, x=X, y=Y, lanes=zj.Lanes(batch_size=4), progress=False
+)
 
 
 def settled(q, mu):
     friction = zj.SmoothCoulomb(mu, pin_radius=0.05, v_smooth=0.05)
     return zj.settle(
-        zj.uniform_rods(q, friction=friction), zj.State(omega=(0.0, 0.3)),
-        transient=20.0, window=10.0, rtol=1e-4, atol=1e-4, max_windows=4,
-        max_steps=2000,
-    )  # fmt: skip
+        zj.uniform_rods(q, friction=friction),
+        zj.State(omega=(0.0, 0.3)),
+        windows=zj.Windows(transient=20.0, length=10.0, max_windows=4),
+        method=zj.Method(rtol=1e-4, atol=1e-4, max_steps=2000),
+    )
 
 
 Q, MU = np.linspace(1.5, 3.5, 9), np.array([0.05, 0.1, 0.2])

@@ -22,7 +22,7 @@ def point(q):
 
 print("ready", flush=True)
 try:
-    zj.sweep(point, q=np.linspace(1, 2, 4096), batch_size=8, progress=False)
+    zj.sweep(point, q=np.linspace(1, 2, 4096), lanes=zj.Lanes(8), progress=False)
 except KeyboardInterrupt:
     print("interrupted", flush=True)
     sys.exit(3)

@@ -2,13 +2,20 @@
 
 from importlib import metadata
 
+from .analysis.branch_point import Arc
 from .analysis.classify import Verdict, verdict
-from .analysis.continuation import Branch, CycleFold, Points, continue_cycle, cycle_fold
-from .analysis.hysteresis import UpDown, sweep_up_down
+from .analysis.continuation import (
+    Branch,
+    CycleFold,
+    CyclePoints,
+    continue_cycle,
+    cycle_fold,
+)
+from .analysis.hysteresis import UpDownSweep, sweep_up_down
 from .analysis.lyapunov import Exponents, lyapunov_exponents
-from .analysis.onset import Onset, critical_kick, flutter_onset
+from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
-from .analysis.poincare import Section, poincare
+from .analysis.poincare import PoincareSection, poincare
 from .analysis.regularisation import RegularisationError, regularisation_error
 from .linear.critical_load import critical_load
 from .linear.sensitivity import sensitivity
@@ -24,24 +31,47 @@ from .model.column import (
     Column,
     State,
     energy,
-    point_masses,
     power,
     reactions,
-    uniform_rods,
     vector_field,
 )
-from .model.damping import Air, Sum, Viscous
-from .model.friction import ConstantLoad, FollowerLoad, JointReaction, SmoothCoulomb
+from .model.damping import AbstractDamping, Air, Sum, Viscous
+from .model.friction import (
+    AbstractFriction,
+    AbstractRateFriction,
+    SmoothCoulomb,
+)
+from .model.loads import AbstractLoad, ConstantLoad, FollowerLoad, JointReaction
+from .model.rods import point_masses, uniform_rods
 from .model.set_valued import SetValuedCoulomb
 from .model.sticking_set import StickingSet, sticking_set
-from .motion.observers import Amplitude, EnergyBalance, Mean, Period, StickFraction
+from .motion.observers import (
+    AbstractObserver,
+    Amplitude,
+    EnergyBalance,
+    Mean,
+    Period,
+    StickFraction,
+)
+from .motion.options import Method, Spans, Windows
+from .motion.section import SectionPlane
 from .motion.settle import Settled, settle
 from .motion.stiffness import is_stiff
 from .motion.trajectory import Trajectory, trajectory
-from .results import CRITICAL, ONSET, ORBIT, OUTCOME, REGIME, SPECIAL, VERDICT
+from .results import (
+    CRITICAL,
+    ONSET,
+    ORBIT,
+    OUTCOME,
+    REGIME,
+    SPECIAL,
+    VERDICT,
+    Variable,
+)
 from .runtime import configure_cache, configure_cpu
 from .solvers import Explicit, Rosenbrock, Taylor, tableaus
-from .sweep.store import open_sweep
+from .sweep.lanes import Lanes
+from .sweep.store import Store, open_sweep
 from .sweep.sweep import sweep
 from .sweep.work_precision import work_precision
 from .units import SI
@@ -57,37 +87,51 @@ __all__ = [
     "SI",
     "SPECIAL",
     "VERDICT",
+    "AbstractDamping",
+    "AbstractFriction",
+    "AbstractLoad",
+    "AbstractObserver",
+    "AbstractRateFriction",
     "Air",
     "Amplitude",
+    "Arc",
     "Branch",
     "Column",
     "ConstantLoad",
     "CycleFold",
+    "CyclePoints",
     "EnergyBalance",
     "Explicit",
     "Exponents",
     "FollowerLoad",
     "JointReaction",
+    "Lanes",
     "Mean",
+    "Method",
     "Onset",
     "Period",
     "PeriodicOrbit",
-    "Points",
+    "PoincareSection",
     "RegularisationError",
     "Rosenbrock",
-    "Section",
+    "Search",
+    "SectionPlane",
     "SetValuedCoulomb",
     "Settled",
     "SmoothCoulomb",
+    "Spans",
     "State",
     "StickFraction",
     "StickingSet",
+    "Store",
     "Sum",
     "Taylor",
     "Trajectory",
-    "UpDown",
+    "UpDownSweep",
+    "Variable",
     "Verdict",
     "Viscous",
+    "Windows",
     "configure_cache",
     "configure_cpu",
     "continue_cycle",

@@ -13,32 +13,29 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 import xarray as xr
 
 import ziegler_jax as zj
 
+if TYPE_CHECKING:  # drawing is all that needs it
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 # ---- the scene and how it is settled: everything that the map depends on
-PIN_RADIUS = 0.05
-KICK = (0.0, 0.3)
-V_STRIBECK = 0.1
+PIN_RADIUS, KICK, V_STRIBECK = 0.05, (0.0, 0.3), 0.1
 # At rest the smoothed law is viscous damping tau_s / v_smooth: here 5 at every point,
 # above what would make the smoothed column flutter from rest.
 DAMPING_AT_REST = 5.0
-SETTLE = {
-    "transient": 100.0,
-    "window": 40.0,
-    "max_windows": 40,
-    "rtol_settle": 2e-4,
-    "observers": (zj.StickFraction(),),
-}
+WINDOWS = zj.Windows(transient=100, length=40, max_windows=40, agreement=2e-4)
+SETTLE = {"windows": WINDOWS, "observers": (zj.StickFraction(),)}
 Q_RANGE, MU_RANGE, MU_EXACT = (1.0, 4.0), (0.02, 0.4), (0.1, 0.12)
 Q_VALUES, MU_VALUES = 129, 40
 POINTS = Q_VALUES * MU_VALUES * (MU_VALUES + 1) // 2
 FEWEST, MOST = 20, 10_000_000  # four values of mu and two of q; about 2 GB
-KEPT = "what was finished is kept, and the same command{} goes on from there"
+ADVICE = "what was finished is kept, and the same command{} goes on from there"
 SECTIONS = (
     (1.0, r"$\mu_k = \mu_s$"),
     (1.2, r"$\mu_k \approx \mu_s / 1.2$"),
@@ -86,7 +83,7 @@ def compute(points: int, store: Path, overwrite: bool = False) -> xr.Dataset:
     q, mu = grid(points)
     return zj.sweep(
         point, where=lambda mu_s, mu_k, q: mu_k <= mu_s, q=q, mu_s=mu, mu_k=mu,
-        store=store, overwrite=overwrite,
+        store=zj.Store(store, overwrite),
     )  # fmt: skip
 
 
@@ -151,7 +148,9 @@ def draw(ds: xr.Dataset, path: Path) -> None:
         plt.close(figure)
 
 
-def _draw_maps(figure: Any, axes: Any, planes: list[xr.Dataset]) -> None:
+def _draw_maps(
+    figure: "Figure", axes: "Sequence[Axes]", planes: list[xr.Dataset]
+) -> None:
     from matplotlib.patches import Patch
 
     settled = [
@@ -164,11 +163,11 @@ def _draw_maps(figure: Any, axes: Any, planes: list[xr.Dataset]) -> None:
             plane, "joint_amplitude", "q", "mu_s", ax=ax, colorbar=False, **style
         )
         ax.set_title(title)
-        found = ax.get_legend()
-        if found is not None:
-            names = [text.get_text() for text in found.get_texts()]
-            legend |= dict(zip(names, found.legend_handles, strict=True))
-            found.remove()
+        axes_legend = ax.get_legend()
+        if axes_legend is not None:
+            names = [text.get_text() for text in axes_legend.get_texts()]
+            legend |= dict(zip(names, axes_legend.legend_handles, strict=True))
+            axes_legend.remove()
         _mark_critical(ax, "white")
     figure.colorbar(
         axes[0].collections[0],
@@ -187,7 +186,7 @@ def _draw_maps(figure: Any, axes: Any, planes: list[xr.Dataset]) -> None:
     )
 
 
-def _draw_onset(ax: Any, planes: list[xr.Dataset]) -> None:
+def _draw_onset(ax: "Axes", planes: list[xr.Dataset]) -> None:
     from matplotlib.patches import Patch
 
     plot = zj.plot
@@ -220,7 +219,7 @@ def _draw_onset(ax: Any, planes: list[xr.Dataset]) -> None:
     )
 
 
-def _mark_critical(ax: Any, colour: str) -> None:
+def _mark_critical(ax: "Axes", colour: str) -> None:
     ax.axvline(Q_CRITICAL, color=colour, linestyle="--", linewidth=1)
     ax.annotate(
         rf"linear $q_{{cr}} = {Q_CRITICAL:.4f}$",
@@ -271,24 +270,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     store, picture = options.out / STORE, options.out / PICTURE
-    kept = KEPT.format(" without --overwrite" if options.overwrite else "")
+    advice = ADVICE.format(" without --overwrite" if options.overwrite else "")
     try:
-        heard = _say(zj.configure_cpu())
-        with _ended_by_ctrl_c(f"Stopped: {kept}."):
+        printed = _say(zj.configure_cpu())
+        with _ended_by_ctrl_c(f"Stopped: {advice}."):
             try:
                 ds = compute(options.points, store, options.overwrite)
             except ValueError as error:  # what is there is not this map
                 parser.error(f"{error} --overwrite replaces it, --out writes elsewhere")
-        heard &= _say(summary(ds))
+        printed &= _say(summary(ds))
         draw(ds, picture)
     except KeyboardInterrupt:
-        print(f"Stopped: {kept}.", file=sys.stderr)
+        print(f"Stopped: {advice}.", file=sys.stderr)
         return 130
     except OSError as error:
-        print(f"Could not write to {options.out}: {error}; {kept}.", file=sys.stderr)
+        print(f"Could not write to {options.out}: {error}; {advice}.", file=sys.stderr)
         return 1
     written = f"written: {store}, {picture}"
-    if heard and _say(written):
+    if printed and _say(written):
         return 0
     print(f"Standard output is closed; {written}", file=sys.stderr)
     return 3

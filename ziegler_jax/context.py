@@ -16,15 +16,18 @@
 import itertools
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from functools import wraps
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import NamedTuple, ParamSpec, TypeVar, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Primitive, get_opaque_trace_state
+from jax.core import AbstractValue
+from jax.extend.core import Jaxpr, Primitive, get_opaque_trace_state
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from .runtime import own_flags
 
@@ -41,16 +44,18 @@ class Context(NamedTuple):
 
     tolerance: float | None = None
     factor: float = 1.0
-    solver: Any = None
+    solver: eqx.Module | None = None
     narrow: bool = False
     trace: int = 0
 
 
+Solver = TypeVar("Solver")
+Tolerance = Float[Array, ""] | float
 _CONTEXT = jax.make_user_context(default_value=Context())
 _TRACES = itertools.count(1)
 
 
-def within(context: Context) -> Any:
+def within(context: Context) -> AbstractContextManager[None]:
     """A context manager in which scenes that are traced obey `context`."""
     return _CONTEXT(context)
 
@@ -65,7 +70,9 @@ def of_its_own(narrow: bool) -> Context:
     return current_context()._replace(narrow=narrow, trace=next(_TRACES))
 
 
-def overridden_tolerances(rtol: Any, atol: Any) -> tuple[Any, Any]:
+def overridden_tolerances(
+    rtol: Tolerance, atol: Tolerance
+) -> tuple[Tolerance, Tolerance]:
     """The tolerances to use instead of the scene's own."""
     context = current_context()
     if context.tolerance is not None:
@@ -74,15 +81,15 @@ def overridden_tolerances(rtol: Any, atol: Any) -> tuple[Any, Any]:
     return rtol * context.factor, atol * context.factor
 
 
-def overridden_solver(solver: Any) -> Any:
+def overridden_solver(solver: Solver) -> Solver:
     """The solver to use instead of the scene's own."""
     chosen = current_context().solver
-    return solver if chosen is None else chosen
+    return solver if chosen is None else cast(Solver, chosen)
 
 
 def is_traced() -> bool:
     """Whether JAX is tracing here: within `jit`, `vmap`, a derivative, a sweep."""
-    clean: list[Any] = []  # a new thread traces nothing
+    clean: list[object] = []  # a new thread traces nothing
     thread = threading.Thread(target=lambda: clean.append(get_opaque_trace_state()))
     thread.start()
     thread.join()
@@ -94,7 +101,7 @@ resumable_loop.multiple_results = True
 
 
 @resumable_loop.def_abstract_eval
-def _state_again(*operands: Any, body: Any) -> list[Any]:
+def _state_again(*operands: AbstractValue, body: Jaxpr) -> list[AbstractValue]:
     return [v.aval for v in body.outvars[:-2]]
 
 
@@ -126,8 +133,8 @@ State = TypeVar("State")
 
 def resumable(
     state: State,
-    advance: Callable[[State, Any], State],
-    status: Callable[[State], tuple[Any, Any]],
+    advance: Callable[[State, Int[Array, ""]], State],
+    status: Callable[[State], tuple[Bool[Array, ""], Int[Array, ""]]],
 ) -> State | None:
     """The last state of a loop that a sweep runs in chunks.
 
@@ -151,7 +158,7 @@ def resumable(
     leaves, tree = jax.tree.flatten(state)
     leaves = [jnp.asarray(leaf) for leaf in leaves]
 
-    def body(max_steps: Any, *leaves: Any) -> tuple:
+    def body(max_steps: Int[Array, ""], *leaves: Shaped[Array, "..."]) -> tuple:
         after = advance(tree.unflatten(leaves), max_steps)
         pairs = zip(jax.tree.leaves(after), leaves, strict=True)
         return *(jnp.asarray(new, old.dtype) for new, old in pairs), *status(after)

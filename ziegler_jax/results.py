@@ -7,12 +7,20 @@ therefore carries a code, and every code a sentence. A result tells a sweep by i
 
 import dataclasses
 import enum
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
+import jax
+import jax.core
 import numpy as np
+import xarray as xr
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float, Int, Shaped
 
 TIME, RATE = "sqrt(m l^2/k)", "sqrt(k/(m l^2))"
+
+Final = TypeVar("Final")  # the state at the end: no room below knows states
 
 
 class Code(enum.IntEnum):
@@ -147,61 +155,180 @@ def flag_attributes(codes: type[Code]) -> dict[str, object]:
     }
 
 
+# of a variable: the numbers, their shape alone, or none yet
+Value = Shaped[ArrayLike, "..."] | jax.ShapeDtypeStruct | None
+
+
 class Variable(NamedTuple):
     """One named quantity of a result.
 
-    `value` has the shape that `dims` names; under `vmap` lanes stand in front.
+    A `point` may return one as well: an array then names its dimensions.
+
+    ```python
+    def point(q):
+        s = zj.spectrum(zj.uniform_rods(q))
+        return {"growth": zj.Variable(s.real, "growth rate", dims=("mode",))}
+    ```
+
+    **Arguments:**
+
+    - `value`: an array of the shape that `dims` names; under `vmap` lanes stand in
+        front.
+    - `long_name`: what it is; `units`: those of the scaled column, e.g. `"rad"`.
+    - `codes`: the class of codes of a flag variable, e.g. `OUTCOME`.
     """
 
-    value: Any
+    value: Value
     long_name: str
     units: str = "1"
     dims: tuple[str, ...] = ()
-    codes: type[Code] | None = None  # for flag variables
+    codes: type[Code] | None = None
 
 
-def labels(variable: Variable) -> dict[str, Any]:
+def labels(variable: Variable) -> dict[str, object]:
     """The attributes of a variable in a dataset."""
     if variable.codes is None:
         return {"long_name": variable.long_name, "units": variable.units}
     return {"long_name": variable.long_name, **flag_attributes(variable.codes)}
 
 
-def quantity(*about: Any, **more: Any) -> dict[str, Variable]:
+def quantity(
+    long_name: str,
+    units: str = "1",
+    dims: tuple[str, ...] = (),
+    codes: type[Code] | None = None,
+) -> dict[str, Variable]:
     """The metadata of a field that is a number of its result, under the field's name.
 
     **Arguments:** those of `Variable`, but for its value.
     """
-    return {"quantity": Variable(None, *about, **more)}
+    return {"quantity": Variable(None, long_name, units, dims, codes)}
+
+
+Settings = tuple[tuple[str, object], ...]
 
 
 class AbstractResult(eqx.Module):
-    """A result: the numbers that its fields declare, and how it was computed."""
+    """A result: named numbers, and how they were computed.
 
-    settings: eqx.AbstractVar[tuple[tuple[str, Any], ...]]
+    Its fields (and properties, by `DERIVED`) that are numbers have the names, meanings
+    and units that they have in a dataset: of `to_dataset`, or of a `sweep` whose point
+    returns the result.
+    """
+
+    settings: eqx.AbstractVar[Settings]
+
+    DERIVED: ClassVar[Mapping[str, Variable]] = {}  # quantities that are properties
 
     def variables(self) -> dict[str, Variable]:
-        """All numbers with their names, units and dimensions, for `sweep`."""
+        """All numbers with their names, units and dimensions."""
         about = {f.name: f.metadata.get("quantity") for f in dataclasses.fields(self)}
+        about |= self.DERIVED
         return {
             name: variable._replace(value=getattr(self, name))
             for name, variable in about.items()
             if variable is not None
         }
 
-    def attributes(self) -> dict[str, Any]:
+    def coordinates(self) -> dict[str, Sequence[object]]:
+        """The values along the dimensions of its own."""
+        return {}
+
+    def attributes(self) -> dict[str, object]:
         """How it was computed: the options that are the same at every point."""
         return dict(self.settings)
 
+    def to_dataset(self) -> xr.Dataset:
+        """The numbers as a sweep labels them.
 
-class AbstractMotionResult(AbstractResult):
+        **Returns:** a dataset; axes of `jax.vmap` are its dimensions `lane_1`,
+        `lane_2`, ...
+
+        **Raises:** JAX's error inside its transformations, where nothing is known yet.
+        """
+        known = {**DIMENSIONS, **self.coordinates()}
+        data, coords = {}, {}
+        for name, variable in self.variables().items():
+            value = np.asarray(variable.value)
+            lanes = [f"lane_{i + 1}" for i in range(value.ndim - len(variable.dims))]
+            data[name] = (*lanes, *variable.dims), value, labels(variable)
+            coords |= {d: list(known[d]) for d in variable.dims if d in known}
+        return xr.Dataset(data, coords, self.attributes())
+
+    def __repr__(self) -> str:
+        """The numbers with their units, and what the codes mean."""
+        try:
+            named = self.variables()
+        except (TypeError, AttributeError):  # of shapes: properties are not computed
+            return eqx.tree_pformat(self)
+        width = max(map(len, named), default=0)
+        rows = [f"  {name:{width}} = {_shown(v)}" for name, v in named.items()]
+        return "\n".join([type(self).__name__, *rows])
+
+
+def _shown(variable: Variable) -> str:
+    """A value for the eye."""
+    if isinstance(variable.value, jax.core.Tracer):
+        return f"{variable.value.aval.str_short()}, traced"
+    value = np.asarray(variable.value)
+    if value.dtype.kind not in "biufc":
+        return repr(variable.value)
+    if variable.codes is not None:
+        known = {int(code): code for code in variable.codes}
+        codes, counts = np.unique(value, return_counts=True)
+        if value.size == 1 and codes[0] in known:
+            code = known[codes[0]]
+            return f"{code.name}: {code.sentence}"
+        pairs = zip(codes.tolist(), counts.tolist(), strict=True)
+        named = ((known[c].name if c in known else c, count) for c, count in pairs)
+        return ", ".join(f"{count} {name}" for name, count in named)
+    text = np.array2string(value, precision=6, threshold=8, edgeitems=2)
+    text = " ".join(text.split())
+    shape = f"  (shape {value.shape})" if value.size > 8 else ""
+    return text + ("" if variable.units == "1" else f" {variable.units}") + shape
+
+
+class AbstractDescribed(AbstractResult):
+    """A result whose numbers depend on what was asked for: an attribute each."""
+
+    numbers: eqx.AbstractVar[dict[str, Shaped[Array, "..."]]]
+    quantities: eqx.AbstractVar[tuple[tuple[str, Variable], ...]]  # without values
+
+    def __getattr__(self, name: str) -> Shaped[Array, "..."]:
+        """The quantity of that name."""
+        numbers = self.__dict__.get("numbers", {})
+        if name in numbers:
+            return numbers[name]
+        raise AttributeError(
+            f"A `{type(self).__name__}` has `{name}` only where it was asked for; this "
+            f"one has {', '.join(numbers)}."
+        )
+
+    def variables(self) -> dict[str, Variable]:
+        """All numbers with their names, units and dimensions."""
+        named = {n: v._replace(value=self.numbers[n]) for n, v in self.quantities}
+        return named | super().variables()
+
+
+def without_values(
+    variables: Mapping[str, Variable],
+) -> tuple[tuple[str, Variable], ...]:
+    """Variables without their values: a static part of a result."""
+    return tuple((n, v._replace(value=None)) for n, v in variables.items())
+
+
+class AbstractMotionResult(AbstractResult, Generic[Final]):
     """The result of one motion: beside others, where, when and how it ended."""
 
-    final: Any  # the state at the end
-    time: Any = eqx.field(metadata=quantity("time at the end", TIME))
-    steps: Any = eqx.field(metadata=quantity("attempted steps"))  # also rejected ones
-    outcome: Any = eqx.field(metadata=quantity("how the motion ended", codes=OUTCOME))
-    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
+    final: Final  # the state at the end
+    time: Float[Array, "*lanes"] = eqx.field(metadata=quantity("time at the end", TIME))
+    steps: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("attempted steps")
+    )  # also rejected ones
+    outcome: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("how the motion ended", codes=OUTCOME)
+    )
+    settings: Settings = eqx.field(static=True)
 
 
 # The dimensions that results use, with their coordinates.
@@ -228,88 +355,21 @@ AXES = {
     "omega2": ("rate of rod 2 at the start", RATE, r"$\dot\varphi_2$"),
 }
 
-# Names that scenes give codes which come without a result: flag variables.
-FLAGS = {"regime": REGIME}
 
-
-# Results whose arrays have no names in a dataset: how to take numbers from them.
-_NUMBERS_OF = {
-    "Trajectory": '{"phi2": result.phi[-1, 1], "outcome": result.outcome}',
-    "Section": '{"omega2": result.omega[0, 1], "count": result.count}',
-    "Branch": '{"lowest": jnp.nanmin(result.points.parameter)}',
-    "State": '{"phi1": state.phi[0]}',
-}
-_ANY = '{"name": number}'
-
-
-def checked(whose: str, named: Any) -> dict[str, Variable]:
-    """What `variables()` of an observer or a result gave: a `Variable` a name.
+def checked(whose: str, named: object) -> dict[str, Variable]:
+    """What an observer or a result gave: a `Variable` a name.
 
     **Raises:** `ValueError` that names the entry which is none.
     """
     if not isinstance(named, dict):
-        raise ValueError(
-            f"`variables()` of {whose} must return a dict of `Variable`, but returns "
-            f"{named!r}."
-        )
+        raise ValueError(f"{whose} must be a dict of `Variable`, but is {named!r}.")
     for name, entry in named.items():
+        if not isinstance(name, str):
+            raise ValueError(f"{whose} must have names, but has {name!r}.")
         if not isinstance(entry, Variable):
             raise ValueError(
-                f"`variables()` of {whose} must give a `Variable` for `{name}`, but "
-                f"gives {type(entry).__name__}; write `Variable(value, "
-                '"what it is", "its unit")`, from `ziegler_jax.results`.'
+                f"{whose} must have a `Variable` for `{name}`, but has "
+                f"{type(entry).__name__}; write `zj.Variable(value, "
+                '"what it is", "its unit")`.'
             )
     return named
-
-
-def named_variables(result: Any) -> dict[str, Variable]:
-    """What a `point` returned, as named variables.
-
-    **Arguments:** `result`: a scalar (its name is `value`), a dict of scalars, or a
-    result of the library.
-
-    **Raises:** `ValueError` that names the entry which is neither.
-    """
-    if hasattr(result, "variables"):
-        return checked(f"a `{type(result).__name__}`", result.variables())
-    if type(result).__module__.split(".")[0] == __name__.split(".")[0]:
-        kind = type(result).__name__
-        raise ValueError(
-            f"`point` must return numbers with names, but returns a `{kind}`, whose "
-            "arrays have dimensions of their own; return numbers of it, e.g. "
-            f"`{_NUMBERS_OF.get(kind, _ANY)}`."
-        )
-    if not isinstance(result, dict):
-        result = {"value": result}
-    if not result:
-        raise ValueError("`point` must return something, but returns an empty dict.")
-    named = {}
-    for name, value in result.items():
-        shape = getattr(value, "shape", None)
-        if isinstance(value, (bool, int, float)):
-            shape = ()
-        if shape is None:
-            raise ValueError(
-                "`point` must return a scalar, a dict of scalars or a result of the "
-                f"library, but `{name}` is {type(value).__name__}."
-            )
-        if shape != ():
-            raise ValueError(
-                "`point` must return a scalar, a dict of scalars or a result of the "
-                f"library, but `{name}` has shape {tuple(shape)} and no declared "
-                "dimensions."
-            )
-        named[str(name)] = Variable(value, str(name), codes=FLAGS.get(str(name)))
-    return named
-
-
-def empty(variable: Variable, shape: tuple[int, ...]) -> np.ndarray:
-    """A variable over a grid: NaN for numbers, 0 (`not_computed`) for codes.
-
-    One number in memory, however large the shape: copy it to write to it.
-    """
-    dtype = np.dtype(variable.value.dtype)
-    if dtype.kind in "biu" and variable.codes is None:
-        dtype = np.dtype(np.float64)  # so that a missing point can be told from 0
-    fill = np.array(np.nan if dtype.kind in "fc" else 0, dtype)
-    return np.broadcast_to(fill, shape + tuple(variable.value.shape))

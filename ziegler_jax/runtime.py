@@ -123,7 +123,7 @@ def held_interrupts() -> Iterator[None]:
         return
     pressed = []
 
-    def hold(*_: Any) -> None:
+    def hold(*_: object) -> None:
         pressed.append(True)
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -136,7 +136,7 @@ def held_interrupts() -> Iterator[None]:
             raise KeyboardInterrupt
 
 
-def own_flags() -> AbstractContextManager[Any]:
+def own_flags() -> AbstractContextManager[ExitStack | None]:
     """A context without JAX's debugging flags; nothing where none is set.
 
     The flags are for the user's numbers. Infinity and NaN stand for "none" in many
@@ -156,22 +156,22 @@ def own_flags() -> AbstractContextManager[Any]:
 
 def free_memory() -> int | None:
     """Bytes that this process may still take; None where the system does not say."""
-    found = []
+    bounds = []
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
         sizes = dict(line.split(":") for line in lines)
-        found.append(1024 * int(sizes["MemAvailable"].split()[0]))
+        bounds.append(1024 * int(sizes["MemAvailable"].split()[0]))
     except (OSError, KeyError, ValueError):
         pass
     try:  # a container's limit
         group = Path("/sys/fs/cgroup")
         limit = int((group / "memory.max").read_text())
-        found.append(limit - int((group / "memory.current").read_text()))
+        bounds.append(limit - int((group / "memory.current").read_text()))
     except (OSError, ValueError):
         pass
-    if not found:
+    if not bounds:
         try:
-            found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+            bounds.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
         except (AttributeError, ValueError, OSError):
             return None
-    return min(found)
+    return min(bounds)

@@ -17,24 +17,48 @@ a pin radius in metres and a transition velocity in m/s become other dimensionle
 numbers on another column.
 """
 
+import dataclasses
 import math
-from typing import Any
+from collections.abc import Callable, Hashable
+from typing import TypedDict, Unpack, cast
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from .model.column import Column, point_masses, uniform_rods
-from .model.friction import AbstractLoad, JointReaction, SmoothCoulomb
+from .model.column import Column
+from .model.friction import SmoothCoulomb
+from .model.loads import AbstractLoad, JointReaction
+from .model.rods import Parts, point_masses, uniform_rods
 from .motion.trajectory import Trajectory
-from .numerics.numbers import both, is_concrete, number, number_or_pair
-from .results import DIMENSIONS, labels
+from .numerics.numbers import (
+    Joints,
+    OneOrTwo,
+    Pair,
+    Scalar,
+    both,
+    is_concrete,
+    number,
+    number_or_pair,
+)
+from .results import AbstractResult
 
 # Half of the fall from mu_s to mu_k, in transition velocities: the middle of 1 to 1.5.
 HALF_FALL = 1.25
 # v_stribeck / v_smooth: the smoothed peak reaches 0.98 of mu_s where mu_s = 1.2 mu_k.
 RATIO = 10.0
+
+
+Mass = tuple[Scalar | None, float]  # in kg, and what it is in m where it is None
+
+
+class Bodies(TypedDict):
+    """Masses in m, and rod 2's length in l."""
+
+    m1: Scalar
+    m2: Scalar
+    l2: Scalar
 
 
 class SI(eqx.Module):
@@ -55,34 +79,34 @@ class SI(eqx.Module):
     **Raises:** `ValueError` where a concrete number breaks its rule.
     """
 
-    m: Any
-    l: Any  # noqa: E741 - the field's name for it
-    k: Any
+    m: Scalar
+    l: Scalar  # noqa: E741 - the field's name for it
+    k: Scalar
 
-    def __init__(self, m: Any, l: Any, k: Any):  # noqa: E741
+    def __init__(self, m: Scalar, l: Scalar, k: Scalar):  # noqa: E741
         """Keep the three numbers."""
         self.m = number("m", m, "positive")
         self.l = number("l", l, "positive")
         self.k = number("k", k, "positive")
 
     @property
-    def time(self) -> Any:
+    def time(self) -> Scalar:
         r"""The unit of time, $\sqrt{m l^2/k}$, in seconds."""
         return self.l * (self.m / self.k) ** 0.5
 
     @property
-    def force(self) -> Any:
+    def force(self) -> Scalar:
         """The unit of force, k/l, in newtons; q = F / force."""
         return self.k / self.l
 
     def uniform_rods(
         self,
-        F: Any,  # noqa: N803
+        F: Scalar,  # noqa: N803
         *,
-        m1: Any = None,
-        m2: Any = None,
-        l2: Any = None,
-        **parts: Any,
+        m1: Scalar | None = None,
+        m2: Scalar | None = None,
+        l2: Scalar | None = None,
+        **parts: Unpack[Parts],
     ) -> Column:
         r"""`uniform_rods` in SI units: $q = F l/k$.
 
@@ -100,12 +124,12 @@ class SI(eqx.Module):
 
     def point_masses(
         self,
-        F: Any,  # noqa: N803
+        F: Scalar,  # noqa: N803
         *,
-        m1: Any = None,
-        m2: Any = None,
-        l2: Any = None,
-        **parts: Any,
+        m1: Scalar | None = None,
+        m2: Scalar | None = None,
+        l2: Scalar | None = None,
+        **parts: Unpack[Parts],
     ) -> Column:
         r"""`point_masses` in SI units: $q = F l/k$.
 
@@ -119,12 +143,12 @@ class SI(eqx.Module):
 
     def joint_friction(
         self,
-        mu_s: Any,
-        mu_k: Any,
+        mu_s: Joints,
+        mu_k: Joints,
         *,
-        pin_radius: Any,
-        transition_velocity: Any,
-        v_smooth: Any = None,
+        pin_radius: Joints,
+        transition_velocity: Joints,
+        v_smooth: Scalar | None = None,
         load: AbstractLoad | None = None,
     ) -> SmoothCoulomb:
         r"""The `SmoothCoulomb` of a multibody program's joint friction.
@@ -178,7 +202,9 @@ class SI(eqx.Module):
             load=JointReaction() if load is None else load,
         )
 
-    def transition_rate(self, pin_radius: Any, transition_velocity: Any) -> Any:
+    def transition_rate(
+        self, pin_radius: Joints, transition_velocity: Joints
+    ) -> OneOrTwo:
         r"""The joint rate v / R at which static friction ends, in $\sqrt{k/(m l^2)}$.
 
         Which regimes a run enters: with this as `rate_cut`, `StickFraction` is the
@@ -195,7 +221,9 @@ class SI(eqx.Module):
         )
         return _each(lambda v, r: v / r * self.time, velocity, radius)
 
-    def restore(self, result: Any) -> Any:
+    def restore(
+        self, result: Trajectory | xr.Dataset | AbstractResult
+    ) -> Trajectory | xr.Dataset:
         """The same result in SI units.
 
         **Arguments:** `result`: a `Trajectory`; a dataset of `sweep`, whose variables
@@ -212,36 +240,36 @@ class SI(eqx.Module):
             return self._motion(result)
         if isinstance(result, xr.Dataset):
             return self._dataset(result)
-        if isinstance(result, eqx.Module) and hasattr(result, "variables"):
-            return self._dataset(_labelled(result))
+        if isinstance(result, AbstractResult):
+            return self._dataset(result.to_dataset())
         raise ValueError(
             "Argument `result` must be a `Trajectory`, an `xarray.Dataset` or a result "
             f"of the library with named numbers, but is {type(result).__name__}."
         )
 
-    def _load(self, force: Any) -> Any:
+    def _load(self, force: Scalar) -> Scalar:
         return number("F", force) / self.force
 
-    def _bodies(self, *, m1: Any, m2: Any, l2: Any) -> dict[str, Any]:
+    def _bodies(self, *, m1: Mass, m2: Mass, l2: Scalar | None) -> Bodies:
         """Masses in m, where None is the number beside it, and rod 2's length in l."""
-        found = {
+        bodies = {
             name: usual if mass is None else number(name, mass, "positive") / self.m
             for name, (mass, usual) in {"m1": m1, "m2": m2}.items()
         }
         length = 1.0 if l2 is None else number("l2", l2, "positive") / self.l
-        return {**found, "l2": length}
+        return cast(Bodies, {**bodies, "l2": length})
 
     def _motion(self, motion: Trajectory) -> Trajectory:
         events = motion.events
         if events is not None:
             events = eqx.tree_at(lambda e: e.times, events, events.times * self.time)
-        return Trajectory(
+        times = motion.times
+        return dataclasses.replace(
+            motion,
             ts=motion.ts * self.time,
-            phi=motion.phi,
             omega=motion.omega / self.time,
-            steps=motion.steps,
-            outcome=motion.outcome,
             events=events,
+            times=times and tuple(float(t * self.time) for t in times),
         )
 
     def _dataset(self, dataset: xr.Dataset) -> xr.Dataset:
@@ -255,7 +283,7 @@ class SI(eqx.Module):
             "l": (self.l, "m"),
         }
 
-        def restored(name: Any, values: xr.DataArray) -> xr.DataArray:
+        def restored(name: Hashable, values: xr.DataArray) -> xr.DataArray:
             unit = values.attrs.get("units", "1")
             if unit in ("1", "rad"):
                 return values
@@ -275,26 +303,15 @@ class SI(eqx.Module):
         return xr.Dataset(data, coords, dataset.attrs)
 
 
-def _each(function: Any, *values: Any) -> Any:
+def _each(function: Callable[..., Scalar], *values: OneOrTwo) -> OneOrTwo:
     """A function of numbers; a pair, one a joint, where any of them is a pair."""
     if not any(isinstance(x, tuple) for x in values):
         return function(*values)
-    return tuple(function(*x) for x in zip(*map(both, values), strict=True))
+    pairs = zip(*map(both, values), strict=True)
+    return cast(Pair, tuple(function(*x) for x in pairs))
 
 
-def _smaller(x: Any, y: Any) -> Any:
+def _smaller(x: Scalar, y: Scalar) -> Scalar:
     """The smaller number, in NumPy's where both are known."""
     known = is_concrete(x) and is_concrete(y)
-    return np.minimum(x, y) if known else jnp.minimum(x, y)
-
-
-def _labelled(result: Any) -> xr.Dataset:
-    """A result's named numbers, as a sweep labels them."""
-    own = getattr(result, "coordinates", dict)()
-    data, coords = {}, {}
-    for name, variable in result.variables().items():
-        value = np.asarray(variable.value)
-        lanes = [f"lane_{i + 1}" for i in range(value.ndim - len(variable.dims))]
-        data[name] = (*lanes, *variable.dims), value, labels(variable)
-        coords |= {dim: list({**DIMENSIONS, **own}[dim]) for dim in variable.dims}
-    return xr.Dataset(data, coords, getattr(result, "attributes", dict)())
+    return cast(float, np.minimum(x, y)) if known else jnp.minimum(x, y)

@@ -17,10 +17,12 @@ def test_a_basin_is_symmetric_and_holds_the_sticking_set():
     phi1, phi2 = np.linspace(-0.6, 0.6, 7), np.linspace(-0.9, 0.9, 7)
     found = zj.sweep(
         lambda phi1, phi2: zj.settle(
-            dry(2.4), zj.State((phi1, phi2)), rtol_settle=1e-2
+            dry(2.4), zj.State((phi1, phi2)), windows=zj.Windows(agreement=1e-2)
         ),
-        phi1=phi1, phi2=phi2, progress=False,
-    )  # fmt: skip
+        phi1=phi1,
+        phi2=phi2,
+        progress=False,
+    )
     mirrored = found.isel(phi1=slice(None, None, -1), phi2=slice(None, None, -1))
     np.testing.assert_array_equal(found.outcome, mirrored.outcome)
     reached = set(np.unique(found.outcome))

@@ -5,11 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from models import UNIFORM, flow
+from options import options_of
 from scipy.optimize import brentq, fsolve
 
 import ziegler_jax as zj
 from ziegler_jax import SPECIAL
-from ziegler_jax.analysis import march
+from ziegler_jax.analysis.branch_point import BranchPoint, Continuation, products
+from ziegler_jax.analysis.march import Walk
 
 # A column with smoothed friction, whose cycle folds -----------------------------------
 
@@ -73,8 +75,9 @@ def branch(unoptimised):
     @jax.jit
     def follow(y):
         guess = zj.State((y[0], y[1]), (y[2], y[3]))
-        options = {"direction": -1, "points": 31, "specials": 2}
-        found = zj.continue_cycle(column, guess, HIGH, **options)
+        orbit = zj.periodic_orbit(column(HIGH), guess)
+        arc = zj.Arc(direction=-1, points=31)
+        found = zj.continue_cycle(column, orbit, HIGH, arc=arc, max_special_points=2)
         return found, found.points.multipliers
 
     found, multipliers = follow(start)
@@ -83,8 +86,8 @@ def branch(unoptimised):
 
 def rows(points):
     """w1 and, beside it, phi2, w2, period and load."""
-    phi, omega = points.state.phi, points.state.omega
-    return omega[0], np.stack([phi[1], omega[1], points.period, points.parameter], -1)
+    (_, phi2), (w1, w2) = points.phi.T, points.omega.T
+    return w1, np.stack([phi2, w2, points.period, points.parameter], -1)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +124,7 @@ def test_a_branch_is_the_one_that_another_code_shoots(branch, shots):
 def test_the_fold_is_where_another_codes_load_turns_back(branch, shots):
     _, found, _ = branch
     below, at, above = shots[2][:, 3]
-    assert found.kind[0] == SPECIAL.fold
+    assert found.special.kind[0] == SPECIAL.fold
     fold = found.special.parameter[0]
     assert abs(fold - at) < 1e-10  # measured 2e-13
     # the vertex of the parabola: what is left falls with the square of APART
@@ -167,7 +170,7 @@ def test_a_branch_ends_where_the_equilibrium_loses_its_stability(branch):
     q, omega = birth()
     points = branch[1].points
     last = slice(26, 31)
-    square = points.amplitude.joint[last, 1] ** 2
+    square = points.joint_amplitude[last, 1] ** 2
     for values, exact in ((points.parameter, q), (points.period, 2 * np.pi / omega)):
         # the quartic's own error; measured 2.6e-4 and 8.7e-5
         assert abs(np.polyfit(square, values[last], 4)[-1] - exact) < 1e-3
@@ -187,34 +190,36 @@ def test_the_tests_are_the_products_over_the_multipliers(rng):
         c = third
         exact = (a * b - 1) * (a * c - 1) * (b * c - 1)
         exact = exact, (1 + a) * (1 + b) * (1 + c), (1 - a) * (1 - b) * (1 - c)
-        found = march.products(hidden(rng, total, product, third))
+        found = products(hidden(rng, total, product, third))
         # measured 7e-15
         np.testing.assert_allclose(found, np.real(exact), rtol=0, atol=1e-12)
 
 
-class KnownRoad(march.Road):
+class KnownBranch(Continuation):
     """A straight branch from 0 to 1 whose multipliers are linear in the parameter."""
 
-    def __init__(self, path):
-        self.path = path
+    def __init__(self, path, rate):
+        self.path, self.rate = path, rate
         self.first = jnp.array([0.0, 1.0, 0.0, 1.0, 0.0])
         self.scale = jnp.ones(5)
-        self.step, self.bounds, self.direction = jnp.asarray(1.2), (-1.0, 1.0), 1
-        self.failure, self.left = jnp.asarray(0), jnp.asarray(1000)
+        self.arc = zj.Arc(direction=1, step=1.2, points=40, bounds=(-1.0, 1.0))
+        self.section, self.method = zj.SectionPlane(), zj.Method(max_steps=1000)
+        self.failure = jnp.asarray(0)
 
     def correct(self, x0, row, left):
         """The predicted point: the branch has no bends."""
         at = self.path[:, 0] + self.path[:, 1] * x0[4]
         moved = hidden(np.random.default_rng(1), *at)
         tangent = jnp.zeros(5).at[4].set(1.0)
-        tests = jnp.stack([tangent[4], *march.products(moved)])
-        none = jnp.zeros(3), moved, jnp.zeros((4, 5))
-        point = march.Kept(x0, tangent, *none, tests)
+        tests = jnp.stack([tangent[4], *products(moved)])
+        matrix = jnp.zeros((4, 5)).at[0, 3].set(self.rate)
+        point = BranchPoint(x0, tangent, jnp.zeros(3), moved, matrix, tests)
         return point, jnp.asarray(True), jnp.asarray(1), left
 
 
-def test_special_points_are_found_where_multipliers_pass_the_unit_circle():
-    """The first step goes past all of them."""
+@pytest.mark.parametrize("rate", [1.0, -1.0])
+def test_special_points_are_found_where_multipliers_pass_the_unit_circle(rate):
+    """The first step goes past all of them, whichever way it passes the section."""
     # sum, product of a pair, the third: at the start, and by how much they grow
     paths = {
         "a complex pair at 0.3, the third at -1 at 0.75": [(1, 0), (0.7, 1), (0.5, -2)],
@@ -231,7 +236,7 @@ def test_special_points_are_found_where_multipliers_pass_the_unit_circle():
     @jax.jit
     @jax.vmap
     def follow(path):
-        end = KnownRoad(path).follow(40, 3, (True,) * 4, False)
+        end = Walk(KnownBranch(path, rate), 3, (True,) * 4, False).follow()
         return end.kind, end.special.x[:, 4]
 
     kind, place = follow(np.array(list(paths.values()), float))
@@ -248,33 +253,48 @@ def test_special_points_are_found_where_multipliers_pass_the_unit_circle():
 
 
 def test_bad_arguments_are_named(refuses):
-    guess = zj.State(omega=(0.0, 0.3))
-
     def make(q):
         return zj.uniform_rods(q, damping=zj.Viscous(0.1, 0.1))
 
-    def follow(make=make, guess=guess, start=2.0, **options):
-        return lambda: zj.continue_cycle(make, guess, start, **options)
+    guess = zj.State(omega=(0.0, 0.3))
+    # its numbers are not asked for
+    known = jax.eval_shape(lambda: zj.periodic_orbit(make(2.0), guess))
 
-    def fold(**options):
-        return lambda: zj.cycle_fold(make, guess, 2.0, **options)
+    def follow(make=make, orbit=known, parameter=2.0, **fields):
+        def call():
+            options = options_of(zj.continue_cycle, **fields)
+            return zj.continue_cycle(make, orbit, parameter, **options)
 
+        return call
+
+    def fold(**fields):
+        return lambda: zj.cycle_fold(
+            make, known, 2.0, **options_of(zj.cycle_fold, **fields)
+        )
+
+    def orbit(guess=guess, **fields):
+        return lambda: zj.periodic_orbit(
+            make(2.0), guess, **options_of(zj.periodic_orbit, **fields)
+        )
+
+    two = np.array([1.0, 2.0])
     refuses(follow(make=make(2.0)), "`make_column`", "function of one number")
     refuses(follow(make=lambda q: q), "`make_column`", "must return a `Column`")
-    refuses(follow(guess=(0, 0.3)), "`guess`", "`State`", "(0, 0.3)")
-    refuses(follow(start=np.array([1.0, 2.0])), "`start`", "single number", "(2,)")
-    refuses(follow(start=jnp.ones(2)), "`start`", "single number", "(2,)")
+    refuses(follow(orbit=(0, 0.3)), "`orbit`", "`PeriodicOrbit`", "(0, 0.3)")
+    refuses(follow(parameter=two), "`parameter`", "single number", "(2,)")
+    refuses(follow(parameter=jnp.ones(2)), "`parameter`", "single number", "(2,)")
     refuses(follow(bounds=(3.0, 1.0)), "`bounds`", "increase", "(3.0, 1.0)")
-    refuses(follow(bounds=(2.1, 3.0)), "`bounds`", "hold `start`", "(2.1, 3.0)", "2.0")
+    refuses(
+        follow(bounds=(2.1, 3.0)), "`bounds`", "hold `parameter`", "(2.1, 3.0)", "2.0"
+    )
     refuses(follow(bounds=1.0), "`bounds`", "two numbers", "1.0")
     refuses(follow(direction=0), "`direction`", "1 or -1", "0")
     refuses(follow(step=-0.1), "`step`", "positive", "-0.1")
     refuses(follow(points=0), "`points`", "at least 1", "0")
-    refuses(follow(loops=1.5), "`loops`", "whole number", "1.5")
-    refuses(fold(max_points=0), "`max_points`", "at least 1", "0")
+    refuses(follow(arc=0.1), "`arc`", "`Arc`", "0.1")
+    refuses(follow(max_special_points=0), "`max_special_points`", "at least 1", "0")
+    refuses(fold(points=0), "`points`", "at least 1", "0")
     refuses(fold(bounds=(3.0, 1.0)), "`bounds`", "increase")
-    refuses(
-        lambda: zj.periodic_orbit(make(2.0), guess, period=-1.0),
-        "`period`", "positive", "-1",
-    )  # fmt: skip
-    refuses(lambda: zj.periodic_orbit(make(2.0), (0, 1)), "`guess`", "`State`")
+    refuses(orbit(returns=1.5), "`returns`", "whole number", "1.5")
+    refuses(orbit(period=-1.0), "`period`", "positive", "-1")
+    refuses(orbit(guess=(0, 1)), "`guess`", "`State`")

@@ -14,7 +14,7 @@ from ziegler_jax.motion.tangents import HADAMARD
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-# Smooth columns: q, tau, v_smooth, c1, c2, start (4), transient, block ----------------
+# Smooth columns: q, tau, v_smooth, c1, c2, start (4), transient, length --------------
 
 BLOCKS = 12
 SMOOTH = {
@@ -38,7 +38,9 @@ def of_smooth(n):
     column = zj.uniform_rods(n[0], friction=friction, damping=zj.Viscous(n[3], n[4]))
     start = zj.State((n[5], n[6]), (n[7], n[8]))
     return zj.lyapunov_exponents(
-        column, start, transient=n[9], block=n[10], blocks=BLOCKS, escape=1000.0
+        column,
+        start,
+        spans=zj.Spans(transient=n[9], length=n[10], count=BLOCKS, escape=1000.0),
     )
 
 
@@ -126,7 +128,7 @@ def test_chaos_has_one_largest_exponent_whoever_computes_it(chaos):
     assert abs(other - rates.mean()) < 3 * np.hypot(its_error, np.hypot(*errors) / 2)
 
 
-# Set-valued friction: q, tau_s, tau_k, start (4), transient, block --------------------
+# Set-valued friction: q, tau_s, tau_k, start (4), transient, length -------------------
 
 APART = 1e-6
 SETS = {
@@ -152,12 +154,8 @@ def of_set_valued(n):
     return zj.lyapunov_exponents(
         zj.uniform_rods(n[0], friction=friction),
         start,
-        transient=n[7],
-        block=n[8],
-        blocks=BLOCKS,
-        rtol=n[9],
-        atol=n[9],
-        escape=100.0,
+        spans=zj.Spans(transient=n[7], length=n[8], count=BLOCKS, escape=100.0),
+        method=zj.Method(rtol=n[9], atol=n[9]),
     )
 
 
@@ -271,12 +269,14 @@ def test_what_breaks_a_rule_is_named(refuses):
     column, start = zj.uniform_rods(1.0), zj.State()
 
     def of(**options):
-        return lambda: zj.lyapunov_exponents(column, start, **options)
+        return zj.lyapunov_exponents(column, start, **options)
 
-    refuses(of(count=5), "`count`", "at most 4", "5")
-    refuses(of(blocks=1), "`blocks`", "at least 2", "1")
-    refuses(of(block=0.0), "`block`", "positive", "0")
-    refuses(of(transient=-1.0), "`transient`", "nonnegative", "-1")
+    refuses(lambda: of(count=5), "`count`", "at most 4", "5")
+    refuses(lambda: of(spans=zj.Spans(count=1)), "`count`", "at least 2", "1")
+    refuses(lambda: of(spans=zj.Spans(length=0.0)), "`length`", "positive", "0")
+    refuses(
+        lambda: of(spans=zj.Spans(transient=-1.0)), "`transient`", "nonnegative", "-1"
+    )
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 from moreau import motion
 
 import ziegler_jax as zj
-from ziegler_jax.results import Variable
+from ziegler_jax.results import AbstractResult, Settings, quantity
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -27,7 +27,7 @@ def point(tau, kick):
         lambda q: dry(q, tau),
         LOADS,
         kick=zj.State(omega=(0.0, kick)),
-        rtol_settle=1e-3,
+        windows=zj.Windows(agreement=1e-3),
         observers=(zj.StickFraction(),),
     )
 
@@ -47,7 +47,13 @@ def stepped(q, kick, span, tau=0.01, h=5e-3):
 
 @pytest.mark.slow
 def test_the_way_down_leaves_the_cycle_at_the_fold_and_the_way_up_far_above():
-    found = zj.sweep(point, tau=[0.01], kick=[0.0, 0.07], batch_size=2, progress=False)
+    found = zj.sweep(
+        point,
+        tau=[0.01],
+        kick=[0.0, 0.07],
+        lanes=zj.Lanes(batch_size=2),
+        progress=False,
+    )
     found = found.squeeze()
     still, kicked = found.sel(kick=0.0), found.sel(kick=0.07)
     # without a kick nothing moves, however high the load
@@ -78,14 +84,13 @@ def test_the_way_down_leaves_the_cycle_at_the_fold_and_the_way_up_far_above():
     )
 
 
-class Pairs(eqx.Module):
+class Pairs(AbstractResult):
     """A result with an outcome a joint: as one with branches, but cheap."""
 
-    codes: Any
-
-    def variables(self):
-        named = Variable(self.codes, "how it ended", dims=("joint",), codes=zj.OUTCOME)
-        return {"outcome": named}
+    outcome: Any = eqx.field(
+        metadata=quantity("how it ended", dims=("joint",), codes=zj.OUTCOME)
+    )
+    settings: Settings = ()
 
 
 def test_a_sweep_keeps_several_outcomes_of_a_point(tmp_path):
@@ -113,4 +118,4 @@ def test_bad_arguments_are_named(refuses):
     refuses(lambda: up_down(values=[1.0]), "`values`", "at least two")
     refuses(lambda: up_down(kick=0.1), "`kick`", "`State`")
     refuses(lambda: up_down(start=0.1), "`start`", "`State`")
-    refuses(lambda: up_down(window=0.0), "`window`", "0")
+    refuses(lambda: up_down(windows=zj.Windows(length=0.0)), "`length`", "0")

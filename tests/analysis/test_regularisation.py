@@ -14,7 +14,11 @@ def scene(q, tau, kick, v_smooth):
     column = zj.uniform_rods(q, friction=friction)
     start = zj.State(omega=(0.0, kick))
     return zj.regularisation_error(
-        column, start, v_smooth, transient=400.0, rtol=1e-8, atol=1e-8
+        column,
+        start,
+        v_smooth,
+        windows=zj.Windows(transient=400.0),
+        method=zj.Method(rtol=1e-8, atol=1e-8),
     )
 
 
@@ -35,7 +39,7 @@ def test_smoothing_errs_in_amplitude_and_in_verdict():
     np.testing.assert_allclose(knee, known, atol=2e-5)
     assert ds.rod_amplitude_error.sel(rod=1).values[:3].max() < 0
     assert ds.wrong_verdict.values.tolist() == [0.0, 0.0, 0.0, 1.0]
-    assert ds.outcome_set_valued.values[3] == zj.OUTCOME.stuck
+    assert ds.set_valued_outcome.values[3] == zj.OUTCOME.stuck
 
 
 def test_another_law_is_refused(refuses):

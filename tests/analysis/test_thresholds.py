@@ -7,7 +7,7 @@ import pytest
 
 import ziegler_jax as zj
 from ziegler_jax.analysis.threshold import carried
-from ziegler_jax.motion.integrate import Method
+from ziegler_jax.motion.options import Method
 from ziegler_jax.solvers import Explicit
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -36,11 +36,9 @@ def kick_of(q, tau1, tau2, eta, w1, span, escape, rtol):
         zj.uniform_rods(q, follower=eta, friction=law),
         zj.State(omega=(w1, 1.0)),
         (0.0, span * tau1),
-        scan=4,
-        halvings=14,
-        escape=escape,
-        rtol=rtol,
-        atol=1e-3 * rtol,
+        search=zj.Search(scan=4, halvings=14),
+        windows=zj.Windows(escape=escape),
+        method=zj.Method(rtol=rtol, atol=1e-3 * rtol),
     )
 
 
@@ -65,7 +63,7 @@ def test_the_critical_kick_collapses_over_the_torque():
     for tau in taus:
         found = kicks([1.8, 2.0], tau, span=16.0, escape=40 * tau)
         assert (found.outcome == zj.ONSET.found).all()
-        scaled.append(np.asarray(found.value) / tau)
+        scaled.append(np.asarray(found.threshold) / tau)
     departure = np.array(scaled[1:]) / scaled[0] - 1
     assert (np.abs(departure[0]) < 1e-3).all()  # 2e-4 at q = 2
     # four times as much at twice the torque: 4.1
@@ -91,22 +89,24 @@ def test_a_dead_load_overturns_beyond_the_energy_of_the_saddle(tau):
     q = np.array([0.8, 1.2])
     found = kicks(q, tau, span=2.0, escape=0.5, rtol=1e-8, eta=0.0, w1=1.0, stiff=100.0)
     assert (found.outcome == zj.ONSET.found).all()
-    error = np.abs(found.value - saddle(q, tau)) / found.width
+    error = np.abs(found.threshold - saddle(q, tau)) / found.width
     assert (error < 0.6).all()  # in the last interval: 0.5 and the steps' errors
     if tau < 0.01:
         linear = tau / np.sqrt(8 / 3 * (2 * q - 1))
-        np.testing.assert_allclose(found.value, linear, rtol=1e-4)  # 3e-5
+        np.testing.assert_allclose(found.threshold, linear, rtol=1e-4)  # 3e-5
 
 
 def test_the_ends_of_the_last_interval_stick_and_flutter():
     """Against plain motions that are followed for 1500 time units."""
     loads, tau = np.array([1.8, 2.4]), 0.02
     found = kicks(loads, tau)
-    middle, width = found.value, found.width
+    middle, width = found.threshold, found.width
 
     def plain(q, omega2):
         start = zj.State(omega=(0.0, omega2))
-        return zj.settle(dry(q, tau), start, transient=1500.0, rtol_settle=1e-3)
+        return zj.settle(
+            dry(q, tau), start, windows=zj.Windows(transient=1500.0, agreement=1e-3)
+        )
 
     ends = np.ravel([middle - width, middle + width])
     ran = zj.sweep(plain, q=loads, omega2=ends, progress=False)
@@ -117,19 +117,26 @@ def test_the_ends_of_the_last_interval_stick_and_flutter():
 
 def load_of(tau, kick):
     return zj.flutter_onset(
-        lambda q: dry(q, tau), zj.State(omega=(0.0, kick)), (1.0, 2.4), halvings=9
+        lambda q: dry(q, tau),
+        zj.State(omega=(0.0, kick)),
+        (1.0, 2.4),
+        search=zj.Search(halvings=9),
     )
 
 
 @pytest.mark.slow
 def test_no_kick_sets_off_flutter_below_the_fold_of_the_cycle():
     found = zj.sweep(
-        load_of, tau=list(FOLDS), kick=[0.8, 2.0], batch_size=8, progress=False
+        load_of,
+        tau=list(FOLDS),
+        kick=[0.8, 2.0],
+        lanes=zj.Lanes(batch_size=8),
+        progress=False,
     )
     known = np.array(list(FOLDS.values()))[:, None]
-    above = found.flutter_onset + found.width / 2 - known
-    assert found.flutter_onset.notnull().sum() >= 6
-    assert (above > -5e-4).where(found.flutter_onset.notnull(), True).all()
+    above = found.threshold + found.width / 2 - known
+    assert found.threshold.notnull().sum() >= 6
+    assert (above > -5e-4).where(found.threshold.notnull(), True).all()
     # 0.02 and 0.0001 above at the two smaller torques
     assert (np.nanmin(above, axis=1)[:2] < 0.03).all()
 
@@ -137,10 +144,12 @@ def test_no_kick_sets_off_flutter_below_the_fold_of_the_cycle():
 @pytest.mark.slow
 def test_flutter_onset_and_critical_kick_are_one_curve():
     """The kick at which q is the onset is the critical kick at q."""
-    onset = zj.sweep(load_of, tau=[0.03], kick=[0.4], batch_size=8, progress=False)
-    q, width = onset.flutter_onset.item(), onset.width.item()
+    onset = zj.sweep(
+        load_of, tau=[0.03], kick=[0.4], lanes=zj.Lanes(batch_size=8), progress=False
+    )
+    q, width = onset.threshold.item(), onset.width.item()
     found = kicks([q - width, q + width], 0.03)
-    high, low = found.value
+    high, low = found.threshold
     assert low < 0.4 < high < low * 1.1
 
 
@@ -153,13 +162,16 @@ def test_smoothing_moves_the_critical_kick_and_less_so_the_sharper_it_is():
             0.03, pin_radius=1.0, v_smooth=v_smooth, load=zj.ConstantLoad(1.0)
         )
         return zj.critical_kick(
-            zj.uniform_rods(2.2, friction=law), zj.State(omega=(0, 1)), (0, 1), scan=4
+            zj.uniform_rods(2.2, friction=law),
+            zj.State(omega=(0, 1)),
+            (0, 1),
+            search=zj.Search(scan=4),
         )
 
     v = [0.001, 0.003, 0.01]
-    found = zj.sweep(point, v_smooth=v, batch_size=4, progress=False)
-    exact = kicks([2.2, 2.2], 0.03).value[0]
-    error = np.abs(found.critical_kick.values - exact)
+    found = zj.sweep(point, v_smooth=v, lanes=zj.Lanes(batch_size=4), progress=False)
+    exact = kicks([2.2, 2.2], 0.03).threshold[0]
+    error = np.abs(found.threshold.values - exact)
     assert (error[:-1] < 0.5 * error[1:]).all()  # 0.0055, 0.015, 0.043
 
 
@@ -171,7 +183,7 @@ def wavy(x):
     return zj.uniform_rods(1.2 + jnp.sin(jnp.pi * x) ** 2, friction=law)
 
 
-QUICK = {"scan": 4, "halvings": 5, "rtol": 1e-4, "atol": 1e-5}
+QUICK = {"search": zj.Search(4, 5), "method": zj.Method(rtol=1e-4, atol=1e-5)}
 
 
 def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
@@ -186,12 +198,12 @@ def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
     @jax.jit
     @jax.vmap
     def search(low, high, agree):
-        options = {**QUICK, "rtol_settle": agree, "max_windows": 40}
+        windows = zj.Windows(agreement=agree, max_windows=40)
 
         def onset(kick):
             start = zj.State(omega=(0.0, kick))
-            found = zj.flutter_onset(wavy, start, (low, high), **options)
-            return found.value, found
+            found = zj.flutter_onset(wavy, start, (low, high), windows=windows, **QUICK)
+            return found.threshold, found
 
         return jax.jvp(onset, (0.8,), (1.0,), has_aux=True)[1:]
 
@@ -213,10 +225,9 @@ def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
     np.testing.assert_array_equal(found.rises[jnp.array([0, 1, 7])], [1, -1, 1])
     assert np.isnan(found.rises[2:7]).all()
     # one onset, seen from both sides of a symmetric hill
-    np.testing.assert_allclose(
-        found.value[0] + found.value[1], 1.0, atol=(found.width[:2].sum() / 2).item()
-    )
-    assert np.isnan(found.value[2:7]).all() and np.isnan(found.width[2:7]).all()
+    both = (found.threshold[0] + found.threshold[1]).item()
+    assert abs(both - 1) <= found.width[:2].sum() / 2
+    assert np.isnan(found.threshold[2:7]).all() and np.isnan(found.width[2:7]).all()
     np.testing.assert_allclose(found.width[:2], [1 / 4 / 32, 0.5 / 4 / 32], rtol=1e-12)
     assert np.isnan(slope).tolist() == (found.outcome != code.found).tolist()
     assert slope[7] < 0  # a harder kick, a lower load
@@ -227,7 +238,7 @@ def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
 @pytest.mark.parametrize("friction", ["set-valued", "smoothed"])
 def test_a_threshold_moves_as_its_derivative_says(friction):
     """In load (or kick), mu_s, mu_k and pin radius; differences of the thresholds."""
-    fine = {"scan": 4, "halvings": 24}
+    fine = zj.Search(scan=4, halvings=24)
 
     def critical(p):
         law = zj.SetValuedCoulomb(
@@ -235,8 +246,8 @@ def test_a_threshold_moves_as_its_derivative_says(friction):
         )
         column = zj.uniform_rods(p[0], friction=law)
         kick = zj.State(omega=(0.0, 1.0))
-        found = zj.critical_kick(column, kick, (0.0, 0.4), **fine)
-        return found.value, found.outcome
+        found = zj.critical_kick(column, kick, (0.0, 0.4), search=fine)
+        return found.threshold, found.outcome
 
     def onset(p):
         law = zj.SmoothCoulomb(
@@ -247,9 +258,9 @@ def test_a_threshold_moves_as_its_derivative_says(friction):
             lambda q: zj.uniform_rods(q, friction=law),
             zj.State(omega=(0.0, p[0])),
             (1.8, 2.6),
-            **fine,
+            search=fine,
         )
-        return found.value, found.outcome
+        return found.threshold, found.outcome
 
     value, at = {
         "set-valued": (critical, [2.0, 0.02, 0.018, 1.0]),
@@ -292,9 +303,9 @@ def test_bad_arguments_are_named(refuses):
     refuses(lambda: kick(direction=zj.State()), "`direction`", "zero")
     refuses(lambda: kick(bracket=(1, 0)), "`bracket`", "(1, 0)")
     refuses(lambda: kick(bracket=1.0), "`bracket`", "1.0")
-    refuses(lambda: kick(scan=0), "`scan`", "0")
-    refuses(lambda: kick(halvings=2.5), "`halvings`", "2.5")
-    refuses(lambda: kick(window=-1), "`window`", "-1")
+    refuses(lambda: kick(search=zj.Search(scan=0)), "`scan`", "0")
+    refuses(lambda: kick(search=zj.Search(halvings=2.5)), "`halvings`", "2.5")
+    refuses(lambda: kick(windows=zj.Windows(length=-1)), "`length`", "-1")
     refuses(lambda: onset(make=column), "`make_column`", "function")
     refuses(lambda: onset(make=lambda q: q), "`make_column`", "`Column`")
     refuses(lambda: onset(begin=None), "`start`", "None")

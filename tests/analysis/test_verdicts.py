@@ -31,7 +31,7 @@ def of_smooth(n):
     load = zj.ConstantLoad(1.0)
     friction = zj.SmoothCoulomb(n[1], pin_radius=1.0, v_smooth=n[2], load=load)
     column = zj.uniform_rods(n[0], friction=friction, damping=zj.Viscous(n[3], n[4]))
-    return zj.verdict(column, zj.State(omega=(0.0, n[5])), blocks=10)
+    return zj.verdict(column, zj.State(omega=(0.0, n[5])), spans=zj.Spans(count=10))
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,9 @@ def test_chaos_without_dissipation_is_no_attractor_but_has_its_exponent(smooth):
 def sticking(q, mu_k, omega2=0.3):
     friction = zj.SetValuedCoulomb(4 * mu_k, mu_k, pin_radius=0.1)
     column = zj.uniform_rods(q, friction=friction)
-    return zj.verdict(column, zj.State(omega=(0.0, omega2)), escape=60.0)
+    return zj.verdict(
+        column, zj.State(omega=(0.0, omega2)), spans=zj.Spans(escape=60.0)
+    )
 
 
 def named(codes):
@@ -128,7 +130,7 @@ def test_a_motion_that_lingers_by_an_unstable_cycle_is_none():
         sticking, q=[4.0], mu_k=[0.14, 0.145, 0.1475], omega2=starts, progress=False
     )
     assert set(named(ds.verdict)) == {"chaotic"}
-    assert (ds.exponent_1 > 3 * ds.exponent_1_error).all()
+    assert (ds.exponents[..., 0] > 3 * ds.errors[..., 0]).all()
 
 
 # Sections -----------------------------------------------------------------------------
@@ -143,7 +145,7 @@ def section():
 
     @jax.jit
     def of(column, start):
-        return zj.poincare(column, start, points=20, transient=0.0, span=60.0)
+        return zj.poincare(column, start, points=20, transient=0.0, max_time=60.0)
 
     return of(column, zj.State(omega=(0.0, 0.3)))
 
@@ -170,9 +172,14 @@ def test_passages_are_where_another_code_finds_them(section):
 def test_what_breaks_a_rule_is_named(refuses):
     column, start = zj.uniform_rods(1.0), zj.State()
     refuses(
-        lambda: zj.poincare(column, start, coordinate="phi3"),  # type: ignore
+        lambda: zj.SectionPlane("phi3"),  # type: ignore
         "`coordinate`", "phi1", "phi3",
     )  # fmt: skip
+    refuses(lambda: zj.poincare(column, start, section=1), "`section`", "1")
     refuses(lambda: zj.poincare(column, start, points=0), "`points`", "0")
-    refuses(lambda: zj.verdict(column, start, blocks=1), "`blocks`", "at least 2")
+    refuses(
+        lambda: zj.verdict(column, start, spans=zj.Spans(count=1)),
+        "`count`",
+        "at least 2",
+    )
     refuses(lambda: zj.verdict(column, start, rtol_return=0.0), "`rtol_return`", "0")

@@ -54,7 +54,7 @@ def test_load_frequency_and_derivatives_to_50_digits(damped):
 
     def numbers(p):
         found = load(p, "flutter", damped)
-        return jnp.stack([found.q, found.frequency])
+        return jnp.stack([found.q_cr, found.frequency])
 
     answers, slopes, bends = (
         np.asarray(jax.jit(jax.vmap(f))(rows))
@@ -96,7 +96,7 @@ def test_derivatives_are_central_differences_of_masses_lengths_and_air(kind):
         column = zj.uniform_rods(
             m1=m1, m2=m2, l2=l2, kappa=kappa, follower=eta, damping=damping
         )
-        return zj.critical_load(column, kind).q
+        return zj.critical_load(column, kind).q_cr
 
     rng = np.random.default_rng(13)
     n = 12_000 if kind == "flutter" else 22_000
@@ -132,9 +132,9 @@ def test_no_number_or_derivative_is_nan_in_silence(kind, damped):
     found = jax.jit(jax.vmap(lambda p: load(p, kind, damped)))(p)
     stands = np.asarray(found.outcome) >= CRITICAL.preceded
     assert 0 < stands.sum() < len(p)
-    np.testing.assert_array_equal(np.isfinite(found.q), stands)
+    np.testing.assert_array_equal(np.isfinite(found.q_cr), stands)
     np.testing.assert_array_equal(np.isfinite(found.frequency), stands)
-    slopes = jax.jit(jax.vmap(jax.grad(lambda p: load(p, kind, damped).q)))(p)
+    slopes = jax.jit(jax.vmap(jax.grad(lambda p: load(p, kind, damped).q_cr)))(p)
     inertia_and_springs = np.asarray(slopes)[:, :4]
     np.testing.assert_array_equal(np.isfinite(inertia_and_springs).all(axis=1), stands)
     assert np.isnan(inertia_and_springs[~stands]).any(axis=1).all()
@@ -142,7 +142,7 @@ def test_no_number_or_derivative_is_nan_in_silence(kind, damped):
 
 def test_derivatives_of_the_seed_are_closed_forms():
     # q_cr = (a + 2 b + d (kappa + 1) - 2 sqrt(kappa (a d - b^2))) / (b + d), eta = 1
-    slopes = jax.grad(lambda c: zj.critical_load(c).q)(zj.uniform_rods())
+    slopes = jax.grad(lambda c: zj.critical_load(c).q_cr)(zj.uniform_rods())
     root, q = SQRT7 / 6, (18 - 2 * SQRT7) / 5
     np.testing.assert_allclose(float(slopes.a), (1 - 1 / 3 / root) * 6 / 5, rtol=1e-13)
     np.testing.assert_allclose(
@@ -162,7 +162,7 @@ def test_forward_and_reverse_agree_to_second_order_in_every_leaf():
     leaves, tree = jax.tree.flatten(column)
 
     def q_cr(x):
-        return zj.critical_load(jax.tree.unflatten(tree, list(x))).q
+        return zj.critical_load(jax.tree.unflatten(tree, list(x))).q_cr
 
     x = jnp.array(leaves)
     forward, reverse = (jax.jit(way(q_cr))(x) for way in (jax.jacfwd, jax.jacrev))
@@ -183,15 +183,15 @@ _WAYS = [
 
 
 def test_the_columns_own_load_does_not_matter():
-    at = [zj.critical_load(zj.uniform_rods(q=q)).q for q in (0.0, 2.6, -4.0)]
+    at = [zj.critical_load(zj.uniform_rods(q=q)).q_cr for q in (0.0, 2.6, -4.0)]
     assert at[0] == at[1] == at[2]
-    slope = jax.grad(lambda q: zj.critical_load(zj.uniform_rods(q=q)).q)(1.0)
+    slope = jax.grad(lambda q: zj.critical_load(zj.uniform_rods(q=q)).q_cr)(1.0)
     assert float(slope) == 0.0
 
 
 def test_the_limit_of_vanishing_damping_depends_on_the_ratio_alone():
     def limit(c1, c2):
-        return float(zj.critical_load(zj.uniform_rods(damping=zj.Viscous(c1, c2))).q)
+        return float(zj.critical_load(zj.uniform_rods(damping=zj.Viscous(c1, c2))).q_cr)
 
     for ratio in (0.1, 1.0, 30.0):
         at = [limit(ratio * c, c) for c in (1e-10, 1e-100, 1e-300)]
@@ -202,8 +202,10 @@ def test_the_limit_of_vanishing_damping_depends_on_the_ratio_alone():
 def test_derivatives_along_vanishing_damping_scale_with_it():
     # homogeneous of degree 0: c dq/dc is one number across the ratio, opposite signs
     def slopes(c):
-        make = lambda c1, c2: zj.uniform_rods(damping=zj.Viscous(c1, c2))  # noqa: E731
-        return jax.grad(lambda c1, c2: zj.critical_load(make(c1, c2)).q, (0, 1))(c, c)
+        def load(c1, c2):
+            return zj.critical_load(zj.uniform_rods(damping=zj.Viscous(c1, c2))).q_cr
+
+        return jax.grad(load, (0, 1))(c, c)
 
     for c in (1e-9, 1e-200):
         s1, s2 = slopes(c)
@@ -215,12 +217,12 @@ def test_derivatives_along_vanishing_damping_scale_with_it():
 def test_zero_damping_is_the_undamped_load_and_says_that_it_jumps():
     column = zj.uniform_rods(damping=zj.Viscous(0.0, 0.0))
     found = zj.critical_load(column)
-    np.testing.assert_allclose(float(found.q), (18 - 2 * SQRT7) / 5, rtol=1e-14)
+    np.testing.assert_allclose(float(found.q_cr), (18 - 2 * SQRT7) / 5, rtol=1e-14)
     assert int(found.outcome) == CRITICAL.undamped
     near = zj.critical_load(zj.uniform_rods(damping=zj.Viscous(1e-300, 1e-300)))
-    assert float(near.q) < 1.7 and int(near.outcome) == CRITICAL.found
-    slopes = jax.grad(lambda c: zj.critical_load(c).q)(column)
-    plain = jax.grad(lambda c: zj.critical_load(c).q)(zj.uniform_rods())
+    assert float(near.q_cr) < 1.7 and int(near.outcome) == CRITICAL.found
+    slopes = jax.grad(lambda c: zj.critical_load(c).q_cr)(column)
+    plain = jax.grad(lambda c: zj.critical_load(c).q_cr)(zj.uniform_rods())
     for name in ("a", "b", "d", "kappa", "follower"):
         np.testing.assert_allclose(getattr(slopes, name), getattr(plain, name), 1e-13)
     assert float(slopes.damping.c1) == float(slopes.damping.c2) == 0.0
@@ -229,13 +231,13 @@ def test_zero_damping_is_the_undamped_load_and_says_that_it_jumps():
 def test_a_double_root_is_refused():
     # undamped, kappa = 1, l2 = 1, (1 - eta)^2 9 = 4 (1 - eta): det K touches zero
     found = zj.critical_load(zj.uniform_rods(follower=5 / 9), "divergence")
-    assert int(found.outcome) == CRITICAL.double_root and np.isnan(found.q)
+    assert int(found.outcome) == CRITICAL.double_root and np.isnan(found.q_cr)
     # beside it: a load below eta = 5/9, none above; slopes grow as the inverse root
     make = lambda eta: zj.critical_load(zj.uniform_rods(follower=eta), "divergence")  # noqa: E731
     assert int(make(5 / 9 + 1e-9).outcome) == CRITICAL.none
-    slope = [float(jax.grad(lambda e: make(e).q)(5 / 9 - x)) for x in (1e-6, 1e-8)]
+    slope = [float(jax.grad(lambda e: make(e).q_cr)(5 / 9 - x)) for x in (1e-6, 1e-8)]
     np.testing.assert_allclose(slope[1] / slope[0], 10, rtol=0.01)
-    assert np.isnan(jax.grad(lambda e: make(e).q)(5 / 9))
+    assert np.isnan(jax.grad(lambda e: make(e).q_cr)(5 / 9))
 
 
 def test_one_frequency_for_both_modes_at_zero_load_is_a_double_root():
@@ -251,16 +253,17 @@ def test_at_an_exchange_of_the_kinds_each_keeps_its_load_and_derivative():
         return [load(p, kind) for kind in KINDS]
 
     low, high = 0.2, 0.4
-    above = both(low)[0].q > both(low)[1].q
-    assert above != (both(high)[0].q > both(high)[1].q)
+    above = both(low)[0].q_cr > both(low)[1].q_cr
+    assert above != (both(high)[0].q_cr > both(high)[1].q_cr)
     for _ in range(60):
         c2 = (low + high) / 2
         flutter, divergence = both(c2)
-        low, high = (c2, high) if (flutter.q > divergence.q) == above else (low, c2)
+        same = (flutter.q_cr > divergence.q_cr) == above
+        low, high = (c2, high) if same else (low, c2)
     codes = [[int(x.outcome) for x in both(c2 + h)] for h in (-1e-6, 1e-6)]
     found, preceded = int(CRITICAL.found), int(CRITICAL.preceded)
     assert sorted(codes) == [[preceded, found], [found, preceded]]
-    slope = jax.jit(jax.grad(lambda c2: both(c2)[0].q))
+    slope = jax.jit(jax.grad(lambda c2: both(c2)[0].q_cr))
     assert float(slope(c2)) != 0
     np.testing.assert_allclose(slope(c2 - 1e-9), slope(c2 + 1e-9), rtol=1e-6)
 
@@ -268,7 +271,7 @@ def test_at_an_exchange_of_the_kinds_each_keeps_its_load_and_derivative():
 def test_a_free_joint_is_unstable_at_zero():
     for damping in (None, zj.Viscous(0.1, 0.1)):
         found = zj.critical_load(zj.uniform_rods(kappa=0.0, damping=damping))
-        assert int(found.outcome) == CRITICAL.unstable_at_zero and np.isnan(found.q)
+        assert int(found.outcome) == CRITICAL.unstable_at_zero and np.isnan(found.q_cr)
 
 
 def test_damping_that_misses_a_mode_is_not_stable_at_zero():
@@ -285,8 +288,8 @@ def test_an_invalid_lane_is_alone(kind):
     many = jax.jit(jax.vmap(lambda p: load(p, kind)))
     found, healthy = many(rows), many(np.broadcast_to(p, rows.shape))
     assert np.asarray(found.outcome)[1:].tolist() == [CRITICAL.invalid] * 7
-    assert np.isnan(found.q[1:]).all() and np.isnan(found.frequency[1:]).all()
-    np.testing.assert_array_equal(found.q[0], healthy.q[0])
+    assert np.isnan(found.q_cr[1:]).all() and np.isnan(found.frequency[1:]).all()
+    np.testing.assert_array_equal(found.q_cr[0], healthy.q_cr[0])
     assert found.outcome[0] == healthy.outcome[0] >= CRITICAL.preceded
 
 
@@ -314,5 +317,5 @@ def test_single_precision_gives_single_precision():
     column = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), zj.uniform_rods())
     with jax.enable_x64(False), within(Context(narrow=True)):
         found = zj.critical_load(column)
-    assert found.q.dtype == jnp.float32
-    np.testing.assert_allclose(float(found.q), (18 - 2 * SQRT7) / 5, rtol=1e-6)
+    assert found.q_cr.dtype == jnp.float32
+    np.testing.assert_allclose(float(found.q_cr), (18 - 2 * SQRT7) / 5, rtol=1e-6)

@@ -99,27 +99,27 @@ def close(value, exact, rtol=1e-12):
 
 def test_closed_forms_of_the_seed():
     column = zj.uniform_rods()
-    close(zj.critical_load(column).q, (18 - 2 * SQRT7) / 5)
-    close(zj.critical_load(column, "flutter_end").q, (18 + 2 * SQRT7) / 5)
+    close(zj.critical_load(column).q_cr, (18 - 2 * SQRT7) / 5)
+    close(zj.critical_load(column, "flutter_end").q_cr, (18 + 2 * SQRT7) / 5)
     # both frequencies there: p2 = 2 sqrt(p0 p4), omega^4 = p4 / p0 = 36/7
     close(zj.critical_load(column).frequency, (36 / 7) ** 0.25)
     assert int(zj.critical_load(column).outcome) == CRITICAL.found
 
 
 def test_closed_forms_of_zieglers_column():
-    close(zj.critical_load(zj.point_masses(2, 1)).q, 7 / 2 - SQRT2)
-    close(zj.critical_load(zj.point_masses(2, 1), "flutter_end").q, 7 / 2 + SQRT2)
+    close(zj.critical_load(zj.point_masses(2, 1)).q_cr, 7 / 2 - SQRT2)
+    close(zj.critical_load(zj.point_masses(2, 1), "flutter_end").q_cr, 7 / 2 + SQRT2)
 
 
 @pytest.mark.parametrize("c", [1e-200, 1e-9, 1e-3, 0.1, 0.5, 1.0, 2.0])
 def test_ziegler_with_equal_damping_is_41_28_and_half_c_squared(c):
     made = zj.point_masses(2, 1, damping=zj.Viscous(c, c))
-    close(zj.critical_load(made).q, 41 / 28 + c * c / 2)
+    close(zj.critical_load(made).q_cr, 41 / 28 + c * c / 2)
 
 
 @pytest.mark.parametrize("c", [1e-300, 1e-100, 1e-9])
 def test_vanishing_damping_of_uniform_rods_gives_74_45(c):
-    close(zj.critical_load(zj.uniform_rods(damping=zj.Viscous(c, c))).q, 74 / 45)
+    close(zj.critical_load(zj.uniform_rods(damping=zj.Viscous(c, c))).q_cr, 74 / 45)
 
 
 def test_proportional_air_has_its_closed_form():
@@ -128,20 +128,20 @@ def test_proportional_air_has_its_closed_form():
         p0 = 7 / 36
         p2 = -(e**2) * p0 + np.sqrt(e**4 * p0**2 + 4 * p0)
         found = zj.critical_load(zj.uniform_rods(damping=zj.Air(e, e)))
-        close(found.q, (3 - p2) * 6 / 5)
-    assert found.q > zj.critical_load(zj.uniform_rods()).q
+        close(found.q_cr, (3 - p2) * 6 / 5)
+    assert found.q_cr > zj.critical_load(zj.uniform_rods()).q_cr
 
 
 def test_unequal_air_destabilises():
     for e1, e2 in ((1e-6, 0.0), (0.0, 1e-6)):
         found = zj.critical_load(zj.point_masses(2, 1, damping=zj.Air(e1, e2)))
-        assert found.q < 7 / 2 - SQRT2 - 0.01
+        assert found.q_cr < 7 / 2 - SQRT2 - 0.01
 
 
 def test_dead_load_buckles():
     # eta = 0, kappa = 1, l2 = 1: q^2 - 3 q + 1 = 0
     found = zj.critical_load(zj.uniform_rods(follower=0.0), "divergence")
-    close(found.q, (3 - np.sqrt(5)) / 2)
+    close(found.q_cr, (3 - np.sqrt(5)) / 2)
     assert float(found.frequency) == 0.0 and int(found.outcome) == CRITICAL.found
 
 
@@ -152,7 +152,7 @@ def test_a_pure_follower_load_has_no_divergence_and_a_dead_load_no_flutter():
     ):
         found = zj.critical_load(column, kind)
         assert int(found.outcome) == CRITICAL.none
-        assert np.isnan(found.q) and np.isnan(found.frequency)
+        assert np.isnan(found.q_cr) and np.isnan(found.frequency)
 
 
 @pytest.mark.parametrize("damped", [True, False])
@@ -160,7 +160,7 @@ def test_the_first_loss_of_stability_is_where_eigenvalues_lose_it(damped):
     p = random_parameters(10, 300)
     found = {k: jax.vmap(lambda p, k=k: load(p, k, damped))(p) for k in KINDS}
     first = np.min(
-        [np.where(f.outcome == CRITICAL.found, f.q, np.inf) for f in found.values()],
+        [np.where(f.outcome == CRITICAL.found, f.q_cr, np.inf) for f in found.values()],
         axis=0,
     )
     loads = np.linspace(0, 12, 601)
@@ -190,9 +190,10 @@ def kept(seed, n, kind, damped):
     found = jax.jit(jax.vmap(lambda p: load(p, kind, damped)))(p)
     roots, gap = jax.vmap(lambda p: closed_form(p, kind, damped))(p)
     keep = (np.asarray(found.outcome) >= CRITICAL.preceded) & (np.asarray(gap) > 0.01)
-    keep &= np.asarray(found.q) < 100  # beyond: a load that hardly follows or buckles
-    which = np.abs(roots - found.q[:, None]).argmin(axis=1)
-    return p[keep], np.asarray(found.q)[keep], np.asarray(roots)[keep], which[keep]
+    # beyond: a load that hardly follows or buckles
+    keep &= np.asarray(found.q_cr) < 100
+    which = np.abs(roots - found.q_cr[:, None]).argmin(axis=1)
+    return p[keep], np.asarray(found.q_cr)[keep], np.asarray(roots)[keep], which[keep]
 
 
 @pytest.mark.parametrize("damped", [True, False])
@@ -205,7 +206,7 @@ def test_loads_and_derivatives_are_those_of_the_closed_form(kind, damped):
     np.testing.assert_allclose(q, exact, rtol=1e-12)  # worst measured 2.5e-13
 
     def ours(p, which):
-        return load(p, kind, damped).q
+        return load(p, kind, damped).q_cr
 
     def theirs(p, which):
         return closed_form(p, kind, damped)[0][which]
@@ -229,7 +230,7 @@ def test_second_derivatives_are_those_of_the_closed_form(kind, damped):
     p, which = p[:10_000], which[:10_000]
 
     def ours(p, which):
-        return load(p, kind, damped).q
+        return load(p, kind, damped).q_cr
 
     def theirs(p, which):
         return closed_form(p, kind, damped)[0][which]

@@ -93,7 +93,7 @@ def test_undamped_spectrum_of_the_seed_is_the_closed_form():
 
 
 def test_spectral_abscissa_is_the_growth_rate_beyond_flutter():
-    # physics of the seed: at q = 2.60 the growth rate is already 0.25
+    # physics of the paper: at q = 2.60 the growth rate is already 0.25
     assert float(zj.spectral_abscissa(zj.uniform_rods(q=2.6))) == pytest.approx(
         np.sqrt((np.sqrt(36 / 7) - (3 - 2.6 * 5 / 6) * 18 / 7) / 2), rel=1e-9
     )

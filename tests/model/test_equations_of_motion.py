@@ -23,14 +23,16 @@ def stacked(y):
 @jax.jit
 def free_motion(q, y0, ts):
     start = zj.State((y0[0], y0[1]), (y0[2], y0[3]))
-    return zj.trajectory(zj.uniform_rods(q), start, ts, rtol=1e-11, atol=1e-11)
+    return zj.trajectory(
+        zj.uniform_rods(q), start, ts, method=zj.Method(rtol=1e-11, atol=1e-11)
+    )
 
 
 @jax.jit
 def damped_motion(q, c1, c2, y0, ts):
     start = zj.State((y0[0], y0[1]), (y0[2], y0[3]))
     column = zj.uniform_rods(q, damping=zj.Viscous(c1, c2))
-    return zj.trajectory(column, start, ts, rtol=1e-11, atol=1e-11)
+    return zj.trajectory(column, start, ts, method=zj.Method(rtol=1e-11, atol=1e-11))
 
 
 @jax.jit

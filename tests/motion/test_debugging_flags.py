@@ -17,13 +17,13 @@ from ziegler_jax.runtime import own_flags
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 KICK = zj.State(omega=(0.0, 0.3))
-SHORT = {"transient": 5.0, "window": 5.0, "max_windows": 2, "rtol": 1e-4, "atol": 1e-4}
+SHORT = {"windows": zj.Windows(5.0, 5.0, 2), "method": zj.Method(rtol=1e-4, atol=1e-4)}
 
 
 class Fails(AbstractDamping):
     """A law with a mistake: a root that is NaN beyond an angle of the knee."""
 
-    def matrix(self, cos_d):
+    def matrix(self, cos_d, omega):
         c = jnp.sqrt(cos_d - 0.99)
         return ((c, 0.0), (0.0, c))
 
@@ -43,12 +43,14 @@ def everything():
     moved = zj.trajectory(bare, KICK, [0.0, 1.0, 2.0])
     none = zj.critical_load(zj.uniform_rods(kappa=1e9), "divergence")
     dead = zj.critical_load(zj.uniform_rods(follower=0.0), "flutter")
-    lost = zj.periodic_orbit(bare, KICK, period=1.0, max_iterations=1, rtol=1e-4)
+    lost = zj.periodic_orbit(
+        bare, KICK, period=1.0, max_iterations=1, method=zj.Method(rtol=1e-4)
+    )
     return [
         found.drift,
         moved.phi,
-        none.q,
-        dead.q,
+        none.q_cr,
+        dead.q_cr,
         zj.regime(bare),
         zj.spectrum(bare),
         lost.period,
@@ -93,7 +95,7 @@ def test_flags_cost_nothing_where_none_is_set():
     [
         lambda c, y: zj.settle(c, y, **SHORT),
         lambda c, y: zj.trajectory(c, y, np.linspace(0, 1, 11)),
-        lambda c, y: zj.poincare(column=c, start=y, span=10.0),
+        lambda c, y: zj.poincare(column=c, start=y, max_time=10.0),
     ],
     ids=["settle", "trajectory", "poincare"],
 )
@@ -127,9 +129,9 @@ def test_the_environments_flags_are_heeded():
     program = (
         "import ziegler_jax as zj\n"
         "column = zj.uniform_rods(2.0)\n"
-        "print(zj.settle(column, zj.State(omega=(0, 0.3)), transient=1.0,\n"
-        "                window=5.0, max_windows=1).drift)\n"
-        "print(zj.critical_load(column).q)\n"
+        "print(zj.settle(column, zj.State(omega=(0, 0.3)),\n"
+        "                windows=zj.Windows(1.0, 5.0, 1)).drift)\n"
+        "print(zj.critical_load(column).q_cr)\n"
     )
     flags = {"JAX_DEBUG_NANS": "1", "JAX_DISABLE_JIT": "1", "JAX_ENABLE_X64": "1"}
     done = subprocess.run(

@@ -12,12 +12,17 @@ from ziegler_jax.context import Context, within
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 KICK = zj.State(omega=(0.0, 0.2))
-SHORT = {"transient": 5.0, "max_windows": 4, "rtol": 1e-4, "atol": 1e-4}
+QUICK = zj.Method(rtol=1e-4, atol=1e-4)
 
 
 def rubbing(q=2.0):
     friction = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.1)
     return zj.uniform_rods(q=q, friction=friction)
+
+
+def sliding(q=2.6):
+    law = zj.SetValuedCoulomb(0.026, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+    return zj.uniform_rods(q, friction=law)
 
 
 @pytest.fixture(scope="module")
@@ -26,31 +31,33 @@ def near():
     return jax.jit(lambda: zj.settle(sliding(), zj.State(omega=(0.0, 0.3))).final)()
 
 
-def sliding(q=2.6):
-    law = zj.SetValuedCoulomb(0.026, pin_radius=1.0, load=zj.ConstantLoad(1.0))
-    return zj.uniform_rods(q, friction=law)
+@pytest.fixture(scope="module")
+def cycle(near):
+    return zj.periodic_orbit(sliding(), near)
 
 
 def test_a_sweep_whose_windows_are_lost_in_rounding_ends():
-    def point(window, q):
-        return zj.settle(rubbing(q), KICK, window=window, **SHORT)
+    def point(length, q):
+        windows = zj.Windows(transient=5.0, length=length, max_windows=4)
+        return zj.settle(rubbing(q), KICK, windows=windows, method=QUICK)
 
-    found = zj.sweep(point, window=[1e-300, 1e-15, 1.0], q=[2.0], progress=False)
+    found = zj.sweep(point, length=[1e-300, 1e-15, 1.0], q=[2.0], progress=False)
     assert found.outcome.values[:2].ravel().tolist() == [OUTCOME.invalid] * 2
     assert found.outcome.values[2] > OUTCOME.escaped
     assert (found.steps.values[:2] == 0).all()
 
 
 @pytest.mark.parametrize(
-    "name, call",
+    "call",
     [
-        ("window", lambda x: zj.settle(rubbing(), KICK, window=x)),
-        ("block", lambda x: zj.lyapunov_exponents(rubbing(), KICK, block=x)),
-        ("block", lambda x: zj.verdict(rubbing(), KICK, block=x)),
+        lambda x: zj.settle(rubbing(), KICK, windows=zj.Windows(length=x)),
+        lambda x: zj.lyapunov_exponents(rubbing(), KICK, spans=zj.Spans(length=x)),
+        lambda x: zj.verdict(rubbing(), KICK, spans=zj.Spans(length=x)),
     ],
+    ids=["settle", "lyapunov_exponents", "verdict"],
 )
-def test_a_window_that_rounding_would_lose_is_refused(refuses, name, call):
-    refuses(lambda: call(1e-300), f"`{name}`", "1e-300", "rounding", "longer")
+def test_a_window_that_rounding_would_lose_is_refused(refuses, call):
+    refuses(lambda: call(1e-300), "`length`", "1e-300", "rounding", "longer")
     assert jax.jit(lambda x: call(x).outcome)(1e-300) == OUTCOME.invalid
 
 
@@ -58,11 +65,9 @@ def test_windows_that_rounding_lengthens_end_unsettled():
     """In 32 bits 83 units of rounding each: the end comes before the last window."""
 
     @jax.jit
-    def point(window):
-        return zj.settle(
-            zj.uniform_rods(1.0), KICK, transient=1100.0, window=window,
-            max_windows=400, rtol_settle=1e-30, rtol=1e-4, atol=1e-4,
-        )  # fmt: skip
+    def point(length):
+        windows = zj.Windows(1100.0, length, max_windows=400, agreement=1e-30)
+        return zj.settle(zj.uniform_rods(1.0), KICK, windows=windows, method=QUICK)
 
     with jax.enable_x64(False), within(Context(narrow=True)):
         found = point(jnp.float32(0.0101))
@@ -73,22 +78,19 @@ def test_windows_that_rounding_lengthens_end_unsettled():
 
 @pytest.mark.filterwarnings("ignore:overflow")  # lengths' bounds, in 32 bits
 def test_a_verdict_that_rounding_shortens_is_undecided():
+    @jax.jit
+    def point(length):
+        spans = zj.Spans(1100.0, length, count=400)
+        options = {"rtol_return": 1e-30, "rate_cut": 1e-6, "method": QUICK}
+        return zj.verdict(rubbing(2.6), KICK, spans=spans, **options)
+
     with jax.enable_x64(False), within(Context(narrow=True)):
-        found = jax.jit(
-            lambda block: zj.verdict(
-                rubbing(2.6), KICK, transient=1100.0, block=block, blocks=400,
-                rtol=1e-4, atol=1e-4, rtol_return=1e-30, rate_cut=1e-6,
-            )
-        )(jnp.float32(0.0101))  # fmt: skip
+        found = point(jnp.float32(0.0101))
         assert int(found.outcome) == OUTCOME.unsettled
         assert int(found.verdict) == VERDICT.undecided
 
 
 # The steps of a search ----------------------------------------------------------------
-
-
-def orbit(**options):
-    return zj.periodic_orbit(sliding(), KICK, **options)
 
 
 def test_a_search_counts_the_steps_of_all_its_motions(near):
@@ -100,10 +102,10 @@ def test_a_search_counts_the_steps_of_all_its_motions(near):
     assert int(whole.steps) > int(once.steps) > 0
     # what is enough is enough, to the step; and one less is not
     enough = int(whole.steps) + 1
-    same = zj.periodic_orbit(sliding(), near, max_steps=enough)
+    same = zj.periodic_orbit(sliding(), near, method=zj.Method(max_steps=enough))
     assert int(same.outcome) == ORBIT.found
     np.testing.assert_array_equal(same.period, whole.period)
-    spent = zj.periodic_orbit(sliding(), near, max_steps=enough - 2)
+    spent = zj.periodic_orbit(sliding(), near, method=zj.Method(max_steps=enough - 2))
     assert int(spent.outcome) == ORBIT.not_integrated
     assert int(spent.steps) == enough - 2 and np.isnan(spent.period)
 
@@ -115,7 +117,9 @@ def test_a_search_of_many_long_motions_ends_within_its_budget(budget):
     @jax.jit
     def search(period):
         start = zj.State((0.0, 1.5), (2.0, -3.0))
-        return zj.periodic_orbit(sliding(), start, period=period, max_steps=budget)
+        return zj.periodic_orbit(
+            sliding(), start, period=period, method=zj.Method(max_steps=budget)
+        )
 
     found = search(500.0)
     assert int(found.outcome) == ORBIT.not_integrated
@@ -123,31 +127,36 @@ def test_a_search_of_many_long_motions_ends_within_its_budget(budget):
 
 
 def test_a_first_return_spends_from_the_same_budget():
-    found = orbit(max_steps=20)
+    found = zj.periodic_orbit(sliding(), KICK, method=zj.Method(max_steps=20))
     assert int(found.outcome) == ORBIT.not_integrated
     assert int(found.steps) == 20
 
 
-def test_a_branch_ends_within_its_budget(near):
-    options = {"step": 0.05, "points": 5}
-    whole = zj.continue_cycle(sliding, near, 2.6, **options)
+def test_a_branch_ends_within_its_budget(cycle):
+    arc = zj.Arc(step=0.05, points=5)
+    whole = zj.continue_cycle(sliding, cycle, 2.6, arc=arc)
     assert int(whole.outcome) == ORBIT.found and int(whole.count) == 5
     half = int(whole.steps) // 2
-    part = zj.continue_cycle(sliding, near, 2.6, max_steps=half, **options)
+    part = zj.continue_cycle(
+        sliding, cycle, 2.6, arc=arc, method=zj.Method(max_steps=half)
+    )
     assert int(part.outcome) == ORBIT.not_integrated
     assert 0 < int(part.count) < 5 and int(part.steps) <= half
-    fine = {"rtol": 1e-9, "atol": 1e-9}
-    fold = zj.cycle_fold(sliding, near, 2.6, step=0.05, max_steps=half, **fine)
+    fine = {"rtol": 1e-9, "atol": 1e-9, "max_steps": half}
+    fold = zj.cycle_fold(
+        sliding, cycle, 2.6, arc=zj.Arc(step=0.05), method=zj.Method(**fine)
+    )
     assert int(fold.outcome) == ORBIT.not_integrated
-    assert int(fold.steps) <= half and np.isnan(fold.value)
-    named = {**fine, "step": 0.05, "max_steps": half, "bounds": "-inf to inf"}
+    assert int(fold.steps) <= half and np.isnan(fold.fold)
+    named = {**fine, "step": 0.05, "bounds": "-inf to inf", "points": 200}
     assert named.items() <= fold.attributes().items()
 
 
 def test_results_of_searches_name_their_options(near):
+    method = zj.Method(rtol=1e-8, atol=1e-10, max_steps=5000)
 
     def point(q):
-        return zj.periodic_orbit(sliding(q), near, rtol=1e-8, max_steps=5000)
+        return zj.periodic_orbit(sliding(q), near, method=method)
 
     found = zj.sweep(point, q=[2.6], progress=False)
     assert found.attrs["rtol"] == 1e-8 and found.attrs["atol"] == 1e-10
@@ -156,6 +165,7 @@ def test_results_of_searches_name_their_options(near):
 
     load = zj.sweep(lambda q: zj.critical_load(zj.uniform_rods(q)), q=[0.0])
     assert load.attrs["kind"] == "flutter"
+    few = zj.Method(max_steps=9)
     for call in (zj.lyapunov_exponents, zj.verdict):
-        result = jax.eval_shape(lambda call=call: call(sliding(), KICK, max_steps=9))
+        result = jax.eval_shape(lambda call=call: call(sliding(), KICK, method=few))
         assert result.attributes()["max_steps"] == 9

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from models import flow
+from options import options_of
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
@@ -29,29 +30,27 @@ def test_the_cycles_amplitudes_are_the_known_ones():
         return zj.settle(
             zj.uniform_rods(2.6, friction=friction),
             zj.State(omega=(0.0, 0.3)),
-            transient=300.0,
-            rtol_settle=1e-5,
-            rtol=1e-8,
-            atol=1e-8,
+            windows=zj.Windows(transient=300.0, agreement=1e-5),
+            method=zj.Method(rtol=1e-8, atol=1e-8),
         )
 
     v_smooth, expected = np.array(KNOWN).T
     found = point(v_smooth)
     assert (np.asarray(found.outcome) == OUTCOME.cycle).all()
     # the known ones have five digits; measured 3.4e-6
-    assert np.abs(found.amplitude.joint[:, 1] - expected).max() < 1e-5
+    assert np.abs(found.joint_amplitude[:, 1] - expected).max() < 1e-5
 
 
 # Every outcome ------------------------------------------------------------------------
 
 USUAL = {
     "q": 2.6, "mu_s": 0.02, "mu_k": 0.02, "kick": 0.3, "rtol": 1e-6,
-    "rtol_settle": 1e-3, "escape": np.pi, "kappa": 1.0, "v_smooth": 0.05,
+    "agreement": 1e-3, "escape": np.pi, "kappa": 1.0, "v_smooth": 0.05,
 }  # fmt: skip
 LANES = {
     "cycle": {},
     "stuck": {"q": 1.0},
-    "unsettled": {"rtol_settle": 1e-15},
+    "unsettled": {"agreement": 1e-15},
     "escaped": {"escape": 0.4},
     "budget_spent": {"rtol": 1e-11},
     # the rate's change of sign is a jump that no step resolves to 1e-16
@@ -65,16 +64,23 @@ LANES = {
 OBSERVERS = (zj.Mean(), zj.Period(), zj.StickFraction(), zj.EnergyBalance())
 
 
-def lane(q, mu_s, mu_k, kick, rtol, rtol_settle, escape, kappa, v_smooth):
+def lane(q, mu_s, mu_k, kick, rtol, agreement, escape, kappa, v_smooth):
     friction = zj.SmoothCoulomb(
         mu_s, mu_k, pin_radius=0.4, v_stribeck=0.5, v_smooth=v_smooth
     )
     return zj.settle(
         zj.uniform_rods(q, kappa=kappa, friction=friction),
         zj.State((0.0, 0.01), (0.0, kick)),
-        transient=100.0, window=20.0, max_windows=4, rtol_settle=rtol_settle,
-        observers=OBSERVERS, rtol=rtol, atol=rtol, escape=escape, max_steps=10_000,
-    )  # fmt: skip
+        windows=zj.Windows(
+            transient=100.0,
+            length=20.0,
+            max_windows=4,
+            agreement=agreement,
+            escape=escape,
+        ),
+        observers=OBSERVERS,
+        method=zj.Method(rtol=rtol, atol=rtol, max_steps=10_000),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -125,13 +131,16 @@ def test_without_friction_a_column_comes_to_rest():
     def settled():
         column = zj.uniform_rods(0.5, damping=zj.Viscous(1.0, 1.0))
         return zj.settle(
-            column, zj.State(omega=(0.0, 0.3)), transient=50.0, window=5.0, atol=1e-9
+            column,
+            zj.State(omega=(0.0, 0.3)),
+            windows=zj.Windows(transient=50.0, length=5.0),
+            method=zj.Method(atol=1e-9),
         )
 
     found = settled()
     assert int(found.outcome) == OUTCOME.rest
     # every rate is below the cut of 1e-6, and angles decay as slowly; measured 1.7e-6
-    assert np.asarray(found.amplitude.rod).max() < 5e-6
+    assert np.asarray(found.rod_amplitude).max() < 5e-6
 
 
 def test_what_was_not_observed_is_named(lanes):
@@ -139,7 +148,8 @@ def test_what_was_not_observed_is_named(lanes):
     with pytest.raises(AttributeError) as caught:
         _ = bare.lyapunov_exponent
     sentence = str(caught.value)
-    for part in ("`lyapunov_exponent`", "amplitude", "mean", "period", "power"):
+    names = "rod_amplitude", "mean_angle", "period", "friction_power"
+    for part in ("`lyapunov_exponent`", *names):
         assert part in sentence
 
 
@@ -156,9 +166,10 @@ def test_forward_derivatives_pass_through():
         found = zj.settle(
             zj.uniform_rods(q, friction=friction),
             zj.State(omega=(0.0, 0.3)),
-            transient=300.0, window=20.0, rtol_settle=1e-6, rtol=1e-9, atol=1e-9,
-        )  # fmt: skip
-        return jnp.concatenate([found.amplitude.rod, found.amplitude.joint])
+            windows=zj.Windows(transient=300.0, length=20.0, agreement=1e-6),
+            method=zj.Method(rtol=1e-9, atol=1e-9),
+        )
+        return jnp.concatenate([found.rod_amplitude, found.joint_amplitude])
 
     q, h = np.float64(2.6), 1e-4
     ends, slopes = jax.jit(
@@ -181,18 +192,42 @@ trajectory = functools.partial(zj.trajectory, COLUMN, KICK)
     [
         (lambda: zj.settle(1.0, KICK), ("`column`", "1.0", "`Column`")),
         (lambda: zj.settle(COLUMN, (0.0, 0.1)), ("`start`", "0.1", "`State`")),
-        (lambda: settle(rtol=0.0), ("`rtol`", "0", "positive")),
-        (lambda: settle(rtol=-1e-6), ("`rtol`", "-1e-06", "positive")),
-        (lambda: settle(atol=np.nan), ("`atol`", "nan", "positive")),
-        (lambda: settle(transient=-1.0), ("`transient`", "-1", "nonnegative")),
-        (lambda: settle(window=0.0), ("`window`", "0", "positive")),
-        (lambda: settle(rtol_settle=0.0), ("`rtol_settle`", "0", "positive")),
-        (lambda: settle(max_windows=0), ("`max_windows`", "0", "at least 1")),
-        (lambda: settle(max_windows=2.5), ("`max_windows`", "2.5", "whole")),
-        (lambda: settle(max_steps=0), ("`max_steps`", "0", "at least 1")),
-        (lambda: settle(max_steps=True), ("`max_steps`", "True", "whole")),
-        (lambda: settle(escape=0.0), ("`escape`", "0", "positive")),
-        (lambda: settle(rate_cut=-1.0), ("`rate_cut`", "-1", "positive")),
+        (lambda: settle(method=zj.Method(rtol=0.0)), ("`rtol`", "0", "positive")),
+        (
+            lambda: settle(method=zj.Method(rtol=-1e-6)),
+            ("`rtol`", "-1e-06", "positive"),
+        ),
+        (lambda: settle(method=zj.Method(atol=np.nan)), ("`atol`", "nan", "positive")),
+        (
+            lambda: settle(windows=zj.Windows(transient=-1.0)),
+            ("`transient`", "-1", "nonnegative"),
+        ),
+        (lambda: settle(windows=zj.Windows(length=0.0)), ("`length`", "0", "positive")),
+        (
+            lambda: settle(windows=zj.Windows(agreement=0.0)),
+            ("`agreement`", "0", "positive"),
+        ),
+        (
+            lambda: settle(windows=zj.Windows(max_windows=0)),
+            ("`max_windows`", "0", "at least 1"),
+        ),
+        (
+            lambda: settle(windows=zj.Windows(max_windows=2.5)),
+            ("`max_windows`", "2.5", "whole"),
+        ),
+        (
+            lambda: settle(method=zj.Method(max_steps=0)),
+            ("`max_steps`", "0", "at least 1"),
+        ),
+        (
+            lambda: settle(method=zj.Method(max_steps=True)),
+            ("`max_steps`", "True", "whole"),
+        ),
+        (lambda: settle(windows=zj.Windows(escape=0.0)), ("`escape`", "0", "positive")),
+        (
+            lambda: settle(windows=zj.Windows(rate_cut=-1.0)),
+            ("`rate_cut`", "-1", "positive"),
+        ),
         (lambda: settle(observers=(1,)), ("`observers`", "1", "Period()")),
         (lambda: settle(observers=(zj.Period,)), ("`observers`", "Period")),
         (lambda: settle(observers=(zj.Mean(),) * 2), ("`observers`", "mean", "once")),
@@ -202,7 +237,10 @@ trajectory = functools.partial(zj.trajectory, COLUMN, KICK)
         (lambda: trajectory([1.0]), ("`ts`", "(1,)", "two times")),
         (lambda: trajectory([0.0, 1.0, 1.0]), ("`ts`", "increase")),
         (lambda: trajectory([0.0, np.nan]), ("`ts`", "increase")),
-        (lambda: trajectory([0.0, 1.0], rtol=0.0), ("`rtol`", "0", "positive")),
+        (
+            lambda: trajectory([0.0, 1.0], method=zj.Method(rtol=0.0)),
+            ("`rtol`", "0", "positive"),
+        ),
     ],
 )
 def test_a_wrong_argument_is_refused_by_name_value_and_rule(refuses, call, parts):
@@ -211,20 +249,27 @@ def test_a_wrong_argument_is_refused_by_name_value_and_rule(refuses, call, parts
 
 @pytest.mark.parametrize("name", ["rtol", "atol"])
 def test_32_bits_refuse_tolerances_that_they_cannot_keep(refuses, name):
-    options = {"rtol": 1e-4, "atol": 1e-4, name: 1e-6}
+    method = zj.Method(**{"rtol": 1e-4, "atol": 1e-4, name: 1e-6})
     with jax.enable_x64(False), within(Context(narrow=True)):
-        refuses(lambda: settle(**options), f"`{name}`", "1e-06", "1e-05", "64 bits")
-        refuses(lambda: trajectory([0.0, 1.0], **options), f"`{name}`", "32-bit")
+        parts = f"`{name}`", "1e-06", "1e-05", "64 bits"
+        refuses(lambda: settle(method=method), *parts)
+        refuses(lambda: trajectory([0.0, 1.0], method=method), *parts, "32-bit")
 
 
 def test_32_bits_settle_within_their_digits():
     with jax.enable_x64(False), within(Context(narrow=True)):
-        found = settle(rtol=1e-5, atol=1e-5, transient=0.0, window=5.0, max_windows=1)
-        assert found.amplitude.rod.dtype == jnp.float32
-        low = np.asarray(found.amplitude.rod)
-    high = settle(rtol=1e-10, atol=1e-10, transient=0.0, window=5.0, max_windows=1)
+        found = settle(
+            method=zj.Method(rtol=1e-5, atol=1e-5),
+            windows=zj.Windows(transient=0.0, length=5.0, max_windows=1),
+        )
+        assert found.rod_amplitude.dtype == jnp.float32
+        low = np.asarray(found.rod_amplitude)
+    high = settle(
+        method=zj.Method(rtol=1e-10, atol=1e-10),
+        windows=zj.Windows(transient=0.0, length=5.0, max_windows=1),
+    )
     # measured 7.9e-5
-    assert np.abs(low / np.asarray(high.amplitude.rod) - 1).max() < 1e-3
+    assert np.abs(low / np.asarray(high.rod_amplitude) - 1).max() < 1e-3
 
 
 def _slow(kick, **more):
@@ -251,7 +296,7 @@ def test_a_slow_motion_that_grows_is_not_stuck():
 
 
 OPTIONS = {
-    "transient": 5.0, "window": 5.0, "rtol_settle": 1e-3, "escape": np.pi,
+    "transient": 5.0, "length": 5.0, "agreement": 1e-3, "escape": np.pi,
     "rate_cut": 1e-3, "rtol": 1e-4, "atol": 1e-4,
 }  # fmt: skip
 
@@ -259,7 +304,8 @@ OPTIONS = {
 def test_a_traced_option_that_breaks_its_rule_is_invalid():
     def point(**numbers):
         column, start = zj.uniform_rods(1.0), zj.State(omega=(0.0, 0.3))
-        return zj.settle(column, start, max_windows=2, **numbers)
+        options = options_of(zj.settle, max_windows=2, **numbers)
+        return zj.settle(column, start, **options)
 
     axes = {name: [-1.0, right] for name, right in OPTIONS.items()}
     found = zj.sweep(point, axes=axes, progress=False)
@@ -294,7 +340,9 @@ def test_traced_invalid_numbers_end_a_trajectory_as_invalid():
 
     kick = zj.State(omega=(0.0, 0.3))
     run = jax.jit(
-        lambda mu, ts: zj.trajectory(column(mu), kick, ts, rtol=1e-4, atol=1e-4)
+        lambda mu, ts: zj.trajectory(
+            column(mu), kick, ts, method=zj.Method(rtol=1e-4, atol=1e-4)
+        )
     )
     ts = np.linspace(0.0, 2.0, 3)
     assert int(run(0.1, ts).outcome) == OUTCOME.complete

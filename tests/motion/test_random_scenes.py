@@ -65,10 +65,12 @@ def settled(scene, tol, solver, span=6.0):
         friction=friction,
     )
     return zj.settle(
-        column, zj.State(scene["phi"], scene["omega"]), transient=0.0, window=span,
-        max_windows=1, escape=1e3, rtol=tol, atol=tol, max_steps=MAX_STEPS,
-        solver=solver, observers=(zj.EnergyBalance(),),
-    )  # fmt: skip
+        column,
+        zj.State(scene["phi"], scene["omega"]),
+        windows=zj.Windows(transient=0.0, length=span, max_windows=1, escape=1e3),
+        method=zj.Method(rtol=tol, atol=tol, max_steps=MAX_STEPS, solver=solver),
+        observers=(zj.EnergyBalance(),),
+    )
 
 
 @pytest.fixture(scope="module", params=SOLVERS)
@@ -91,8 +93,8 @@ def same(a, b):
 def balances(batch, found, tol):
     """The energy that each step misses is bounded by its tolerance."""
     good = np.asarray(found.outcome) >= OUTCOME.unsettled
-    numbers = np.concatenate([found.amplitude.rod, found.amplitude.joint], -1)
-    energies = np.asarray(found.power.imbalance) * 6.0
+    numbers = np.concatenate([found.rod_amplitude, found.joint_amplitude], -1)
+    energies = np.asarray(found.energy_imbalance) * 6.0
     inertia = 4 / 3 + 2 * batch["m2"] + batch["kappa"]
     top = 1 + np.abs(np.nan_to_num(numbers)).max(-1)
     scale = inertia * top**2 * np.asarray(found.steps)
@@ -111,7 +113,7 @@ def test_every_lane_ends_and_tells_the_truth(run, scenes):
 
     # finite results, or NaN and an outcome that says why
     failed = outcome < OUTCOME.unsettled
-    numbers = np.concatenate([found.amplitude.rod, found.amplitude.joint], -1)
+    numbers = np.concatenate([found.rod_amplitude, found.joint_amplitude], -1)
     np.testing.assert_array_equal(np.isnan(numbers).any(-1), failed)
     np.testing.assert_array_equal(np.isnan(numbers).all(-1), failed)
 

@@ -114,7 +114,9 @@ def motion(v_smooth=None):
         )
     column = zj.uniform_rods(Q, friction=friction)
     start = zj.State(omega=(0.0, 0.4))
-    return zj.trajectory(column, start, TS, rtol=1e-10, atol=1e-10, max_steps=500_000)
+    return zj.trajectory(
+        column, start, TS, method=zj.Method(rtol=1e-10, atol=1e-10, max_steps=500_000)
+    )
 
 
 @pytest.mark.slow
@@ -153,13 +155,9 @@ def test_energy_and_outcomes_of_lanes_on_reactions():
         return zj.settle(
             zj.uniform_rods(q, friction=law(1.3 * mu, mu)),
             zj.State(omega=(0.0, 0.4)),
-            transient=0.0,
-            window=60.0,
-            max_windows=1,
-            rtol=1e-10,
-            atol=1e-10,
+            windows=zj.Windows(transient=0.0, length=60.0, max_windows=1, escape=1e3),
+            method=zj.Method(rtol=1e-10, atol=1e-10),
             observers=(zj.EnergyBalance(), zj.StickFraction()),
-            escape=1e3,
         )
 
     axes = {"q": np.linspace(0.5, 4, 12), "mu": np.linspace(0.01, 0.2, 8)}

@@ -14,7 +14,9 @@ def test_time_stepping_tends_to_the_event_driven_motion(reference):
     column = zj.uniform_rods(q, friction=friction)
     phi, omega = tuple(map(float, ref["phi0"])), tuple(map(float, ref["w0"]))
     start, ts = zj.State(phi, omega), np.array([0.0, span])
-    run = jax.jit(lambda c: zj.trajectory(c, start, ts, rtol=1e-10, atol=1e-10))
+    run = jax.jit(
+        lambda c: zj.trajectory(c, start, ts, method=zj.Method(rtol=1e-10, atol=1e-10))
+    )
     found = run(column)
     exact = np.hstack([found.phi[-1], found.omega[-1]])
 

@@ -111,8 +111,8 @@ KICK = np.array([0.0, 0.0, 0.0, 0.4])
 def set_valued(n, ts):
     start = zj.State(tuple(KICK[:2]), tuple(KICK[2:]))
     return zj.trajectory(
-        column(n), start, ts, rtol=1e-11, atol=1e-11, max_events=1000
-    )  # fmt: skip
+        column(n), start, ts, method=zj.Method(rtol=1e-11, atol=1e-11), max_events=1000
+    )
 
 
 def compared(rods, ts):
@@ -169,7 +169,9 @@ def test_a_column_in_air_moves_as_free_bodies_do(air):
     @jax.jit
     def run(n):
         start = zj.State(tuple(KICK[:2]), tuple(KICK[2:]))
-        return zj.trajectory(column(n, 0.1), start, ts, rtol=1e-11, atol=1e-11)
+        return zj.trajectory(
+            column(n, 0.1), start, ts, method=zj.Method(rtol=1e-11, atol=1e-11)
+        )
 
     found = run(numbers(rods))
     y = np.hstack([found.phi, found.omega])

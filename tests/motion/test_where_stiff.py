@@ -99,9 +99,11 @@ def test_wrong_arguments_are_named(refuses):
 def settled(solver):
     def point(v_smooth, mu):
         return zj.settle(
-            column(v_smooth, mu), KICK, transient=5.0, window=5.0, max_windows=1,
-            solver=solver, max_steps=2000,
-        )  # fmt: skip
+            column(v_smooth, mu),
+            KICK,
+            windows=zj.Windows(transient=5.0, length=5.0, max_windows=1),
+            method=zj.Method(solver=solver, max_steps=2000),
+        )
 
     return point
 

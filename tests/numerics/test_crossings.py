@@ -12,12 +12,12 @@ from numpy.polynomial import Polynomial
 
 from ziegler_jax.numerics.bernstein import first_event, first_look
 from ziegler_jax.numerics.hermite import (
-    Course,
+    HermiteQuartic,
+    bezier_verdict,
+    chord_root,
     extrema,
     falls_below,
     place,
-    plainly_falls,
-    rough_place,
 )
 
 COUNT = 20_000
@@ -26,12 +26,12 @@ COUNT = 20_000
 @jax.jit
 def looked_at(g0, g1, v0, v1, bend, tol):
     """As a step does: whether the polygon decides, whether it falls, and where."""
-    course = Course(g0, g1, v0, v1, bend)
-    plain, falls = plainly_falls(course, tol)
+    course = HermiteQuartic(g0, g1, v0, v1, bend)
+    plain, falls = bezier_verdict(course, tol)
     closely, left, right = falls_below(course, tol, extrema(course))
     left, right = jnp.where(plain, 0.0, left), jnp.where(plain, 1.0, right)
     falls = jnp.where(plain, falls, closely)
-    x = place(course, -0.5 * tol, rough_place(course, left, right), left, right)
+    x = place(course, -0.5 * tol, chord_root(course, left, right), left, right)
     return plain, falls, x, course(x), course.slope(x)
 
 

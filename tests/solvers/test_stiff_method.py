@@ -222,7 +222,10 @@ def test_stiff_motions_meet_tolerances():
     def run(v_smooth, mu, tol):
         column = rubbing(v_smooth, mu)
         return zj.trajectory(
-            column, KICK, ts, solver=zj.Rosenbrock(), rtol=tol, atol=tol
+            column,
+            KICK,
+            ts,
+            method=zj.Method(solver=zj.Rosenbrock(), rtol=tol, atol=tol),
         )
 
     scenes = np.array(list(itertools.product([1e-2, 1e-4, 1e-6], [0.1, 0.26])))
@@ -277,10 +280,12 @@ LAYERS = 10.0 ** -np.arange(2, 9)
 
 def point(v_smooth, q, mu):
     return zj.settle(
-        rubbing(v_smooth, mu, q), KICK, transient=40.0, window=20.0, max_windows=1,
+        rubbing(v_smooth, mu, q),
+        KICK,
+        windows=zj.Windows(transient=40.0, length=20.0, max_windows=1),
         observers=(zj.StickFraction(), zj.EnergyBalance()),
-        solver=zj.Rosenbrock(), max_steps=20_000,
-    )  # fmt: skip
+        method=zj.Method(solver=zj.Rosenbrock(), max_steps=20_000),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -314,7 +319,7 @@ def test_legs_and_batches_change_nothing(creeping):
     ]
     at_once = jax.jit(jax.vmap(point))(*mesh)
     np.testing.assert_array_equal(creeping.outcome.values.ravel(), at_once.outcome)
-    apart = creeping.rod_amplitude.values.reshape(-1, 2) - at_once.amplitude.rod
+    apart = creeping.rod_amplitude.values.reshape(-1, 2) - at_once.rod_amplitude
     # another program: equal to rounding, which friction magnifies; measured
     assert np.abs(apart).max() < 1e-9
 
@@ -323,9 +328,7 @@ def test_set_valued_friction_is_refused(refuses):
     column = zj.uniform_rods(1.0, friction=zj.SetValuedCoulomb(0.1, pin_radius=0.1))
     for run in (zj.settle, lambda *args, **more: zj.trajectory(*args, [0, 1], **more)):
         refuses(
-            lambda run=run: run(column, KICK, solver=zj.Rosenbrock()),
-            "`solver`", "Explicit", "SetValuedCoulomb",
+            lambda run=run: run(column, KICK, method=zj.Method(zj.Rosenbrock())),
+            "`solver`", "explicit", "SetValuedCoulomb", "`Rosenbrock()`",
         )  # fmt: skip
-        refuses(
-            lambda run=run: run(column, KICK, solver="stiff"), "`solver`", "'stiff'"
-        )
+    refuses(lambda: zj.Method("stiff"), "`solver`", "'stiff'")

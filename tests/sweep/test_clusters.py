@@ -23,11 +23,17 @@ def point(x, y):
 def slow(x, y):
     """Long enough for a worker to be killed in the middle."""
     start = zj.State(omega=(0.0, 0.1 + 0 * y))
-    return zj.settle(zj.uniform_rods(1 + x / 4), start, transient=200.0, window=10.0)
+    return zj.settle(
+        zj.uniform_rods(1 + x / 4),
+        start,
+        windows=zj.Windows(transient=200.0, length=10.0),
+    )
 
 
 def sweep(scene, **options):
-    return zj.sweep(scene, x=X, y=Y, batch_size=8, progress=False, **options)
+    return zj.sweep(
+        scene, x=X, y=Y, lanes=zj.Lanes(batch_size=8), progress=False, **options
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -66,7 +72,7 @@ def test_results_are_gathered_or_written_by_the_workers(client, tmp_path):
 def test_a_store_begun_by_threads_is_finished_by_a_cluster(
     client, tmp_path, monkeypatch
 ):
-    keep = store.Store.keep
+    keep = store.SweepStore.write_block
 
     def interrupted(self, block, *rest):
         if block.number == 5:
@@ -74,9 +80,9 @@ def test_a_store_begun_by_threads_is_finished_by_a_cluster(
         keep(self, block, *rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr(store.Store, "keep", interrupted)
+        patch.setattr(store.SweepStore, "write_block", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            sweep(point, store=tmp_path / "a", threads=1)
+            sweep(point, store=tmp_path / "a", lanes=zj.Lanes(8, 1))
     found = sweep(point, client=client, store=tmp_path / "a", log=tmp_path / "log")
     assert same(found, sweep(point))
     written = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]

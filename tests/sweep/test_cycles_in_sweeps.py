@@ -14,11 +14,15 @@ LOADS = np.array([1.2, 1.5, 1.8, 2.0, 2.2, 2.4, 2.7])  # q_cr = 1.656
 def point(q):
     column = zj.uniform_rods(q, damping=zj.Viscous(0.1, 0.1))
     kick = zj.State(omega=(0.0, 0.3))
-    motion = zj.settle(column, kick, transient=60.0, max_windows=4, rtol_settle=1e-3)
-    orbit = zj.periodic_orbit(column, motion.final, rtol=1e-8, atol=1e-8, patience=20.0)
+    motion = zj.settle(
+        column, kick, windows=zj.Windows(transient=60.0, max_windows=4, agreement=1e-3)
+    )
+    orbit = zj.periodic_orbit(
+        column, motion.final, method=zj.Method(rtol=1e-8, atol=1e-8), max_time=20.0
+    )
     return {
-        "settled": motion.amplitude.joint[1],
-        "amplitude": orbit.amplitude.joint[1],
+        "settled": motion.joint_amplitude[1],
+        "amplitude": orbit.joint_amplitude[1],
         "period": orbit.period,
         "iterations": orbit.iterations,
         "outcome": orbit.outcome,
@@ -28,7 +32,7 @@ def point(q):
 
 @pytest.fixture(scope="module")
 def swept():
-    return zj.sweep(point, q=LOADS, batch_size=4, progress=False)
+    return zj.sweep(point, q=LOADS, lanes=zj.Lanes(batch_size=4), progress=False)
 
 
 def test_cycles_of_a_sweep_are_those_of_direct_calls(swept):
@@ -50,6 +54,6 @@ def test_the_motion_the_return_and_the_shots_are_cut_apart(swept):
 
 
 def test_a_cycle_alone_is_the_same_bit_for_bit(swept):
-    alone = zj.sweep(point, q=LOADS[[5]], batch_size=4, progress=False)
+    alone = zj.sweep(point, q=LOADS[[5]], lanes=zj.Lanes(batch_size=4), progress=False)
     for name in alone.data_vars:
         assert alone[name].values.tobytes() == swept[name].values[[5]].tobytes(), name

@@ -21,9 +21,11 @@ def end(q, tol=TOL, atol=TOL):
     """Where a damped column is at t = 20."""
     column = zj.uniform_rods(q, damping=zj.Viscous(0.05, 0.05))
     settled = zj.settle(
-        column, zj.State(omega=(0.0, 0.2)), transient=0.0, window=20.0, max_windows=1,
-        rtol=tol, atol=atol, solver=BOSH3,
-    )  # fmt: skip
+        column,
+        zj.State(omega=(0.0, 0.2)),
+        windows=zj.Windows(transient=0.0, length=20.0, max_windows=1),
+        method=zj.Method(rtol=tol, atol=atol, solver=BOSH3),
+    )
     return {"phi1": settled.final.phi[0], "steps": settled.steps}
 
 
@@ -35,7 +37,7 @@ def exact():
         column = zj.uniform_rods(q, damping=zj.Viscous(0.05, 0.05))
         start = zj.State(omega=(0.0, 0.2))
         motion = zj.trajectory(
-            column, start, np.array([0, 20.0]), rtol=1e-12, atol=1e-12
+            column, start, np.array([0, 20.0]), method=zj.Method(rtol=1e-12, atol=1e-12)
         )
         return motion.phi[-1, 0]
 
@@ -115,7 +117,7 @@ def precise():
         end,
         tolerances=(1e-3, 1e-6),
         solvers=SOLVERS,
-        reference=SOLVERS["Tsit5"],
+        reference=zj.Method(SOLVERS["Tsit5"], rtol=1e-12),
         sample=16,
         repeats=1,
         q=Q,
@@ -164,7 +166,7 @@ def test_the_picture_has_a_line_a_solver(precise):
         ({"sample": 0}, ("`sample`", "at least 1")),
         ({"repeats": 1.5}, ("`repeats`", "at least 1")),
         ({"solvers": zj.Explicit()}, ("`solvers`", "map names")),
-        ({"reference_tolerance": 0.0}, ("`reference_tolerance`", "positive")),
+        ({"reference": zj.Method(rtol=1e-9)}, ("`reference`", "solver", "1e-09")),
     ],
     ids=str,
 )

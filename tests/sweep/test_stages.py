@@ -75,15 +75,18 @@ def numbers(ds):
     return {name: ds[name].values for name in ds.data_vars}
 
 
+EIGHT = zj.Lanes(batch_size=8)
+
+
 def sweep(scene, **options):
-    options = {"x": X, "y": Y, "batch_size": 8, "progress": False, **options}
+    options = {"x": X, "y": Y, "lanes": EIGHT, "progress": False, **options}
     return zj.sweep(scene, **options)
 
 
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("threads", [1, 3])
 def test_a_point_that_is_cut_computes_what_it_computes_whole(scene, threads):
-    found = sweep(scene, threads=threads)
+    found = sweep(scene, lanes=zj.Lanes(8, threads))
     mesh = [m.ravel() for m in np.meshgrid(X, Y, indexing="ij")]
     whole = jax.jit(jax.vmap(scene))(*mesh)
     assert set(whole) == set(found.data_vars)
@@ -112,8 +115,8 @@ def test_places_mates_threads_and_chunks_change_no_bit(monkeypatch):
     monkeypatch.setattr(scheduler, "AHEAD", 1)
     monkeypatch.setattr(scheduler, "SPARSE", 0.9)
     for options in (
-        {"threads": 3},
-        {"threads": 1},
+        {"lanes": zj.Lanes(8, 3)},
+        {"lanes": zj.Lanes(8, 1)},
         {"x": X[::-1].copy()},
         {"x": X[5:9]},
     ):
@@ -133,7 +136,7 @@ def test_lanes_in_flight_are_few_however_many_points_there_are(monkeypatch):
         most = max(most, sum(part.points.size for w in work.waiting for part in w))
 
     monkeypatch.setattr(scheduler.Work, "give", watched)
-    sweep(three, x=np.linspace(0.5, 3.0, 1000), threads=2)
+    sweep(three, x=np.linspace(0.5, 3.0, 1000), lanes=zj.Lanes(8, 2))
     # before each loop what a segment leads there, and AHEAD batches
     bound = 8 * (3 * (scheduler.AHEAD + 2) + 4 * program.SEGMENTS)
     assert 0 < most <= bound < 1000
@@ -235,5 +238,5 @@ def test_no_thread_ends_while_lanes_are_led_to_a_loop(monkeypatch):
 
     monkeypatch.setattr(scheduler.Work, "_segment", slow)
     monkeypatch.setattr(scheduler._Batch, "chunk", watched)
-    sweep(one, threads=2)  # 69 points: nine batches, two segments
+    sweep(one, lanes=zj.Lanes(8, 2))  # 69 points: nine batches, two segments
     assert len(threads) == 2

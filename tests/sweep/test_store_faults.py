@@ -39,7 +39,7 @@ def test_a_full_disk_loses_nothing_and_names_the_block(path, monkeypatch, writte
         patch.setattr(store, "write", fill)
         patch.setattr(store, "write_record", record)
         with pytest.raises(OSError, match="No space left") as caught:
-            sweep(store=path, threads=1)
+            sweep(store=path, lanes=zj.Lanes(4, 1))
     note = " ".join(caught.value.__notes__)
     assert "block 2" in note and "<= x <=" in note and str(path) in note
     assert zj.open_sweep(path).attrs["blocks_done"] == 2
@@ -49,12 +49,12 @@ def test_a_full_disk_loses_nothing_and_names_the_block(path, monkeypatch, writte
 def test_a_replaced_store_takes_nothing_more_from_its_former_sweep(path, refuses):
     """As from a cluster's worker that still computes for a sweep that was stopped."""
     whole = sweep(store=path).load()
-    former = store.Store(path)
+    former = store.SweepStore(path)
     block = partition.Blocks({"x": X, "y": Y}).block(0)
     wrong = {name: np.zeros_like(whole[name][:4]) for name in whole}
     tally = partition.Tally(10, 0.0, 0, {})
-    sweep(store=path, overwrite=True)
-    refuses(lambda: former.keep(block, wrong, tally), "`store`", "another")
+    sweep(store=zj.Store(path, overwrite=True))
+    refuses(lambda: former.write_block(block, wrong, tally), "`store`", "another")
     assert same(zj.open_sweep(path), whole)
 
 
@@ -67,10 +67,10 @@ def test_a_deletion_that_is_killed_leaves_no_store_behind(path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(store_creation.shutil, "rmtree", killed)
         with pytest.raises(KeyboardInterrupt):
-            sweep(store=path, overwrite=True)
+            sweep(store=zj.Store(path, overwrite=True))
     assert not path.exists()
     assert same(sweep(store=path), whole)
-    sweep(store=path, overwrite=True)
+    sweep(store=zj.Store(path, overwrite=True))
     assert [left.name for left in path.parent.iterdir()] == [path.name]
 
 
@@ -103,7 +103,7 @@ def test_a_small_disk_that_is_full(tmp_path):
         with pytest.raises(OSError, match="Read-only"):
             sweep(store=disk / "other.zarr")
         with pytest.raises(OSError, match="Read-only"):
-            sweep(store=disk / "map.zarr", overwrite=True)
+            sweep(store=zj.Store(disk / "map.zarr", overwrite=True))
         assert same(zj.open_sweep(disk / "map.zarr"), found)
     finally:
         subprocess.run(["umount", str(disk)], check=True)
@@ -123,7 +123,12 @@ def test_a_point_that_raises_for_one_batch_names_its_values(path, tmp_path):
         return {"sum": checked + y}
 
     run = functools.partial(
-        zj.sweep, scene, x=X, y=Y, batch_size=5, threads=1, progress=False
+        zj.sweep,
+        scene,
+        x=X,
+        y=Y,
+        lanes=zj.Lanes(batch_size=5, threads=1),
+        progress=False,
     )
     with pytest.raises(Exception, match="my own mistake") as caught:
         run(store=path)
@@ -148,14 +153,14 @@ def point(x, y):
     return {"sum": x + y, "product": x * y, "half": x / 2}
 
 print("ready", flush=True)
-zj.sweep(point, x=np.linspace(0, 1, 300), y=np.linspace(1, 2, 20), batch_size=8,
+zj.sweep(point, x=np.linspace(0, 1, 300), y=np.linspace(1, 2, 20), lanes=zj.Lanes(8),
          store=sys.argv[1], log=sys.argv[2], progress=False)
 """
 
 
 def committed(path):
     try:
-        return {n: m["seconds"] for n, m in store.Store(path).marks().items()}
+        return {n: m["seconds"] for n, m in store.SweepStore(path).marks().items()}
     except ValueError:
         return {}
 

@@ -27,11 +27,11 @@ def test_another_sweep_is_refused_by_name_and_replaced_on_demand(
         ({"x": np.where(X == X[3], X[3] + 1e-12, X)}, ("axis `x`", "between")),
         ({"axes": {"y": Y, "x": X}, "x": None, "y": None}, ("axes x, y", "y, x")),
         ({"where": lambda x, y: x + y > 1}, ("other points",)),
-        ({"precision": "float32"}, ("precision float64", "float32")),
-        ({"batch_size": 5}, ("batch_size 4", "5")),
+        ({"lanes": zj.Lanes(4, precision="float32")}, ("precision float64", "float32")),
+        ({"lanes": zj.Lanes(5)}, ("batch_size 4", "5")),
     ]
     for change, parts in others:
-        options = {"x": X, "y": Y, "batch_size": 4, "progress": False, **change}
+        options = {"x": X, "y": Y, "lanes": zj.Lanes(4), "progress": False, **change}
         options = {k: v for k, v in options.items() if v is not None}
         refuses(
             lambda options=options: zj.sweep(point, store=path, **options),
@@ -44,7 +44,7 @@ def test_another_sweep_is_refused_by_name_and_replaced_on_demand(
             lambda name: "9.9" if name == "ziegler_jax" else known(name),
         )  # fmt: skip
         refuses(lambda: sweep(store=path), "computed with ziegler_jax", "9.9")
-    assert sweep(store=path, overwrite=True, x=X[:-1]).x.size == 7
+    assert sweep(store=zj.Store(path, overwrite=True), x=X[:-1]).x.size == 7
     assert zj.open_sweep(path).attrs["points_done"] == 35
 
 
@@ -67,7 +67,7 @@ def test_a_table_that_changed_in_place_is_computed_with(path, monkeypatch):
     monkeypatch.setattr(stored, "TABLE", stored.TABLE.copy())
     before = sweep(store=path)["bent"].values
     stored.TABLE[:] *= 2
-    after = sweep(store=path, overwrite=True)["bent"].values
+    after = sweep(store=zj.Store(path, overwrite=True))["bent"].values
     np.testing.assert_allclose(after, 2 * before, rtol=1e-12, atol=0)
 
 
@@ -114,7 +114,8 @@ def test_every_setting_is_refused_by_name():
 @pytest.mark.parametrize(
     "options, parts",
     [
-        ({"overwrite": True}, ("`overwrite`", "`store`")),
+        ({"store": 3}, ("`store`", "3")),
+        ({"lanes": 8}, ("`lanes`", "`Lanes`", "8")),
         ({"client": 3}, ("`client`", "3")),
     ],
 )
@@ -126,7 +127,9 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, refuses):
     (tmp_path / "thesis.txt").write_text("years of work")
     for again in (False, True):
         refuses(
-            lambda a=again: sweep(store=tmp_path, overwrite=a), "`store`", "is none"
+            lambda a=again: sweep(store=zj.Store(tmp_path, overwrite=a)),
+            "`store`",
+            "is none",
         )
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
     refuses(lambda: zj.open_sweep(tmp_path / "nothing"), "`store`", "nothing")
@@ -136,4 +139,4 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, refuses):
 def test_a_half_deleted_store_can_be_overwritten(path):
     sweep(store=path)
     (path / "zarr.json").unlink()
-    assert same(sweep(store=path, overwrite=True), sweep())
+    assert same(sweep(store=zj.Store(path, overwrite=True)), sweep())

@@ -22,7 +22,7 @@ def test_a_link_stays_and_what_it_names_becomes_the_store(tmp_path, target, over
         sweep(store=disk)
     elif target == "an empty folder":
         disk.mkdir()
-    assert same(sweep(store=link, overwrite=overwrite), sweep())
+    assert same(sweep(store=zj.Store(link, overwrite=overwrite)), sweep())
     assert link.is_symlink() and (disk / "zarr.json").is_file()
     assert same(zj.open_sweep(link), sweep())
     assert os.listdir(disk.parent) == ["map"]
@@ -43,7 +43,7 @@ def test_what_can_be_no_place_is_refused(store, parts, tmp_path, monkeypatch, re
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     for overwrite in (False, True):
-        refuses(lambda o=overwrite: sweep(store=store, overwrite=o), *parts)
+        refuses(lambda o=overwrite: sweep(store=zj.Store(store, overwrite=o)), *parts)
     refuses(lambda: zj.open_sweep(store), *parts)
     assert [p.name for p in tmp_path.rglob("*")] == ["here"]
 
@@ -60,15 +60,15 @@ def test_a_path_is_no_address(tmp_path, name):
 
 
 def test_a_store_that_vanishes_on_the_way_is_told_as_that(path, monkeypatch):
-    keep = store.Store.keep
+    keep = store.SweepStore.write_block
 
     def vanished(self, *block):
         shutil.rmtree(self.path)
         keep(self, *block)
 
-    monkeypatch.setattr(store.Store, "keep", vanished)
+    monkeypatch.setattr(store.SweepStore, "write_block", vanished)
     with pytest.raises(OSError, match="is gone: it was moved or deleted") as caught:
-        sweep(store=path, threads=1)
+        sweep(store=path, lanes=zj.Lanes(4, 1))
     assert "It was writing block 0" in " ".join(caught.value.__notes__)
 
 
@@ -78,12 +78,12 @@ def test_a_store_of_version_one_is_told_as_that_and_replaced(path, refuses):
     parts = "`store`", "another version", "overwrite=True"
     refuses(lambda: sweep(store=path), *parts)
     refuses(lambda: zj.open_sweep(path), *parts)
-    assert same(sweep(store=path, overwrite=True), sweep())
+    assert same(sweep(store=zj.Store(path, overwrite=True)), sweep())
 
 
 def test_a_sweep_that_replaced_it_meanwhile_keeps_the_store(path, refuses):
     """One that was opened before, and claims it after, writes nothing into it."""
     sweep(store=path)
-    former = store.Store(path)
-    sweep(store=path, overwrite=True)
+    former = store.SweepStore(path)
+    sweep(store=zj.Store(path, overwrite=True))
     refuses(former.claim, "`store`", "taken over by another")

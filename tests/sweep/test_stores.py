@@ -2,6 +2,7 @@
 
 import functools
 
+import jax
 import jax.numpy as jnp
 import pytest
 import xarray as xr
@@ -10,7 +11,7 @@ from stored import MU, Q, lines, same, settled, sweep
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
-from ziegler_jax.results import Variable
+from ziegler_jax.results import AbstractResult, Variable
 from ziegler_jax.sweep import store
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
@@ -29,9 +30,14 @@ def test_a_stored_sweep_is_the_one_in_memory(path):
 
 def test_lanes_in_chunks_and_their_outcomes_are_stored(path, tmp_path):
     run = functools.partial(
-        zj.sweep, settled, q=Q, mu=MU, where=lambda q, mu: q * mu < 0.5, batch_size=8,
+        zj.sweep,
+        settled,
+        q=Q,
+        mu=MU,
+        where=lambda q, mu: q * mu < 0.5,
+        lanes=zj.Lanes(batch_size=8),
         progress=False,
-    )  # fmt: skip
+    )
     whole = run()
     assert same(run(store=path, log=tmp_path / "log"), whole)
     assert zarr.open_group(path, mode="r")["outcome"].chunks == (3, 3)
@@ -51,7 +57,7 @@ def test_lanes_in_chunks_and_their_outcomes_are_stored(path, tmp_path):
 def test_an_interrupted_sweep_computes_only_what_is_missing(
     path, tmp_path, monkeypatch
 ):
-    keep = store.Store.keep
+    keep = store.SweepStore.write_block
 
     def interrupted(self, block, *rest):
         if block.number == 2:
@@ -59,9 +65,9 @@ def test_an_interrupted_sweep_computes_only_what_is_missing(
         keep(self, block, *rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr(store.Store, "keep", interrupted)
+        patch.setattr(store.SweepStore, "write_block", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            sweep(store=path, threads=1)
+            sweep(store=path, lanes=zj.Lanes(4, 1))
     part = zj.open_sweep(path)
     assert (part.attrs["points_done"], part.attrs["blocks_done"]) == (20, 2)
     whole = sweep()
@@ -77,37 +83,43 @@ def test_an_interrupted_sweep_computes_only_what_is_missing(
 def test_a_reader_sees_what_is_finished(path):
     seen = []
 
-    class Watching(store.Store):
-        def keep(self, *block):
-            super().keep(*block)
+    class Watching(store.SweepStore):
+        def write_block(self, *block):
+            super().write_block(*block)
             seen.append(zj.open_sweep(path).load())
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(store, "Store", Watching)
-        sweep(store=path, threads=1)
+        patch.setattr(store, "SweepStore", Watching)
+        sweep(store=path, lanes=zj.Lanes(4, 1))
     counts = [int(ds["sum"].notnull().sum()) for ds in seen]
     assert counts == [ds.attrs["points_done"] for ds in seen] == [10, 20, 30, 40]
 
 
 def test_codes_are_written_last(path):
-    run = functools.partial(zj.sweep, settled, q=Q[:2], mu=MU, batch_size=8)
+    run = functools.partial(
+        zj.sweep, settled, q=Q[:2], mu=MU, lanes=zj.Lanes(batch_size=8)
+    )
     run(store=path, progress=False)
-    names = store.Store(path)._codes_last()
+    names = store.SweepStore(path)._codes_last()
     assert names[-1] == "outcome" and len(names) > 3
 
 
 def test_two_sweeps_do_not_write_to_one_store(path, refuses):
     sweep(store=path)
-    with store.Store(path):
-        refuses(lambda: sweep(store=path, overwrite=True), "`store`", "another sweep")
-    assert same(sweep(store=path, overwrite=True), sweep())
+    with store.SweepStore(path):
+        refuses(
+            lambda: sweep(store=zj.Store(path, overwrite=True)),
+            "`store`",
+            "another sweep",
+        )
+    assert same(sweep(store=zj.Store(path, overwrite=True)), sweep())
 
 
-class Labelled:
+class Labelled(AbstractResult):
     """A result with a dimension of words and one of numbers."""
 
-    def __init__(self, x):
-        self.value = jnp.stack([x, 2 * x])
+    value: jax.Array
+    settings: tuple = ()
 
     def variables(self):
         return {
@@ -120,7 +132,10 @@ class Labelled:
 
 
 def test_labels_come_back_as_they_were(path):
-    run = functools.partial(zj.sweep, Labelled, x=[1.0, 2.0], progress=False)
+    def point(x):
+        return Labelled(jnp.stack([x, 2 * x]))
+
+    run = functools.partial(zj.sweep, point, x=[1.0, 2.0], progress=False)
     found = run(store=path)
     assert found.branch.values.tolist() == ["up", "down"]
     assert found.joint.dtype == int and same(found, run())

@@ -28,13 +28,13 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def truth():
-    return sweep(threads=1)
+    return sweep(lanes=zj.Lanes(4, 1))
 
 
 @pytest.fixture
 def whole(tmp_path):
     """A store that is complete, and one in which a block is missing."""
-    sweep(store=tmp_path / "whole.zarr", threads=1)
+    sweep(store=tmp_path / "whole.zarr", lanes=zj.Lanes(4, 1))
     return tmp_path / "whole.zarr"
 
 
@@ -76,13 +76,13 @@ def stop_and_go_on(folder, truth, operation):
     folder.mkdir()
     path = folder / "map.zarr"
     with stopped_before(operation, folder), pytest.raises(Killed):
-        sweep(store=path, threads=1)
+        sweep(store=path, lanes=zj.Lanes(4, 1))
     if path.exists():
         before = zj.open_sweep(path)
         done = before.attrs["blocks_done"]
         assert before["sum"].notnull().sum() >= 10 * done
         reads_right(path, truth)
-    assert same(sweep(store=path, threads=1), truth)
+    assert same(sweep(store=path, lanes=zj.Lanes(4, 1)), truth)
     assert [left.name for left in folder.iterdir()] == ["map.zarr"]
     shutil.rmtree(folder)
 
@@ -96,7 +96,7 @@ def cleared_at_once(monkeypatch):
 def operations(folder):
     folder.mkdir()
     with stopped_before(None, folder) as watch:
-        sweep(store=folder / "map.zarr", threads=1)
+        sweep(store=folder / "map.zarr", lanes=zj.Lanes(4, 1))
     return watch.count
 
 
@@ -115,13 +115,13 @@ def test_an_overwriting_sweep_stopped_on_the_way_leaves_the_old_one_or_none(
     """Some operations of the replacement; the computing is tried above."""
     path = tmp_path / "map.zarr"
     for operation in (1, 3, 5, 8, 12, 20, 40, 100):
-        sweep(store=path, x=X[:5], overwrite=path.exists())
+        sweep(store=zj.Store(path, overwrite=path.exists()), x=X[:5])
         with stopped_before(operation, tmp_path), pytest.raises(Killed):
-            sweep(store=path, overwrite=True, threads=1)
+            sweep(store=zj.Store(path, overwrite=True), lanes=zj.Lanes(4, 1))
         if path.exists():
             left = zj.open_sweep(path)
             assert left.x.size == 5 or right_or_missing(left, truth)
-        assert same(sweep(store=path, overwrite=True), truth)
+        assert same(sweep(store=zj.Store(path, overwrite=True)), truth)
 
 
 # Damaged ------------------------------------------------------------------------------
@@ -138,7 +138,7 @@ def files(path):
 
 def mended(path, truth, log):
     """What the same sweep makes of it, and of what it made."""
-    found = sweep(store=path, threads=1)
+    found = sweep(store=path, lanes=zj.Lanes(4, 1))
     assert same(found, truth) and same(zj.open_sweep(path), truth)
     sweep(store=path, log=log)
     assert not log.exists(), "a second run computed something"
@@ -187,7 +187,7 @@ def test_both_copies_of_the_record_damaged_are_refused_and_replaced(
     parts = "`store`", "sweep.copy.json", "damaged", "overwrite=True"
     refuses(lambda: zj.open_sweep(whole), *parts)
     refuses(lambda: sweep(store=whole), *parts)
-    assert same(sweep(store=whole, overwrite=True), truth)
+    assert same(sweep(store=zj.Store(whole, overwrite=True)), truth)
 
 
 def test_a_damaged_block_is_told_and_one_that_is_short_does_not_count(whole, truth):
@@ -234,7 +234,7 @@ def test_a_sweep_that_stops_before_it_computes_gives_the_lock_back(
     path, truth, monkeypatch
 ):
     with monkeypatch.context() as patch:
-        patch.setattr(store.Store, "missing", lambda *_: 1 / 0)
+        patch.setattr(store.SweepStore, "missing", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             sweep(store=path)
     assert same(sweep(store=path), truth)

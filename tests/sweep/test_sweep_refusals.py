@@ -12,7 +12,8 @@ import xarray as xr
 import ziegler_jax as zj
 from ziegler_jax.sweep import partition
 
-SHORT = {"transient": 5.0, "window": 5.0, "max_windows": 2, "rtol": 1e-4, "atol": 1e-4}
+WINDOWS = zj.Windows(transient=5.0, length=5.0, max_windows=2)
+SHORT = {"windows": WINDOWS, "method": zj.Method(rtol=1e-4)}
 
 
 def square(x):
@@ -40,7 +41,11 @@ quiet = functools.partial(zj.sweep, square, progress=False)
         (lambda: quiet(x=1.0), ("`x`", "number 1", "`x=[1]`")),
         (lambda: quiet(x=["a"]), ("`x`", "'a'", "numbers")),
         (lambda: quiet(x=[1.0, 2.0, 1.0]), ("`x`", "once", "1 2 times", "unique")),
-        (lambda: quiet(x=[1.0], batchsize=3), ("`batchsize`", "mean `batch_size`")),
+        (
+            lambda: quiet(x=[1.0], batchsize=3),
+            ("`batchsize`", "mean `lanes=zj.Lanes(batch_size=...)`"),
+        ),
+        (lambda: quiet(x=[1.0], overwrite=True), ("zj.Store(path, overwrite=True)",)),
         (lambda: quiet(), ("at least one axis",)),
         (lambda: quiet(y=[1.0]), ("`y`", "`point`", "takes x")),
         (lambda: quiet(x=[1.0], y=[1.0]), ("`y`", "`point`", "takes x")),
@@ -76,10 +81,22 @@ quiet = functools.partial(zj.sweep, square, progress=False)
             ("`where`", "ZeroDivisionError"),
         ),
         (lambda: zj.sweep(lambda value: value, value=[1.0]), ("`value`", "unlike")),
-        (lambda: quiet(x=[1.0], threads=0), ("`threads`", "0", "at least 1")),
-        (lambda: quiet(x=[1.0], threads=1.5), ("`threads`", "1.5", "whole")),
-        (lambda: quiet(x=[1.0], batch_size=0), ("`batch_size`", "0", "at least 1")),
-        (lambda: quiet(x=[1.0], precision="float16"), ("`precision`", "float16")),
+        (
+            lambda: quiet(x=[1.0], lanes=zj.Lanes(threads=0)),
+            ("`threads`", "0", "at least 1"),
+        ),
+        (
+            lambda: quiet(x=[1.0], lanes=zj.Lanes(threads=1.5)),
+            ("`threads`", "1.5", "whole"),
+        ),
+        (
+            lambda: quiet(x=[1.0], lanes=zj.Lanes(batch_size=0)),
+            ("`batch_size`", "0", "at least 1"),
+        ),
+        (
+            lambda: quiet(x=[1.0], lanes=zj.Lanes(precision="float16")),
+            ("`precision`", "float16"),
+        ),
         (lambda: quiet(x=[1.0], where=3), ("`where`", "3", "function")),
         (lambda: quiet(x=[1.0], where=lambda y: y > 0), ("`x`", "`where`", "takes y")),
         (lambda: quiet(x=[1.0], where=lambda x: x), ("`where`", "float64", "booleans")),
@@ -108,7 +125,7 @@ def test_a_values_rule_breaks_inside_a_scene_as_outside(refuses):
     refuses(lambda: zj.sweep(scene, q=[1.0]), "`mu_k`", "0.2", "at most `mu_s`")
 
     def coarse(q):
-        return zj.settle(zj.uniform_rods(q), zj.State(), **SHORT | {"rtol": 0.0})
+        return zj.settle(zj.uniform_rods(q), zj.State(), method=zj.Method(rtol=0.0))
 
     refuses(lambda: zj.sweep(coarse, q=[1.0]), "`rtol`", "0", "positive")
 

@@ -21,20 +21,22 @@ from ziegler_jax.sweep import lanes, program, progress, scheduler
 def point(q, mu):
     friction = zj.SmoothCoulomb(mu, pin_radius=0.05, v_smooth=0.05)
     return zj.settle(
-        zj.uniform_rods(q, friction=friction), zj.State(omega=(0.0, 0.3)),
-        transient=20.0, window=10.0, max_windows=4, rtol=1e-4, atol=1e-4,
-        observers=(zj.Period(),), max_steps=2000,
-    )  # fmt: skip
+        zj.uniform_rods(q, friction=friction),
+        zj.State(omega=(0.0, 0.3)),
+        windows=zj.Windows(transient=20.0, length=10.0, max_windows=4),
+        method=zj.Method(rtol=1e-4, atol=1e-4, max_steps=2000),
+        observers=(zj.Period(),),
+    )
 
 
 Q, MU = np.linspace(1.5, 3.5, 9), np.array([0.05, 0.1, 0.2])
-sweep = functools.partial(zj.sweep, point, batch_size=8, progress=False)
+sweep = functools.partial(zj.sweep, point, lanes=zj.Lanes(batch_size=8), progress=False)
 
 
 @pytest.fixture(scope="module")
 def whole():
     """The reference: one thread."""
-    return sweep(q=Q, mu=MU, threads=1)
+    return sweep(q=Q, mu=MU, lanes=zj.Lanes(8, 1))
 
 
 def same(one: xr.Dataset, other: xr.Dataset) -> bool:
@@ -83,7 +85,7 @@ def test_attributes_say_how_it_was_computed(whole):
         assert attrs[f"{package}_version"][0].isdigit()
     assert "def point(q, mu)" in attrs["scene"]
     expected = {
-        "rtol": 1e-4, "atol": 1e-4, "transient": 20.0, "window": 10.0,
+        "rtol": 1e-4, "atol": 1e-4, "transient": 20.0, "window_length": 10.0,
         "solver": "Tsit5", "max_windows": 4, "precision": "float64", "threads": 1,
         "batch_size": 8, "points": 27,
     }  # fmt: skip
@@ -154,7 +156,7 @@ def third(x):
 def test_float64_whatever_jax_is_set_to():
     x = np.linspace(0, 7, 11)
     wide = zj.sweep(third, x=x, progress=False)
-    program._kept.clear()
+    program._cache.clear()
     with jax.enable_x64(False):
         narrow = zj.sweep(third, x=x, progress=False)
     assert narrow.sine.dtype == np.float64 and same(wide, narrow)
@@ -162,7 +164,9 @@ def test_float64_whatever_jax_is_set_to():
 
 
 def test_float32_on_demand():
-    found = zj.sweep(third, x=[0.5], progress=False, precision="float32")
+    found = zj.sweep(
+        third, x=[0.5], progress=False, lanes=zj.Lanes(precision="float32")
+    )
     assert found.sine.dtype == found.tenth.dtype == np.float32
     assert found.attrs["precision"] == "float32"
 
@@ -172,7 +176,7 @@ def test_float32_on_demand():
 
 @pytest.mark.parametrize("threads", [2, 5])
 def test_the_number_of_threads_changes_no_bit(whole, threads):
-    assert same(sweep(q=Q, mu=MU, threads=threads), whole)
+    assert same(sweep(q=Q, mu=MU, lanes=zj.Lanes(8, threads)), whole)
 
 
 def test_batch_mates_and_places_change_no_bit(whole):
@@ -237,7 +241,7 @@ def direct(scene, **columns):
 
 def test_a_sweep_is_what_vmap_gives(whole):
     found = direct(point, q=Q, mu=MU)
-    amplitude = np.asarray(found.amplitude.joint).reshape(whole.joint_amplitude.shape)
+    amplitude = np.asarray(found.joint_amplitude).reshape(whole.joint_amplitude.shape)
     assert (np.asarray(found.outcome) == whole.outcome.values.ravel()).all()
     assert (np.asarray(found.steps) == whole.steps.values.ravel()).all()
     error = np.abs(amplitude - whole.joint_amplitude.values).max()
@@ -258,12 +262,13 @@ def test_lanes_that_fail_do_not_touch_the_others(whole):
 
 # Several motions, and what cannot be cut ----------------------------------------------
 
-SHORT = {"transient": 5.0, "window": 5.0, "max_windows": 2, "rtol": 1e-4, "atol": 1e-4}
+WINDOWS = zj.Windows(transient=5.0, length=5.0, max_windows=2)
+SHORT = {"windows": WINDOWS, "method": zj.Method(rtol=1e-4)}
 
 
 def knee(q, kick):
     found = zj.settle(zj.uniform_rods(q), zj.State(omega=(0.0, kick)), **SHORT)
-    return found.amplitude.joint[1]
+    return found.joint_amplitude[1]
 
 
 def two_settles(q):
@@ -295,7 +300,7 @@ def with_jvp(q):
 )  # fmt: skip
 def test_several_motions_and_what_is_not_cut_agree_with_direct_calls(scene, loops):
     q = np.linspace(1.0, 3.0, 5)
-    found = zj.sweep(scene, q=q, batch_size=4, progress=False)
+    found = zj.sweep(scene, q=q, lanes=zj.Lanes(batch_size=4), progress=False)
     assert len(program.traced(scene, ("q",), True, 4).stages) == 2 * loops + 1
     expected = direct(scene, q=q)
     if not isinstance(expected, dict):
@@ -327,7 +332,7 @@ def test_an_interruption_leaves_no_thread_behind(whole, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(progress, "tqdm", Bar)
         with pytest.raises(KeyboardInterrupt):
-            sweep(q=np.linspace(1.5, 3.5, 400), mu=MU, threads=2)
+            sweep(q=np.linspace(1.5, 3.5, 400), mu=MU, lanes=zj.Lanes(8, 2))
     assert threading.active_count() == threads
     assert same(sweep(q=Q, mu=MU), whole)
 
@@ -372,7 +377,7 @@ def test_a_batch_that_gives_other_bits_the_second_time_is_told(monkeypatch):
 
     monkeypatch.setattr(lanes.Work, "_run", wrong_now_and_then)
     with pytest.warns(UserWarning, match="1 of .* computed twice gave other numbers"):
-        found = sweep(q=Q, mu=MU, threads=1)
+        found = sweep(q=Q, mu=MU, lanes=zj.Lanes(8, 1))
     assert found.attrs["canary_mismatches"] == 1
 
 
@@ -389,4 +394,4 @@ def test_a_lane_that_takes_no_step_is_told_by_name(monkeypatch):
 
     monkeypatch.setattr(lanes.Work, "_run", stuck)
     with pytest.raises(RuntimeError, match="no step .* at 2.25 <= q <= 2.25"):
-        sweep(q=Q, mu=MU, threads=1)
+        sweep(q=Q, mu=MU, lanes=zj.Lanes(8, 1))

@@ -6,26 +6,35 @@ do not grow meanwhile, as they do beside an unstable one. And its two largest Ly
 exponents, which tell quasi-periodic motion (both zero) from chaos (one is positive).
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State, power
 from ..motion.not_finite import motion
-from ..motion.scene import check_scene, ending, nan_where, rate_cut_of
-from ..motion.section import Plane, passage
+from ..motion.options import Method, Spans, spans_for
+from ..motion.scene import (
+    check_scene,
+    ending,
+    explicit_method,
+    nan_where,
+    rate_cut_of,
+)
+from ..motion.section import SectionPlane, passage
 from ..motion.tangents import AbstractGrowth
-from ..motion.windows import AbstractSpans, Rest, Speeds, explicit_steps, follow_spans
+from ..motion.windows import AbstractSpans, Rest, SpanState, Speeds, follow_spans
 from ..numerics.materialise import if_any_lane
-from ..numerics.numbers import Scalar, keeps, number
-from ..results import OUTCOME, TIME, VERDICT, AbstractMotionResult, Variable, quantity
+from ..numerics.numbers import Flag, Pair, Scalar, keeps, number
+from ..results import OUTCOME, TIME, VERDICT, AbstractMotionResult, quantity
 from ..solvers import Explicit
 from .lyapunov import (
+    ERRORS,
+    EXPONENTS,
     Growth,
-    exponent_variables,
     growth_options,
     growth_settings,
     no_growth,
@@ -37,10 +46,10 @@ from .poincare import CycleDetector, detect_cycle, no_cycle
 SURE = 3.0  # standard errors
 NEAR = 1e-3  # of a point: a passage this near one before it is on its way to a cycle
 DRIFT = 0.1  # of the largest angle: what changes more has not settled
-PLANE = Plane()
+PLANE = SectionPlane()
 
 
-class Verdict(AbstractMotionResult):
+class Verdict(AbstractMotionResult[State]):
     r"""What a motion is, and the witnesses.
 
     `verdict`: a code of VERDICT; `period_count`: passages of $\phi_1 = 0$, rising, a
@@ -49,15 +58,21 @@ class Verdict(AbstractMotionResult):
     code of OUTCOME.
     """
 
-    verdict: Any = eqx.field(metadata=quantity("what the motion is", codes=VERDICT))
-    period_count: Any = eqx.field(metadata=quantity("passages a period"))
-    period: Any = eqx.field(metadata=quantity("period of the cycle", TIME))
-    exponents: Any
-    errors: Any
+    verdict: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("what the motion is", codes=VERDICT)
+    )
+    period_count: Float[Array, "*lanes"] = eqx.field(
+        metadata=quantity("passages a period")
+    )
+    period: Float[Array, "*lanes"] = eqx.field(
+        metadata=quantity("period of the cycle", TIME)
+    )
+    exponents: Float[Array, "*lanes 2"] = eqx.field(metadata={"quantity": EXPONENTS})
+    errors: Float[Array, "*lanes 2"] = eqx.field(metadata={"quantity": ERRORS})
 
-    def variables(self) -> dict[str, Variable]:
-        """All numbers with their names, for `sweep`."""
-        return exponent_variables(self) | super().variables()
+    def coordinates(self) -> dict[str, Sequence[object]]:
+        """The exponents' numbers."""
+        return {"exponent": (1, 2)}
 
 
 @motion
@@ -65,17 +80,11 @@ def verdict(
     column: Column,
     start: State,
     *,
-    transient: Any = 200.0,
-    block: Any = 50.0,
-    blocks: int = 20,
-    rtol_return: Any = 1e-5,
-    zero_rate: Any = 0.01,
-    rtol: Any = 1e-7,
-    atol: Any = 1e-7,
-    solver: Explicit | None = None,
-    escape: Any = np.pi,
-    rate_cut: Any = None,
-    max_steps: int = 10_000_000,
+    spans: Spans = Spans(),  # noqa: B008, a value
+    rtol_return: Scalar = 1e-5,
+    zero_rate: Scalar = 0.01,
+    rate_cut: Scalar | None = None,
+    method: Method = Method(),  # noqa: B008
 ) -> Verdict:
     r"""What kind of motion the column ends in from `start`.
 
@@ -115,11 +124,11 @@ def verdict(
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 
     - `column`, `start`: the scene.
-    - `transient`, `block`, `blocks`: as `lyapunov_exponents`; at least 2 blocks.
-    - `rtol_return`, `zero_rate`: as above.
-    - `rtol`, `atol`, `solver`, `escape`, `max_steps`: as `lyapunov_exponents`;
-        `rtol_return` should be well above `rtol`.
-    - `rate_cut`: as `settle`.
+    - `spans`: as `lyapunov_exponents`; the blocks of the above.
+    - `rtol_return`, `zero_rate`: as above; `rtol_return` should be well above the
+        method's `rtol`.
+    - `rate_cut`: as in `Windows`.
+    - `method`: an explicit one.
 
     **Returns:** `Verdict`.
 
@@ -127,12 +136,17 @@ def verdict(
     session.
     """
     check_scene(column, start)
-    method = explicit_steps(solver, rtol, atol, max_steps)
+    method = explicit_method("verdict", method)
+    spans = spans_for("verdict", spans)
+    if rate_cut is None:
+        rate_cut = rate_cut_of(column)
+    else:
+        rate_cut = number("rate_cut", rate_cut, "positive")
     fold = Classifier(
         rtol_return=number("rtol_return", rtol_return, "positive"),
         zero_rate=number("zero_rate", zero_rate, "positive"),
-        rest=Rest(rate_cut_of(column, rate_cut), at_once=True),
-        **growth_options(method, transient, block, blocks, escape),
+        rest=Rest(rate_cut, at_once=True),
+        **growth_options(method, spans),
     )
     run = follow_spans(column, start, fold, method, OUTCOME.unsettled)
     evidence, blocks = run.folded.watch, run.folded.spans
@@ -146,8 +160,8 @@ def verdict(
         exponents=nan_where(unmeasured, jnp.stack(growth.mean)),
         errors=nan_where(unmeasured, jnp.stack(standard_errors(growth, blocks))),
         settings=growth_settings(
-            fold,
             method,
+            spans,
             rtol_return=fold.rtol_return,
             zero_rate=fold.zero_rate,
             rate_cut=fold.rest.setting(),
@@ -157,7 +171,10 @@ def verdict(
 
 
 def _judged(
-    outcome: Any, evidence: "Evidence", blocks: Any, fold: "Classifier"
+    outcome: Int[Array, ""],
+    evidence: "Evidence",
+    blocks: Int[Array, ""],
+    fold: "Classifier",
 ) -> jax.Array:
     """The code of VERDICT."""
     zero_rate, growth, span = fold.zero_rate, evidence.growth, fold.most * fold.span
@@ -193,11 +210,11 @@ class Evidence(NamedTuple):
     grown: Scalar  # logarithm of the first tangent's growth in the blocks before
     returns: CycleDetector
     speeds: Speeds
-    angles: tuple[Scalar, Scalar]  # the largest in each half of the blocks
-    dissipates: Any
+    angles: Pair  # the largest in each half of the blocks
+    dissipates: Bool[Array, ""]
 
 
-class Classifier(AbstractSpans, AbstractGrowth):
+class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
     """Sections and exponents of one motion, until one of them decides."""
 
     solver: Explicit
@@ -206,7 +223,7 @@ class Classifier(AbstractSpans, AbstractGrowth):
     zero_rate: Scalar
     rest: Rest
 
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Whether the options keep their rules; for those only known when traced."""
         more = self.rtol_return, self.zero_rate, self.rest.rate_cut
         return super().valid() & keeps("positive", *more)
@@ -230,7 +247,7 @@ class Classifier(AbstractSpans, AbstractGrowth):
     def watch(self, column, state, step):
         """Take the step into both witnesses."""
         before = state.watch
-        tangents, longest = self.grow(column, state, step)
+        tangents, longest = self.advance_frame(column, state, step)
         measuring = state.spans >= 0
         point = passage(PLANE, step)
         point = point._replace(there=point.there & measuring)
@@ -253,14 +270,15 @@ class Classifier(AbstractSpans, AbstractGrowth):
         angle = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1]))
         late = state.spans >= self.most // 2
         halves = zip((measuring & ~late, late), before.angles, strict=True)
+        larger = (
+            jnp.where(when, jnp.maximum(peak, angle), peak) for when, peak in halves
+        )
         evidence = Evidence(
             growth=before.growth._replace(tangents=tangents),
             grown=before.grown,
             returns=returns,
             speeds=self.rest.watch(before.speeds, step),
-            angles=tuple(  # type: ignore[arg-type]
-                jnp.where(when, jnp.maximum(peak, angle), peak) for when, peak in halves
-            ),
+            angles=cast(Pair, tuple(larger)),
             dissipates=dissipates,
         )
         return evidence, self.rest.sticks(step) | returns.confirmed, longest

@@ -20,219 +20,274 @@ Source: H. B. Keller (1977); Y. A. Kuznetsov, Elements of Applied Bifurcation Th
 (2004), chapter 10.
 """
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import ClassVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..context import plain
-from ..model.column import Column, State
-from ..motion.observers import Extent
-from ..motion.scene import recorded
+from ..model.column import Column
+from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
+from ..motion.options import Method, recorded
 from ..motion.variational import Flow
-from ..numerics.numbers import check_options, is_concrete, whole_number
-from ..results import ORBIT, SPECIAL, TIME, AbstractResult, Variable, quantity
+from ..numerics.numbers import Count, Scalar, is_concrete, whole_number
+from ..results import (
+    ORBIT,
+    RATE,
+    SPECIAL,
+    TIME,
+    AbstractResult,
+    Settings,
+    Variable,
+    quantity,
+)
+from .branch_point import Arc, BranchPoint, Continuation
 from .implicit import fixed, undifferentiated
-from .march import Kept, Road
-from .periodic_orbit import attracts, multipliers
-from .shooting import attached, solve
+from .march import Walk
+from .periodic_orbit import PeriodicOrbit, attracts, multipliers
+from .shooting import attached, solve, start_of
+
+ALONG = ("point",)
 
 
-class Points(eqx.Module):
+class CyclePoints(AbstractResult):
     """Cycles along a branch, arrays with the points in front; NaN where there is none.
 
-    `parameter`; `state` (phi and omega: two arrays each); `period`; `amplitude` (rod
-    and joint: (n, 2)); `monodromy` (n, 4, 4).
+    `parameter` (n,); `phi`, `omega` (n, 2): where they pass the section; `period`;
+    `rod_amplitude`, `joint_amplitude` (n, 2); `monodromy` (n, 4, 4); `kind` (n,): what
+    happens there, codes of `SPECIAL`.
     """
 
-    parameter: Any
-    state: State
-    period: Any
-    amplitude: Extent
-    monodromy: Any
+    parameter: Float[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("parameter", dims=ALONG)
+    )
+    phi: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata=quantity("angle on the section", "rad", (*ALONG, "rod"))
+    )
+    omega: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata=quantity("rate on the section", RATE, (*ALONG, "rod"))
+    )
+    period: Float[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("period of the orbit", TIME, ALONG)
+    )
+    rod_amplitude: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata={"quantity": ROD_AMPLITUDE._replace(dims=(*ALONG, "rod"))}
+    )
+    joint_amplitude: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata={"quantity": JOINT_AMPLITUDE._replace(dims=(*ALONG, "joint"))}
+    )
+    monodromy: Float[Array, "*lanes n 4 4"]
+    kind: Int[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("what happens at the point", dims=ALONG, codes=SPECIAL)
+    )
+    settings: Settings = eqx.field(static=True, default=())
+
+    DERIVED: ClassVar[Mapping[str, Variable]] = {
+        "largest_multiplier": Variable(
+            None, "largest modulus of a Floquet multiplier but the trivial one",
+            dims=ALONG,
+        ),
+        "stable": Variable(None, "whether the orbit attracts", dims=ALONG),
+    }  # fmt: skip
 
     @property
-    def multipliers(self) -> Any:
+    def multipliers(self) -> Complex[Array, "*lanes n 4"]:
         """Floquet multipliers (n, 4), the trivial one first."""
         return multipliers(self.monodromy)
 
     @property
-    def stable(self) -> Any:
+    def largest_multiplier(self) -> Float[Array, "*lanes n"]:
+        """The largest modulus of the others, (n,)."""
+        return jnp.abs(self.multipliers)[..., 1]
+
+    @property
+    def stable(self) -> Bool[Array, "*lanes n"]:
         """Whether the others lie inside the unit circle, (n,)."""
         return attracts(self.monodromy)
 
 
-class Branch(eqx.Module):
+class Branch(AbstractResult):
     """A branch of cycles.
 
-    `points`: `Points` in order along the arc; `count` of them; `special`: the `Points`
-    where the branch changes, with `kind`, codes of `SPECIAL`; `outcome`: a code of
-    `ORBIT`, `found` if all points asked for are there, else why the branch ends;
-    `steps` of all motions.
+    `points`: `CyclePoints` in order along the arc; `count` of them; `special`: the
+    `CyclePoints` where the branch changes; `outcome`: a code of `ORBIT`, `found` if all
+    points asked for are there, else why the branch ends; `steps` of all motions. In a
+    dataset the points are named as in `CyclePoints`, the special ones `special_...`.
     """
 
-    points: Points
-    count: Any
-    special: Points
-    kind: Any
-    outcome: Any
-    steps: Any
+    points: CyclePoints
+    special: CyclePoints
+    count: Int[Array, "*lanes"] = eqx.field(metadata=quantity("points of the branch"))
+    outcome: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("why the branch ended", codes=ORBIT)
+    )
+    steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
+    settings: Settings = eqx.field(static=True)
+
+    def variables(self) -> dict[str, Variable]:
+        """All numbers with their names, units and dimensions."""
+        named = self.points.variables()
+        named.pop("kind")  # nothing special
+        for name, variable in self.special.variables().items():
+            dims = ("special_point", *variable.dims[1:])
+            named[f"special_{name}"] = variable._replace(dims=dims)
+        return named | super().variables()
 
 
 class CycleFold(AbstractResult):
     """The fold at which two cycles meet, as a value of the parameter.
 
-    `value` carries derivatives; `cycle`: `Points` of one, without; `outcome`: a code
-    of `ORBIT`, unless that is `found`, value and cycle are NaN; `steps` of all motions.
+    `fold` carries derivatives; `cycle`: `CyclePoints` of one, without; `outcome`: a
+    code of `ORBIT`, unless that is `found`, fold and cycle are NaN; `steps` of all
+    motions.
     """
 
-    value: Any
-    cycle: Points
-    steps: Any = eqx.field(metadata=quantity("attempted steps"))
-    outcome: Any = eqx.field(
+    fold: Float[Array, "*lanes"] = eqx.field(
+        metadata=quantity("parameter at the fold of cycles")
+    )
+    cycle: CyclePoints
+    steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
+    outcome: Int[Array, "*lanes"] = eqx.field(
         metadata=quantity("how the search for the fold ended", codes=ORBIT)
     )
-    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
+    settings: Settings = eqx.field(static=True)
 
-    def variables(self) -> dict[str, Variable]:
-        """The numbers as a sweep labels them."""
-        period = self.cycle.period[0]
-        return {
-            "fold": Variable(self.value, "parameter at the fold of cycles"),
-            "period": Variable(period, "period at the fold", TIME),
-            **super().variables(),
-        }
+    DERIVED: ClassVar[Mapping[str, Variable]] = {
+        "period": Variable(None, "period at the fold", TIME)
+    }
+
+    @property
+    def period(self) -> Float[Array, "*lanes"]:
+        """The period at the fold."""
+        return self.cycle.period[0]
 
 
 @plain
 def continue_cycle(
-    make_column: Callable[[Any], Column],
-    guess: State,
-    start: Any,
+    make_column: Callable[[Scalar], Column],
+    orbit: PeriodicOrbit,
+    parameter: Scalar,
     *,
-    direction: int = 1,
-    points: int = 100,
-    specials: int = 4,
-    step: Any = 0.1,
-    bounds: tuple[Any, Any] = (-jnp.inf, jnp.inf),
-    **options: Any,
+    arc: Arc = Arc(),  # noqa: B008, a value
+    max_special_points: int = 4,
+    method: Method = Method(),  # noqa: B008
 ) -> Branch:
     r"""Follow a cycle as a parameter moves, through folds, stable or not.
+
+    ```python
+    orbit = zj.periodic_orbit(make_column(2.0), settled.final)
+    branch = zj.continue_cycle(make_column, orbit, 2.0, arc=zj.Arc(direction=-1))
+    ```
 
     **Arguments:**
 
     - `make_column`: a function of the parameter, e.g. `lambda q: uniform_rods(q, ...)`.
-    - `guess`: a state near the cycle at the parameter `start`; see `periodic_orbit`.
-    - `direction`: 1 or -1, in which the parameter moves at first.
-    - `points`: how many there is room for; `specials`: how many special points.
-    - `step`: the longest step on the arc. The points lie on the branch; between them
-        nothing is known of it. The default can be too coarse where a branch bends
-        fast: one that a joint's sticking bends took a single step from q = 1.912 to
-        1.639, and the line through its points was off by about 0.05 rad. Choose a
-        smaller step near folds, and compare.
-    - `bounds`: around `start`; the branch ends where the parameter leaves them.
-    - `options`: `period`, `section`, `loops`, `patience`, `rtol`, `atol`, `solver`
-        of `periodic_orbit`; `max_steps`, ten million, is the step budget of all
-        motions of the branch together, which ends as `not_integrated` where it is
-        spent.
+    - `orbit`: a cycle at this value of the `parameter`, as `periodic_orbit` finds it;
+        where it found none, the branch ends for the same reason.
+    - `arc`: how to follow it, see `Arc`.
+    - `max_special_points`: how many there is room for.
+    - `method`: an explicit one; its step budget is that of all motions of the branch
+        together, which ends as `not_integrated` where it is spent.
 
     **Returns:** `Branch`, without derivatives.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
-    check_options("continue_cycle", options, Road.__init__)
-    points = whole_number("points", points)
-    specials = whole_number("specials", specials)
-    road = Road(make_column, guess, start, direction, step, bounds, **options)
-    end = fixed(road.follow(points, specials, (True,) * 4, False))
+    specials = whole_number("max_special_points", max_special_points)
+    problem = Continuation("continue_cycle", make_column, orbit, parameter, arc, method)
+    end = fixed(Walk(problem, specials, (True,) * 4, False).follow())
     return Branch(
-        _points(road, end.kept),
-        end.count,
-        _points(road, end.special),
-        end.kind,
-        end.outcome,
-        road.method.max_steps - end.left,
+        points=_points(problem, end.points, jnp.zeros(problem.arc.points, jnp.int8)),
+        special=_points(problem, end.special, end.kind.astype(jnp.int8)),
+        count=end.count,
+        outcome=end.outcome.astype(jnp.int8),
+        steps=cast(Count, problem.method.max_steps) - end.left,
+        settings=_settings(problem),
     )
 
 
 @plain
 def cycle_fold(
-    make_column: Callable[[Any], Column],
-    guess: State,
-    start: Any,
+    make_column: Callable[[Scalar], Column],
+    orbit: PeriodicOrbit,
+    parameter: Scalar,
     *,
-    direction: int = -1,
-    max_points: int = 200,
-    step: Any = 0.1,
-    bounds: tuple[Any, Any] = (-jnp.inf, jnp.inf),
-    **options: Any,
+    arc: Arc = Arc(),  # noqa: B008, a value
+    method: Method = Method(),  # noqa: B008
 ) -> CycleFold:
-    r"""The fold at which the cycle, followed from `start`, meets another and vanishes.
+    r"""The fold at which a cycle, followed as a parameter moves, meets another.
 
-    It is the fold of the branch on which `guess` lies, and of that branch alone. Other
+    It is the fold of the branch on which `orbit` lies, and of that branch alone. Other
     branches may have folds at lower loads, where the column then still flutters after
     some kick: with set-valued friction at tau = 0.1 two branches fold, at q = 1.61206
-    and at 1.57105, and the guess decides which is found.
+    and at 1.57105, and the orbit decides which is found.
 
-    **Arguments:** as `continue_cycle`; `max_points` on the way.
+    **Arguments:** as `continue_cycle`.
 
     **Returns:** `CycleFold`.
 
-    **Derivatives:** of `value`, forward and reverse, first order, in every number that
+    **Derivatives:** of `fold`, forward and reverse, first order, in every number that
     `make_column` was made from: at the fold a row w annuls the Jacobian in z, so that
     $d\lambda = -w \cdot R_p\,dp / (w \cdot R_\lambda)$.
     """
-    check_options("cycle_fold", options, Road.__init__)
-    most = whole_number("max_points", max_points)
-    road = Road(make_column, guess, start, direction, step, bounds, **options)
-    end = fixed(road.follow(1, 1, (True, False, False, False), True, most))
-    z, matrix = end.special.x[0] * road.scale, end.special.matrix[0]
-    found = end.kind[0] == SPECIAL.fold
+    problem = Continuation("cycle_fold", make_column, orbit, parameter, arc, method)
+    end = fixed(Walk(problem, 1, (True, False, False, False), True).follow())
+    z, matrix = end.special.x[0] * problem.scale, end.special.matrix[0]
+    is_fold = end.kind[0] == SPECIAL.fold
     # the row that annuls R_z, with 1 for R_lambda; the tangent there annuls from right
     bordered = jnp.zeros((5, 5), z.dtype).at[:4, :4].set(matrix[:, :4].T)
-    right = end.special.tangent[0, :4] * road.scale[:4]
+    right = end.special.tangent[0, :4] * problem.scale[:4]
     bordered = bordered.at[:4, 4].set(right).at[4, :4].set(matrix[:, 4])
     row = solve(bordered, jnp.eye(5, dtype=z.dtype)[4])[:4]
-    y0 = jnp.concatenate([road.section[None], z[:3]])
+    y0 = start_of(problem.section, z[:4])
     column = make_column(fixed(z[4]))
-    change = attached(1, column, y0, z[3], road.method, _fold_moves, row)[0]
-    mark = jnp.where(found, 1.0, jnp.nan).astype(z.dtype)
-    points = _points(road, end.special)
-    outcome = jnp.where(found, ORBIT.found, end.outcome)
+    change = attached(1, column, y0, z[3], problem.method, _fold_moves, row)[0]
+    mark = jnp.where(is_fold, 1.0, jnp.nan).astype(z.dtype)
+    outcome = jnp.where(is_fold, ORBIT.found, end.outcome)
     return CycleFold(
-        (z[4] + change) * mark,
-        points,
-        road.method.max_steps - end.left,
-        outcome.astype(jnp.int8),
-        recorded(
-            **road.settings,
-            max_points=most,
-            bounds=" to ".join(f"{x:g}" if is_concrete(x) else "?" for x in bounds),
-        ),
+        fold=(z[4] + change) * mark,
+        cycle=_points(problem, end.special, end.kind.astype(jnp.int8)),
+        steps=cast(Count, problem.method.max_steps) - end.left,
+        outcome=outcome.astype(jnp.int8),
+        settings=_settings(problem),
     )
 
 
-def _fold_moves(seen: Flow, row: Any) -> Any:
+def _settings(problem: Continuation) -> Settings:
+    """How a branch was followed, for the record."""
+    arc = problem.arc
+    bounds = " to ".join(f"{x:g}" if is_concrete(x) else "?" for x in arc.bounds)
+    return recorded(
+        **problem.method.settings(),
+        direction=arc.direction,
+        step=arc.step,
+        points=arc.points,
+        bounds=bounds,
+        **problem.section.settings(),
+    )
+
+
+def _fold_moves(flow: Flow, row: Float[Array, "4"]) -> Float[Array, "1 n"]:
     """Derivatives of the fold's parameter in the n others, (1, n)."""
-    return -(row @ seen.moved[:, 4:])[None]
+    return -(row @ flow.moved[:, 4:])[None]
 
 
-def _points(road: Road, kept: Kept) -> Points:
+def _points(
+    problem: Continuation, cycles: BranchPoint, kind: Int[Array, " n"]
+) -> CyclePoints:
     """The points of a branch in their own units."""
-    x = kept.x * road.scale[None]
-    at = jnp.broadcast_to(road.section, x.shape[:1]) + 0 * x[:, 0]
-    return Points(
+    x = cycles.x * problem.scale[None]
+    y = start_of(problem.section, x[:, :4])
+    return CyclePoints(
         parameter=undifferentiated(x[:, 4]),
-        state=_states(at, x),
+        phi=y[:, :2],
+        omega=y[:, 2:],
         period=x[:, 3],
-        amplitude=Extent(kept.extent[:, :2], kept.extent[:, jnp.array([0, 2])]),
-        monodromy=kept.moved,
+        rod_amplitude=cycles.extent[:, :2],
+        joint_amplitude=cycles.extent[:, jnp.array([0, 2])],
+        monodromy=cycles.moved,
+        kind=kind,
+        settings=_settings(problem),
     )
-
-
-def _states(at: Any, x: Any) -> Any:
-    """States on the section, arrays instead of numbers."""
-    state = State()
-    new = ((at, x[:, 0]), (x[:, 1], x[:, 2]))
-    return eqx.tree_at(lambda s: (s.phi, s.omega), state, new)

@@ -1,29 +1,32 @@
 """A load that rises and falls slowly: the bifurcation diagram with its hysteresis."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int, Shaped
 
 from ..context import plain
 from ..model.column import Column, State
 from ..motion.integrate import Run
 from ..motion.observers import AbstractObserver
-from ..motion.scene import check_maker, check_scene, float_state, made, recorded
-from ..motion.sequence import in_turn
+from ..motion.options import Method, Windows, recorded
+from ..motion.scene import Times, check_maker, check_scene, float_state, made
+from ..motion.sequence import run_in_sequence
 from ..motion.settle import settled
-from ..motion.settle_problem import Settling
-from ..numerics.numbers import instance, is_concrete
-from ..results import OUTCOME, AbstractResult, Variable
-from ..solvers import Explicit
+from ..motion.settle_problem import SettleProblem
+from ..motion.windows import SpanState, WindowState
+from ..numerics.numbers import Scalar, Traced4, instance, is_concrete
+from ..results import DIMENSIONS, OUTCOME, AbstractDescribed, Settings, Variable
 
 BRANCHES = ("up", "down")
+TAKEN = ("branch", *DIMENSIONS)  # dimensions of the results
 
 
-class UpDown(AbstractResult):
+class UpDownSweep(AbstractDescribed):
     """What a column settles to at each load on the way up and on the way down.
 
     An attribute for each quantity of `Settled.variables()`, e.g. `joint_amplitude`
@@ -31,57 +34,36 @@ class UpDown(AbstractResult):
     The values are in increasing order on both branches.
     """
 
-    found: dict[str, Any]
-    described: tuple[tuple[str, Variable], ...] = eqx.field(static=True)
+    numbers: dict[str, Shaped[Array, "..."]]
+    quantities: tuple[tuple[str, Variable], ...] = eqx.field(static=True)
     axis: tuple[str, tuple[float, ...]] = eqx.field(static=True)
-    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
+    settings: Settings = eqx.field(static=True)
 
-    def __getattr__(self, name: str) -> Any:
-        """The quantity of that name."""
-        found = self.__dict__.get("found", {})
-        if name in found:
-            return found[name]
-        raise AttributeError(
-            f"`sweep_up_down` did not observe `{name}`: it has {', '.join(found)}."
-        )
-
-    def variables(self) -> dict[str, Variable]:
-        """All numbers with their names, units and dimensions, for `sweep`."""
-        return {n: v._replace(value=self.found[n]) for n, v in self.described}
-
-    def coordinates(self) -> dict[str, Any]:
+    def coordinates(self) -> dict[str, Sequence[object]]:
         """The branches and the values."""
         return {"branch": BRANCHES, self.axis[0]: self.axis[1]}
 
 
-class _Way(NamedTuple):
+class UpDownState(NamedTuple):
     """Where a column is on its way up and down."""
 
-    place: Any  # the number of the motion: 0 to n - 1 up, n to 2n - 1 down
-    y: Any  # the state that it takes along
-    found: Any
+    place: Int[Array, ""]  # the number of the motion: 0 to n - 1 up, n to 2n - 1 down
+    y: Traced4  # the state that it takes along
+    results: dict[str, Shaped[Array, "..."]]
 
 
 @plain
 def sweep_up_down(
-    make_column: Callable[[Any], Column],
-    values: Any,
+    make_column: Callable[[Scalar], Column],
+    values: Times,
     *,
     kick: State,
     start: State | None = None,
     axis: str = "q",
-    transient: Any = 0.0,
-    window: Any = 40.0,
-    max_windows: int = 100,
-    rtol_settle: Any = 2e-4,
-    observers: tuple[AbstractObserver, ...] = (),
-    rtol: Any = 1e-6,
-    atol: Any = 1e-6,
-    solver: Explicit | None = None,
-    escape: Any = np.pi,
-    rate_cut: Any = None,
-    max_steps: int = 1_000_000,
-) -> UpDown:
+    windows: Windows = Windows(),  # noqa: B008, a value
+    observers: Sequence[AbstractObserver] = (),
+    method: Method = Method(),  # noqa: B008
+) -> UpDownSweep:
     r"""Raise the load step by step and lower it again, the last state carried on.
 
     At each value the motion goes on from where the last one ended, plus `kick`, until
@@ -110,12 +92,17 @@ def sweep_up_down(
     - `start`: the first state, and the one after a motion that failed (`escaped` and
         the like); None is the upright column.
     - `axis`: what the values are called in a sweep's dataset.
-    - the others as in `settle`.
+    - `windows`, `observers`, `method`: of each motion, as in `settle`.
 
-    **Returns:** `UpDown`.
+    **Returns:** `UpDownSweep`.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
+    if not isinstance(axis, str) or not axis.isidentifier() or axis in TAKEN:
+        raise ValueError(
+            "Argument `axis` must be a name unlike those of the results' dimensions, "
+            f"but is {axis!r}."
+        )
     values = _increasing(values)
     start = State() if start is None else start
     check_maker(make_column)
@@ -125,37 +112,36 @@ def sweep_up_down(
     n, dtype = values.size, jnp.result_type(float)
     way = np.stack([np.arange(n), 2 * n - 1 - np.arange(n)]).astype(np.int32)
 
-    def motion(now: _Way) -> Settling:
+    def motion(now: UpDownState) -> SettleProblem:
         here = jnp.where(way == now.place, jnp.asarray(values, dtype)[None, :], 0.0)
         y = [a + b for a, b in zip(now.y, shove, strict=True)]
-        return Settling(
+        return SettleProblem(
             make_column(jnp.sum(here)),
             State(y[:2], y[2:]),
-            transient=transient,
-            window=window,
-            max_windows=max_windows,
-            rtol_settle=rtol_settle,
-            observers=observers,
-            rtol=rtol,
-            atol=atol,
-            solver=solver,
-            escape=escape,
-            rate_cut=rate_cut,
-            max_steps=max_steps,
+            "sweep_up_down",
+            windows,
+            observers,
+            method,
         )
 
-    def heard(now: _Way, motion: Settling, run: Run) -> _Way:
+    def update(
+        now: UpDownState, motion: SettleProblem, run: Run[SpanState[WindowState]]
+    ) -> UpDownState:
         failed = run.outcome < OUTCOME.unsettled
         y = tuple(jnp.where(failed, a, b) for a, b in zip(y0, run.y, strict=True))
 
-        def kept(new: Any, old: Any) -> Any:
+        def put(
+            new: Shaped[Array, "*dims"], old: Shaped[Array, "2 n *dims"]
+        ) -> Shaped[Array, "2 n *dims"]:
             here = (way == now.place).reshape((2, n) + (1,) * jnp.ndim(new))
             return jnp.where(here, jnp.asarray(new)[None, None], old)
 
         new = {name: v.value for name, v in settled(motion, run).variables().items()}
-        return _Way(now.place + 1, y, jax.tree.map(kept, new, now.found))
+        return UpDownState(
+            now.place + 1, cast(Traced4, y), jax.tree.map(put, new, now.results)
+        )
 
-    first = _Way(jnp.zeros((), jnp.int32), y0, {})
+    first = UpDownState(jnp.zeros((), jnp.int32), y0, {})
     described: dict[str, Variable] = {}  # what crosses no trace
 
     def quantities():
@@ -166,12 +152,12 @@ def sweep_up_down(
 
     shapes = jax.eval_shape(quantities)
     empty = {k: jnp.zeros((2, n, *s.shape), s.dtype) for k, s in shapes.items()}
-    end, _ = in_turn(
-        motion, heard, lambda now: now.place < 2 * n, first._replace(found=empty)
+    end, _ = run_in_sequence(
+        motion, update, lambda now: now.place < 2 * n, first._replace(results=empty)
     )
-    return UpDown(
-        found=end.found,
-        described=tuple(
+    return UpDownSweep(
+        numbers=end.results,
+        quantities=tuple(
             (name, variable._replace(dims=("branch", axis, *variable.dims)))
             for name, variable in described.items()
         ),
@@ -180,7 +166,7 @@ def sweep_up_down(
     )
 
 
-def _increasing(values: Any) -> np.ndarray:
+def _increasing(values: Times) -> np.ndarray:
     known = is_concrete(values) and np.ndim(values) == 1 and np.size(values) > 1
     known = np.asarray(values, dtype=float) if known else np.zeros(2)
     if not (np.all(np.isfinite(known)) and np.all(np.diff(known) > 0)):

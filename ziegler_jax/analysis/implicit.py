@@ -5,24 +5,31 @@ that carries the derivative in the scene's numbers.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar, TypeVarTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float
 
 from ..model.column import Column
+from ..motion.variational import Make, Parameters
 from ..numerics.numbers import is_concrete
 
+Numbers = Float[Array, "..."]
+Still = TypeVarTuple("Still")  # what a slope is asked with, not differentiated
+Tree = TypeVar("Tree")  # a pytree of numbers, concrete ones among them
 
-def moving(column: Column, dtype: Any) -> tuple[Any, Callable[[Any], Column]]:
+
+def moving(column: Column, dtype: DTypeLike) -> tuple[Parameters, Make]:
     """The column's traced numbers as a vector (n,), and the column of such a vector."""
     # not `eqx.is_array`: concrete numbers are NumPy's, and have no derivative
     traced, known = eqx.partition(column, lambda x: not is_concrete(x))
     leaves, tree = jax.tree.flatten(traced)
     n = len(leaves)
 
-    def make(p: Any) -> Column:
+    def make(p: Parameters) -> Column:
         parts = [p[i] for i in range(n)]
         return eqx.combine(jax.tree.unflatten(tree, parts), known)
 
@@ -30,7 +37,12 @@ def moving(column: Column, dtype: Any) -> tuple[Any, Callable[[Any], Column]]:
     return (jnp.stack(numbers) if n else jnp.zeros(0, dtype)), make
 
 
-def implicit(shape: tuple, slope: Callable, p: Any, *still: Any) -> Any:
+def implicit(
+    shape: tuple[int, ...],
+    slope: Callable[[Parameters, *Still], Float[Array, "*shape n"]],
+    p: Parameters,
+    *still: *Still,
+) -> Float[Array, "*shape"]:
     """Zeros that carry the derivative `slope(p, *still)`, (*shape, n), in p (n,)."""
 
     @jax.custom_jvp
@@ -39,17 +51,17 @@ def implicit(shape: tuple, slope: Callable, p: Any, *still: Any) -> Any:
         return jnp.zeros(shape, p.dtype)
 
     @zeros.defjvp
-    def rule(primals, tangents):
+    def rule(primals: tuple[Parameters, *Still], tangents):
         return zeros(*primals), first_order(slope(*primals)) @ tangents[0]
 
     return zeros(p, *fixed(still))
 
 
-def _refusing(sentence: str) -> Callable[[Any], Any]:
+def _refusing(sentence: str) -> Callable[[Numbers], Numbers]:
     """The same numbers; a derivative of them is refused."""
 
     @jax.custom_jvp
-    def same(x: Any) -> Any:
+    def same(x: Numbers) -> Numbers:
         return x
 
     @same.defjvp
@@ -70,7 +82,7 @@ undifferentiated = _refusing(
 )
 
 
-def fixed(tree: Any) -> Any:
+def fixed(tree: Tree) -> Tree:
     """The same numbers without derivatives; concrete ones stay concrete."""
     return jax.tree.map(
         lambda x: jax.lax.stop_gradient(x) if isinstance(x, jax.Array) else x, tree

@@ -8,23 +8,35 @@ exponentially: chaos. A motion that does not come to rest has one that is zero, 
 itself; their sum is the mean divergence of the flow.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, TypedDict, cast
 
+import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
+from jaxtyping import Array, Float, Int
 
 from ..model.column import Column, State
-from ..motion.integrate import Method
 from ..motion.not_finite import motion
-from ..motion.scene import check_scene, ending, nan_where, recorded
-from ..motion.tangents import AbstractGrowth, Growing, in_logs, unit_tangents
-from ..motion.windows import AbstractSpans, explicit_steps, follow_spans
-from ..numerics.numbers import Scalar, Vector4, number, whole_number
-from ..results import OUTCOME, RATE, AbstractMotionResult, Variable
+from ..motion.options import Method, Spans, recorded, spans_for
+from ..motion.scene import check_scene, ending, explicit_method, nan_where
+from ..motion.tangents import AbstractGrowth, TangentFrame, in_logs, unit_tangents
+from ..motion.windows import AbstractSpans, SpanState, follow_spans
+from ..numerics.numbers import (
+    Flag,
+    Option,
+    Scalar,
+    Traced,
+    Traced4,
+    whole_number,
+)
+from ..results import OUTCOME, RATE, AbstractMotionResult, Settings, Variable
 from ..solvers import Explicit
 
+EXPONENTS = Variable(None, "Lyapunov exponent", RATE, ("exponent",))
+ERRORS = Variable(None, "standard error of the exponent", RATE, ("exponent",))
 
-class Exponents(AbstractMotionResult):
+
+class Exponents(AbstractMotionResult[State]):
     """Lyapunov exponents of one lane, with standard errors.
 
     `exponents`, `errors`: shape (count,), from the largest on; in the order of
@@ -32,25 +44,14 @@ class Exponents(AbstractMotionResult):
     infinity, without error, is a dimension that was lost where a joint sticks.
     """
 
-    exponents: Any
-    errors: Any
+    exponents: Float[Array, "*lanes exponent"] = eqx.field(
+        metadata={"quantity": EXPONENTS}
+    )
+    errors: Float[Array, "*lanes exponent"] = eqx.field(metadata={"quantity": ERRORS})
 
-    def variables(self) -> dict[str, Variable]:
-        """`exponent_1`, `exponent_1_error`, ..., for `sweep`."""
-        return exponent_variables(self) | super().variables()
-
-
-def exponent_variables(result: Any) -> dict[str, Variable]:
-    """The exponents of a result."""
-    named: dict[str, Variable] = {}
-    for i in range(result.exponents.shape[-1]):
-        name = f"exponent_{i + 1}"
-        meaning = f"Lyapunov exponent {i + 1}"
-        named[name] = Variable(result.exponents[..., i], meaning, RATE)
-        named[f"{name}_error"] = Variable(
-            result.errors[..., i], f"standard error of {meaning}", RATE
-        )
-    return named
+    def coordinates(self) -> dict[str, Sequence[object]]:
+        """Their numbers, from 1."""
+        return {"exponent": tuple(range(1, self.exponents.shape[-1] + 1))}
 
 
 @motion
@@ -59,39 +60,31 @@ def lyapunov_exponents(
     start: State,
     *,
     count: int = 4,
-    transient: Any = 200.0,
-    block: Any = 50.0,
-    blocks: int = 20,
-    rtol: Any = 1e-8,
-    atol: Any = 1e-8,
-    solver: Explicit | None = None,
-    escape: Any = np.pi,
-    max_steps: int = 10_000_000,
+    spans: Spans = Spans(),  # noqa: B008, a value
+    method: Method = Method(),  # noqa: B008
 ) -> Exponents:
     r"""The first `count` Lyapunov exponents of the motion from `start`.
 
     The tangents are those of the computed motion (see `tangents`), orthonormal after
     every step, and pass through stick and slip by saltation. After the transient, in
-    which they turn into their directions, `blocks` mean growth rates $r_b$ are taken,
-    each over a time `block`:
+    which they turn into their directions, mean growth rates $r_b$ are taken, each over
+    one of B spans:
 
     $$\lambda = \bar r, \qquad
     \mathrm{error} = \sqrt{\frac{\sum_b (r_b - \bar r)^2}{B(B-1)}}.$$
 
-    The error is that of blocks that know little of each other: `block` should be many
-    periods, and longer than the motion remembers. It does not see what the ends of the
-    whole time T contribute, of order $1/T$, nor that an exponent which is zero because
-    growth is not exponential is still of the size $\ln T / T$.
+    The error is that of spans that know little of each other: their `length` should be
+    many periods, and longer than the motion remembers. It does not see what the ends of
+    the whole time T contribute, of order $1/T$, nor that an exponent which is zero
+    because growth is not exponential is still of the size $\ln T / T$.
 
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 
     - `column`, `start`: the scene.
     - `count`: how many exponents, 1 to 4. Each costs.
-    - `transient`, `block`, `blocks`: as above.
-    - `rtol`, `atol`: tolerances of the motion's steps, which the tangents share.
-    - `solver`: `Explicit(tableau)`; None is Tsit5.
-    - `escape`: a rod's angle beyond which the lane ends as `escaped`.
-    - `max_steps`: the step budget.
+    - `spans`: as above, see `Spans`.
+    - `method`: an explicit one; its tolerances are those of the motion's steps, which
+        the tangents share.
 
     **Returns:** `Exponents`, in $\sqrt{k/(m l^2)}$; `outcome` is `complete`, or a
     failure with NaN.
@@ -103,51 +96,51 @@ def lyapunov_exponents(
     count = whole_number("count", count)
     if count > 4:
         raise ValueError(f"Argument `count` must be at most 4, but is {count}.")
-    method = explicit_steps(solver, rtol, atol, max_steps)
-    fold = GrowthRates(
-        count=count, **growth_options(method, transient, block, blocks, escape)
-    )
+    method = explicit_method("lyapunov_exponents", method)
+    spans = spans_for("lyapunov_exponents", spans)
+    fold = GrowthRates(count=count, **growth_options(method, spans))
     run = follow_spans(column, start, fold, method)
     failed = run.outcome < OUTCOME.unsettled
     growth, n = run.folded.watch, run.folded.spans
     return Exponents(
         exponents=nan_where(failed, jnp.stack(growth.mean)),
         errors=nan_where(failed, jnp.stack(standard_errors(growth, n))),
-        settings=growth_settings(fold, method),
+        settings=growth_settings(method, spans),
         **ending(run),
     )
 
 
-def growth_options(
-    method: Method, transient: Any, block: Any, blocks: Any, escape: Any
-) -> dict[str, Any]:
-    """What folds over blocks of growth have in common, validated."""
-    blocks = whole_number("blocks", blocks)
-    if blocks < 2:
-        raise ValueError(
-            f"Argument `blocks` must be at least 2, for an error, but is {blocks}."
-        )
+class GrowthOptions(TypedDict):
+    """What folds over spans of growth have in common."""
+
+    solver: Explicit
+    rtol: Scalar
+    transient: Scalar
+    span: Scalar
+    most: int
+    escape: Scalar
+
+
+def growth_options(method: Method, spans: Spans) -> GrowthOptions:
+    """What folds over spans of growth have in common."""
     return {
-        "solver": method.solver,
-        "rtol": method.rtol,
-        "transient": number("transient", transient, "nonnegative"),
-        "span": number("block", block, "positive"),
-        "most": blocks,
-        "escape": number("escape", escape, "positive"),
+        "solver": cast(Explicit, method.solver),
+        "rtol": cast(Scalar, method.rtol),
+        "transient": cast(Scalar, spans.transient),
+        "span": cast(Scalar, spans.length),
+        "most": cast(int, spans.count),
+        "escape": cast(Scalar, spans.escape),
     }
 
 
-def growth_settings(fold: AbstractSpans, method: Method, **more: Any) -> Any:
+def growth_settings(method: Method, spans: Spans, **more: Option) -> Settings:
     """Their options, for the record."""
     return recorded(
-        solver=method.solver.name,
-        rtol=method.rtol,
-        atol=method.atol,
-        transient=fold.transient,
-        block=fold.span,
-        blocks=fold.most,
-        escape=fold.escape,
-        max_steps=method.max_steps,
+        **method.settings(),
+        transient=spans.transient,
+        span_length=spans.length,
+        span_count=spans.count,
+        escape=spans.escape,
         **more,
     )
 
@@ -155,20 +148,20 @@ def growth_settings(fold: AbstractSpans, method: Method, **more: Any) -> Any:
 class Growth(NamedTuple):
     """Tangents, and the rates at which they grow, from block to block."""
 
-    tangents: Growing
-    mean: tuple[Scalar, ...]  # of the blocks so far
-    squares: tuple[Scalar, ...]  # of the deviations from it, their sums
+    tangents: TangentFrame
+    mean: tuple[Traced, ...]  # of the blocks so far
+    squares: tuple[Traced, ...]  # of the deviations from it, their sums
 
 
-def no_growth(column: Column, y: Vector4, count: int) -> Growth:
+def no_growth(column: Column, y: Traced4, count: int) -> Growth:
     """Unit tangents that have not grown."""
     zero = (0.0 * y[0],) * count
     return Growth(unit_tangents(column, y, count), zero, zero)
 
 
 def with_block(
-    growth: Growth, blocks: Scalar, block: Scalar, ended: Any
-) -> tuple[Growth, tuple[Scalar, ...]]:
+    growth: Growth, blocks: Int[Array, ""], block: Scalar, ended: Flag
+) -> tuple[Growth, tuple[Traced, ...]]:
     """One block more where it has ended (Welford's update); the transient's is lost.
 
     **Arguments:** `blocks`: how many there are with it; `block`: its length.
@@ -194,7 +187,7 @@ def with_block(
     return growth, added
 
 
-def standard_errors(growth: Growth, blocks: Scalar) -> tuple[Scalar, ...]:
+def standard_errors(growth: Growth, blocks: Int[Array, ""]) -> tuple[Traced, ...]:
     """Those of the means; none (NaN) of fewer than two blocks, 0 of infinity."""
     n = blocks.astype(growth.mean[0].dtype)
     pairs = jnp.where(n > 1, n * (n - 1), jnp.nan)
@@ -204,7 +197,7 @@ def standard_errors(growth: Growth, blocks: Scalar) -> tuple[Scalar, ...]:
     )
 
 
-class GrowthRates(AbstractSpans, AbstractGrowth):
+class GrowthRates(AbstractSpans[Growth], AbstractGrowth[SpanState[Growth]]):
     """A transient, then blocks of growth."""
 
     solver: Explicit
@@ -222,7 +215,7 @@ class GrowthRates(AbstractSpans, AbstractGrowth):
 
     def watch(self, column, state, step):
         """Let the tangents grow."""
-        tangents, longest = self.grow(column, state, step)
+        tangents, longest = self.advance_frame(column, state, step)
         return state.watch._replace(tangents=tangents), False, longest
 
     def judge(self, column, state, step, ended):

@@ -13,92 +13,107 @@ first changes. A motion's verdict is
   joints stick at once, for then they stick for ever. Under a smoothed law both joints
   stay below the cut for two windows and do not speed up.
 - *moves*: it settled on a cycle, or a rod turned over (`escape`). Settled means that
-  windows agree to `rtol_settle` and draw nearer. Where motions part from an unstable
+  windows agree to `agreement` and draw nearer. Where motions part from an unstable
   cycle by a factor $e^{\lambda w}$ a window, one that came within
-  `rtol_settle` $/ (\lambda w)$ of its amplitude can still pass for settled.
+  `agreement` $/ (\lambda w)$ of its amplitude can still pass for settled.
 - none: it neither rested nor settled within its budget, or failed.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from ..context import plain
 from ..model.column import Column, State
 from ..motion.integrate import Run
-from ..motion.scene import (
-    check_maker,
-    check_scene,
-    explicit_method,
-    has_series,
-    made,
-    recorded,
-)
-from ..motion.sequence import in_turn
-from ..motion.settle_problem import Settling
-from ..numerics.numbers import check_options, instance, is_concrete, pair, whole_number
-from ..results import ONSET, OUTCOME, AbstractResult, Variable, quantity
-from ..solvers import Explicit
+from ..motion.options import Method, Windows, recorded
+from ..motion.scene import check_maker, check_scene, explicit_method, has_series, made
+from ..motion.sequence import run_in_sequence
+from ..motion.settle_problem import SettleProblem
+from ..motion.windows import SpanState, WindowState
+from ..numerics.numbers import Scalar, Two, instance, is_concrete, pair, whole_number
+from ..results import ONSET, OUTCOME, AbstractResult, Settings, Variable, quantity
 from .implicit import fixed
 from .threshold import carried
 
 RESTS, MOVES, NONE = -1.0, 1.0, 0.0
-# the options of each motion
-SETTLE = {
-    "window": 40.0,
-    "max_windows": 200,
-    "rtol_settle": 5e-5,
-    "rtol": 1e-6,
-    "atol": 1e-6,
-    "solver": None,
-    "escape": np.pi,
-    "rate_cut": None,
-    "max_steps": 1_000_000,
-}
-OPTIONS = ("scan", "halvings", *SETTLE)
+
+
+class Search(eqx.Module):
+    """How a threshold is searched for in its bracket.
+
+    **Arguments:** `scan`: in how many intervals the bracket is scanned first; a pair of
+    changes within one goes unnoticed; `halvings`: how often the first interval with a
+    change is halved.
+
+    **Raises:** `ValueError` for what is no whole number of at least 1.
+    """
+
+    scan: int = eqx.field(static=True)
+    halvings: int = eqx.field(static=True)
+
+    def __init__(self, scan: int = 8, halvings: int = 10):
+        """Check and keep them."""
+        self.scan = whole_number("scan", scan)
+        self.halvings = whole_number("halvings", halvings)
 
 
 class Onset(AbstractResult):
     """Where the verdict first changes along the bracket.
 
-    `width` is that of the last interval and no bound on the error of `value`. A motion
-    that lingers beside the unstable cycle can be misjudged there: its windows agree to
-    within `rtol_settle` while it is still on its way to rest. At q = 1.5 (`SetValued-
-    Coulomb(0.01, pin_radius=1, load=ConstantLoad(1))`, `rtol_settle` 5e-5) the answer
-    is 21.27756 with a width of 0.00125, and kicks up to 21.281 still come to rest,
-    after up to 1448 time units. A finer `rtol_settle` with more windows tells.
+    `width` is that of the last interval and no bound on the error of `threshold`. A
+    motion that lingers beside the unstable cycle can be misjudged there: its windows
+    agree to within `agreement` while it is still on its way to rest. At q = 1.5
+    (`SetValuedCoulomb(0.01, pin_radius=1, load=ConstantLoad(1))`, `agreement` 5e-5) the
+    answer is 21.27756 with a width of 0.00125, and kicks up to 21.281 still come to
+    rest, after up to 1448 time units. A finer `agreement` with more windows tells.
     """
 
-    value: Any  # the middle of the last interval; NaN where none was found
-    width: Any = eqx.field(metadata=quantity("width of the last interval"))
-    rises: Any = eqx.field(
+    threshold: Float[
+        Array, "*lanes"
+    ]  # the middle of the last interval; NaN where none was found
+    width: Float[Array, "*lanes"] = eqx.field(
+        metadata=quantity("width of the last interval")
+    )
+    rises: Float[Array, "*lanes"] = eqx.field(
         metadata=quantity("1: rest below, motion above; -1: reversed")
     )
-    changes: Any = eqx.field(  # more than 1: repeated
+    changes: Int[Array, "*lanes"] = eqx.field(  # more than 1: repeated
         metadata=quantity("changes of the verdict along the scan")
     )
-    undecided: Any = eqx.field(metadata=quantity("motions without a verdict"))
-    obstacle: Any = eqx.field(
+    undecided: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("motions without a verdict")
+    )
+    obstacle: Int[Array, "*lanes"] = eqx.field(
         metadata=quantity("how the first undecided motion ended", codes=OUTCOME)
     )
-    steps: Any = eqx.field(metadata=quantity("attempted steps"))  # of all motions
-    outcome: Any = eqx.field(metadata=quantity("how the search ended", codes=ONSET))
-    name: str = eqx.field(static=True)
-    long_name: str = eqx.field(static=True)
-    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
+    steps: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("attempted steps")
+    )  # of all motions
+    outcome: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("how the search ended", codes=ONSET)
+    )
+    long_name: str = eqx.field(static=True)  # of the threshold
+    settings: Settings = eqx.field(static=True)
 
     def variables(self) -> dict[str, Variable]:
-        """All numbers with their names, for `sweep`."""
-        value = Variable(self.value, self.long_name)
-        return {self.name: value, **super().variables()}
+        """All numbers with their names, units and dimensions."""
+        threshold = Variable(self.threshold, self.long_name)
+        return {"threshold": threshold, **super().variables()}
 
 
 @plain
 def critical_kick(
-    column: Column, direction: State, bracket: Any, **options: Any
+    column: Column,
+    direction: State,
+    bracket: Two,
+    *,
+    search: Search = Search(),  # noqa: B008, a value
+    windows: Windows = Windows(),  # noqa: B008
+    method: Method = Method(),  # noqa: B008
 ) -> Onset:
     r"""The smallest kick along a direction after which the column does not stick.
 
@@ -117,29 +132,35 @@ def critical_kick(
     - `column`: the scene.
     - `direction`: a state; the kick is its multiple, in its units.
     - `bracket`: the least and the largest multiple.
-    - `options`: of the search, as `flutter_onset` has them.
+    - `search`, `windows`, `method`: as `flutter_onset`.
 
-    **Returns:** `Onset`; its `value` has derivatives, see `flutter_onset`. Its `width`
-    is no bound on the error, see `Onset`.
+    **Returns:** `Onset`; its `threshold` has derivatives, see `flutter_onset`. Its
+    `width` is no bound on the error, see `Onset`.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
-    check_options("critical_kick", options, OPTIONS)
     instance("direction", direction, State)
     if all(is_concrete(x) and x == 0 for x in direction.y):
         raise ValueError("Argument `direction` must not be zero, but is.")
 
-    def scene(s: Any) -> tuple[Column, State]:
+    def scene(s: Scalar) -> tuple[Column, State]:
         scaled = [s * x for x in direction.y]
         return column, State(scaled[:2], scaled[2:])
 
     meaning = "critical kick, as a multiple of its direction"
-    return _search(scene, bracket, "critical_kick", meaning, **options)
+    problem = _Problem(scene, "critical_kick", search, windows, method)
+    return _search(problem, bracket, meaning)
 
 
 @plain
 def flutter_onset(
-    make_column: Callable[[Any], Column], start: State, bracket: Any, **options: Any
+    make_column: Callable[[Scalar], Column],
+    start: State,
+    bracket: Two,
+    *,
+    search: Search = Search(),  # noqa: B008, a value
+    windows: Windows = Windows(),  # noqa: B008
+    method: Method = Method(),  # noqa: B008
 ) -> Onset:
     r"""The load, or another number of the column, from which a start no longer rests.
 
@@ -149,20 +170,16 @@ def flutter_onset(
         friction=law)`.
     - `start`: the same for every column.
     - `bracket`: the least and the largest number. Either end may be the resting one.
-    - `scan`: how many intervals the bracket is scanned in before it is halved. A pair
-        of changes within one interval goes unnoticed.
-    - `halvings`: how often the first interval with a change is halved.
-    - `window`, `max_windows`, `rtol_settle`, `rtol`, `atol`, `solver`, `escape`,
-        `rate_cut`, `max_steps`: of each motion, as in `settle`, with the stricter rules
-        of this module; with set-valued friction a `solver` of None is Tsit5.
+    - `search`: see `Search`.
+    - `windows`: of each motion, as in `settle`, with the stricter rules of this module.
+    - `method`: of each motion; an explicit one with set-valued friction.
 
-    **Returns:** `Onset`: `value`, `width` (of the last interval: no bound on the error,
-    see there), `outcome` and more. A motion without a
-    verdict inside the halved interval ends the search there, as `undecided`: its
-    width is then what is known.
+    **Returns:** `Onset`: `threshold`, `width` (of the last interval: no bound on the
+    error, see there), `outcome` and more. A motion without a verdict inside the halved
+    interval ends the search there, as `undecided`: its width is then what is known.
 
-    **Derivatives:** of `value`, forward and reverse, first order, in every number of
-    the column and the start (or direction); not in the bracket and the options, on
+    **Derivatives:** of `threshold`, forward and reverse, first order, in every number
+    of the column and the start (or direction); not in the bracket and the options, on
     which a threshold does not depend. They come from the tangents of the motion on the
     threshold (see `threshold`) and are as good as that is near: relative to the value,
     about its `width`, or the steps' error if that is larger. They are NaN unless the
@@ -172,71 +189,77 @@ def flutter_onset(
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
-    check_options("flutter_onset", options, OPTIONS)
     check_maker(make_column)
 
-    def scene(x: Any) -> tuple[Column, State]:
+    def scene(x: Scalar) -> tuple[Column, State]:
         return made(make_column, x), start
 
     meaning = "onset: the parameter at which the verdict first changes"
-    return _search(scene, bracket, "flutter_onset", meaning, **options)
+    problem = _Problem(scene, "flutter_onset", search, windows, method)
+    return _search(problem, bracket, meaning)
+
+
+class _Problem(NamedTuple):
+    """What is searched for, and how."""
+
+    scene: Callable[[Scalar], tuple[Column, State]]
+    question: str
+    search: Search
+    windows: Windows
+    method: Method
+
+    def motion(self, x: Scalar) -> SettleProblem:
+        """The motion at a place of the bracket."""
+        column, start = fixed(self.scene(x))
+        check_scene(column, start)
+        windows, method = fixed((self.windows, self.method))
+        if has_series(column):
+            # the derivative is carried along the steps of the same method
+            method = explicit_method(self.question, method)
+        return SettleProblem(
+            column, start, self.question, windows, (), method, strict=True
+        )
 
 
 class _Search(NamedTuple):
     """What the motions so far have told."""
 
-    x: Any  # where the next motion starts
-    tried: Any  # how many motions there were
-    verdict: Any  # the last one, and where
-    place: Any
-    low: Any  # the interval of the first change; the verdict at its lower end
-    high: Any
-    below: Any
-    changes: Any
-    undecided: Any
-    obstacle: Any
-    over: Any
+    x: Float[Array, ""]  # where the next motion starts
+    tried: Int[Array, ""]  # how many motions there were
+    verdict: Float[Array, ""]  # the last one, and where
+    place: Float[Array, ""]
+    low: Float[
+        Array, ""
+    ]  # the interval of the first change; the verdict at its lower end
+    high: Float[Array, ""]
+    below: Float[Array, ""]
+    changes: Int[Array, ""]
+    undecided: Int[Array, ""]
+    obstacle: Int[Array, ""]
+    over: Bool[Array, ""]
 
 
-def _search(
-    scene: Callable[[Any], tuple[Column, State]],
-    bracket: Any,
-    name: str,
-    long_name: str,
-    *,
-    scan: int = 8,
-    halvings: int = 10,
-    **options: Any,
-) -> Onset:
+def _search(problem: _Problem, bracket: Two, long_name: str) -> Onset:
+    instance("search", problem.search, Search)
+    instance("windows", problem.windows, Windows)
+    instance("method", problem.method, Method)
     least, largest = fixed(pair("bracket", bracket))
     if is_concrete(least) and is_concrete(largest) and not least < largest:
         raise ValueError(
             f"Argument `bracket` must increase, but is ({least:g}, {largest:g})."
         )
-    scan, halvings = whole_number("scan", scan), whole_number("halvings", halvings)
-    settle = fixed({**SETTLE, **options})
+    scan, halvings = problem.search.scan, problem.search.halvings
     dtype = jnp.result_type(float)
     least, largest = jnp.asarray(least, dtype), jnp.asarray(largest, dtype)
 
-    def motion(search: _Search) -> Settling:
-        column, start = fixed(scene(search.x))
-        check_scene(column, start)
-        # the derivative is carried along the steps of the same method
-        series = has_series(column)
-        solver = settle["solver"]
-        solver = explicit_method(solver, Explicit()) if series else solver
-        return Settling(
-            column,
-            start,
-            **{**settle, "solver": solver},
-            transient=np.float64(0),
-            observers=(),
-            strict=True,
-        )
+    def motion(search: _Search) -> SettleProblem:
+        return problem.motion(search.x)
 
-    def heard(search: _Search, motion: Settling, run: Run) -> _Search:
+    def update(
+        search: _Search, motion: SettleProblem, run: Run[SpanState[WindowState]]
+    ) -> _Search:
         del motion
-        return _heard(search, run.outcome, least, largest, scan, halvings)
+        return _updated(search, run.outcome, least, largest, problem.search)
 
     zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
     nan = zero + jnp.nan
@@ -253,46 +276,50 @@ def _search(
         obstacle=none,
         over=~(jnp.isfinite(largest - least) & (least < largest)),
     )
-    search, steps = in_turn(motion, heard, lambda search: ~search.over, first)
-    found = search.changes > 0
-    value = jnp.where(found, (search.low + search.high) / 2, jnp.nan)
-    width = jnp.where(found, search.high - search.low, jnp.nan)
+    search, steps = run_in_sequence(motion, update, lambda search: ~search.over, first)
+    exists = search.changes > 0
+    value = jnp.where(exists, (search.low + search.high) / 2, jnp.nan)
+    width = jnp.where(exists, search.high - search.low, jnp.nan)
     outcome = _outcome(search, scan, halvings)
     last = motion(first)
     change = carried(
-        scene,
-        jnp.where(found, value, least),
+        problem.scene,
+        jnp.where(exists, value, least),
         width,
         search.over & (outcome == ONSET.found),
         last.watch.span,
         last.end,
-        last.method._replace(max_steps=settle["max_steps"]),
+        last.method,
     )
     return Onset(
-        value=value + change,
+        threshold=value + change,
         width=width,
-        rises=jnp.where(found, -search.below, jnp.nan),
+        rises=jnp.where(exists, -search.below, jnp.nan),
         changes=search.changes,
         undecided=search.undecided,
         obstacle=search.obstacle.astype(jnp.int8),
         steps=steps,
         outcome=outcome,
-        name=name,
         long_name=long_name,
         settings=recorded(**last.settings(), scan=scan, halvings=halvings),
     )
 
 
-def _verdict(outcome: Any) -> Any:
+def _verdict(outcome: Int[Array, ""]) -> Float[Array, ""]:
     rests = (outcome == OUTCOME.stuck) | (outcome == OUTCOME.rest)
     moves = (outcome == OUTCOME.cycle) | (outcome == OUTCOME.escaped)
     return jnp.where(rests, RESTS, jnp.where(moves, MOVES, NONE))
 
 
-def _heard(
-    search: _Search, outcome: Any, least: Any, largest: Any, scan: int, halvings: int
+def _updated(
+    search: _Search,
+    outcome: Int[Array, ""],
+    least: Float[Array, ""],
+    largest: Float[Array, ""],
+    how: Search,
 ) -> _Search:
     """The search after one more motion: along the scan, then by halves."""
+    scan, halvings = how.scan, how.halvings
     verdict = _verdict(outcome)
     decided, scanning = verdict != NONE, search.tried <= scan
     change = scanning & decided & (search.verdict * verdict < 0)
@@ -325,7 +352,7 @@ def _heard(
     )
 
 
-def _outcome(search: _Search, scan: int, halvings: int) -> Any:
+def _outcome(search: _Search, scan: int, halvings: int) -> Int[Array, ""]:
     outcome = jnp.where(search.changes > 1, ONSET.repeated, ONSET.found)
     short = search.tried <= scan + halvings
     outcome = jnp.where(short, ONSET.undecided, outcome)

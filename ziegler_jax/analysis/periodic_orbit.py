@@ -1,6 +1,6 @@
 r"""Periodic orbits: shooting, Floquet multipliers, derivatives.
 
-A cycle starts on the section $\phi_1 = s$ and closes after its period T:
+A cycle starts on a section, $\phi_1 = s$ say, and closes after its period T:
 
 $$R(z, p) = y(T; y_0, p) - y_0 = 0, \qquad z = (\phi_2, \omega_1, \omega_2, T).$$
 
@@ -12,27 +12,33 @@ friction is no jump, their product is $\exp \int_0^T \mathrm{div} f\,dt$. A join
 sticks makes one zero.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from functools import partial
+from typing import ClassVar, NamedTuple, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..context import plain
 from ..model.column import Column, State
-from ..motion.integrate import Method
-from ..motion.observers import TIME, Amplitude, Extent
-from ..motion.scene import (
-    check_scene,
-    explicit_method,
-    float_state,
-    recorded,
-    tolerances,
-    valid_scene,
-)
+from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
+from ..motion.options import Method, recorded
+from ..motion.scene import check_scene, explicit_method, float_state, valid_scene
+from ..motion.section import SectionPlane
 from ..motion.variational import Flow
-from ..numerics.numbers import keeps, number, whole_number
-from ..results import ORBIT, Variable
+from ..numerics.numbers import (
+    Count,
+    Option,
+    Scalar,
+    Traced4,
+    instance,
+    keeps,
+    number,
+    whole_number,
+)
+from ..results import ORBIT, TIME, AbstractResult, Settings, Variable, quantity
 from ..runtime import own_flags
 from ..solvers import Explicit
 from .implicit import fixed, undifferentiated
@@ -52,28 +58,48 @@ from .shooting import (
 AT_REST = 1e-8  # a motion that starts no faster is none
 
 
-class PeriodicOrbit(eqx.Module):
+class PeriodicOrbit(AbstractResult):
     r"""A periodic orbit, or the reason why there is none.
 
-    `state`: on the section; `period`; `amplitude.rod`, `amplitude.joint` (2,): the
+    `state`: where it passes the section; `rod_amplitude`, `joint_amplitude` (2,): the
     largest angles; `monodromy` (4, 4); `residual`: by how much the orbit does not
-    close; `iterations` of Newton's method; `steps` of all motions; `outcome`, a code of
-    `ORBIT`. Unless that is `found`, all numbers of the orbit and their derivatives are
-    NaN.
+    close; `steps` of all motions; `outcome`, a code of `ORBIT`. Unless that is `found`,
+    all numbers of the orbit and their derivatives are NaN.
     """
 
     state: State
-    period: Any
-    amplitude: Extent
-    monodromy: Any
-    residual: Any
-    iterations: Any
-    steps: Any
-    outcome: Any
-    settings: tuple[tuple[str, Any], ...] = eqx.field(static=True)
+    section: SectionPlane  # through `state`
+    period: Float[Array, "*lanes"] = eqx.field(
+        metadata=quantity("period of the orbit", TIME)
+    )
+    rod_amplitude: Float[Array, "*lanes 2"] = eqx.field(
+        metadata={"quantity": ROD_AMPLITUDE}
+    )
+    joint_amplitude: Float[Array, "*lanes 2"] = eqx.field(
+        metadata={"quantity": JOINT_AMPLITUDE}
+    )
+    monodromy: Float[Array, "*lanes 4 4"]
+    residual: Float[Array, "*lanes"] = eqx.field(
+        metadata=quantity("by how much it does not close")
+    )
+    iterations: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("iterations of Newton's method")
+    )
+    steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
+    outcome: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("how the search for the orbit ended", codes=ORBIT)
+    )
+    settings: Settings = eqx.field(static=True)
+
+    DERIVED: ClassVar[Mapping[str, Variable]] = {
+        "largest_multiplier": Variable(
+            None, "largest modulus of a Floquet multiplier but the trivial one"
+        ),
+        "stable": Variable(None, "whether the orbit attracts"),
+    }
 
     @property
-    def multipliers(self) -> Any:
+    def multipliers(self) -> Complex[Array, "*lanes 4"]:
         """The Floquet multipliers, (4,) complex.
 
         The one nearest to 1, which belongs to the motion itself, stands first; then
@@ -82,30 +108,14 @@ class PeriodicOrbit(eqx.Module):
         return multipliers(self.monodromy)
 
     @property
-    def stable(self) -> Any:
+    def stable(self) -> Bool[Array, "*lanes"]:
         """Whether all multipliers but the first lie inside the unit circle."""
         return attracts(self.monodromy)
 
-    def variables(self) -> dict[str, Variable]:
-        """The numbers as a sweep labels them."""
-        moduli = jnp.abs(self.multipliers)
-        named = {"period": Variable(self.period, "period of the orbit", TIME)}
-        named |= Amplitude().variables(self.amplitude)
-        named |= {
-            "largest_multiplier": Variable(
-                moduli[1], "largest modulus of a Floquet multiplier but the trivial one"
-            ),
-            "stable": Variable(self.stable, "whether the orbit attracts"),
-            "steps": Variable(self.steps, "attempted steps"),
-            "outcome": Variable(
-                self.outcome, "how the search for the orbit ended", codes=ORBIT
-            ),
-        }
-        return named
-
-    def attributes(self) -> dict[str, Any]:
-        """How it was computed: the options that are the same at every point."""
-        return dict(self.settings)
+    @property
+    def largest_multiplier(self) -> Float[Array, "*lanes"]:
+        """The largest modulus of the others."""
+        return jnp.abs(self.multipliers)[..., 1]
 
 
 @plain
@@ -113,15 +123,12 @@ def periodic_orbit(
     column: Column,
     guess: State,
     *,
-    period: Any = None,
-    section: Any = 0.0,
-    loops: int = 1,
-    patience: Any = 200.0,
-    rtol: Any = 1e-10,
-    atol: Any = 1e-10,
-    solver: Explicit | None = None,
+    period: Scalar | None = None,
+    section: SectionPlane = SectionPlane(),  # noqa: B008, a value
+    returns: int = 1,
+    max_time: Scalar = 200.0,
     max_iterations: int = 20,
-    max_steps: int = 100_000,
+    method: Method = Method(),  # noqa: B008
 ) -> PeriodicOrbit:
     r"""The periodic orbit near a guess, stable or not, with its multipliers.
 
@@ -129,22 +136,23 @@ def periodic_orbit(
 
     - `column`: with any damping and friction law, set-valued friction included.
     - `guess`: a state near the orbit, e.g. `settle(...).final`. Without a `period` the
-        motion from there is followed until it passes the section $\phi_1$ = `section`
-        upwards and has come back `loops` times, `patience` at most: the first
-        approximation.
+        motion from there is followed until it passes the `section` and has come back to
+        it `returns` times, `max_time` at most: the first approximation.
     - `period`: the orbit's, roughly; then `guess` itself is the first approximation,
-        and its $\phi_1$ the section. For unstable orbits.
-    - `rtol`, `atol`: tolerances of each step.
-    - `solver`: `Explicit(tableau)`; None is Dopri8, with set-valued friction Tsit5.
+        and lies on the section, whatever its `level` and direction. For unstable
+        orbits.
+    - `section`: the plane on which the orbit begins; its period and its multipliers
+        depend on none.
     - `max_iterations` of Newton's method.
-    - `max_steps`: the step budget of the whole search, the first return and all periods
-        that Newton's method tries together; where it is spent the search ends as
-        `not_integrated`. Derivatives follow the orbit once more, with another one.
+    - `method`: an explicit one. Its step budget is that of the whole search, the first
+        return and all periods that Newton's method tries together; where it is spent
+        the search ends as `not_integrated`. Derivatives follow the orbit once more,
+        with another one.
 
     **Returns:** `PeriodicOrbit`. With set-valued friction the derivatives pass through
     every change of modes by its saltation matrix.
 
-    **Derivatives:** of `state`, `period` and `amplitude`, forward and reverse, first
+    **Derivatives:** of `state`, `period` and the amplitudes, forward and reverse, first
     order, in every leaf of the column, by the implicit function theorem: those of this
     orbit, at this section. Where it repels (`stable` is False, as of every orbit inside
     chaos) they say nothing of long motions nearby.
@@ -155,15 +163,17 @@ def periodic_orbit(
     10.2; R. Leine, H. Nijmeijer (2004), chapter 8.
     """
     check_scene(column, guess, "guess")
-    method = method_for(column, solver, rtol, atol, max_steps)
-    loops = whole_number("loops", loops)
+    usual = Explicit() if column.sticks else Explicit(dfx.Dopri8.tableau)
+    method = explicit_method("periodic_orbit", method, usual)
+    instance("section", section, SectionPlane)
+    returns = whole_number("returns", returns)
     still = fixed(column)
     start = fixed(float_state(guess))
-    first = approximation(still, start, period, section, loops, patience, method)
+    first = approximation(still, start, period, section, returns, max_time, method)
     at = first.section
 
     def shot(z, left):
-        share = method._replace(max_steps=left)
+        share = method.at_most(left)
         return shot_motion(lambda p: still, jnp.zeros(0, z.dtype), at, z, share, False)
 
     def equations(z, flow):
@@ -172,61 +182,78 @@ def periodic_orbit(
 
     iterations = whole_number("max_iterations", max_iterations)
     blank = blank_shot(0, first.z.dtype)
-    found = newton(shot, equations, first.z, blank, iterations, first.left)
-    z, seen = found.z, found.shot.flow
+    solution = newton(shot, equations, first.z, blank, iterations, first.left)
+    z, flow = solution.z, solution.shot.flow
     y0 = start_of(at, z)
     # the last shot was from just before the last step of Newton's
-    extent = seen.extent + seen.extent_moved[:, 1:] @ found.move[:3]
-    spent = (found.left <= 0) & ~found.converged
-    at_rest = jnp.max(jnp.abs(seen.slope)) < AT_REST
+    others = jnp.asarray(at.others)
+    extent = flow.extent + flow.extent_moved[:, others] @ solution.move[:3]
+    spent = (solution.left <= 0) & ~solution.converged
+    at_rest = jnp.max(jnp.abs(flow.slope)) < AT_REST
     outcome = jnp.where(at_rest, ORBIT.collapsed, ORBIT.found)
-    converged = found.converged & (z[3] > SHORTEST)
+    converged = solution.converged & (z[3] > SHORTEST)
     outcome = jnp.where(converged, outcome, ORBIT.not_converged)
-    outcome = jnp.where(seen.arrived & ~spent, outcome, ORBIT.not_integrated)
+    outcome = jnp.where(flow.arrived & ~spent, outcome, ORBIT.not_integrated)
     outcome = jnp.where(first.failure == 0, outcome, first.failure)
     mark = jnp.where(outcome == ORBIT.found, 1.0, jnp.nan).astype(z.dtype)
     span = jnp.maximum(z[3], SHORTEST)
-    change = attached(7, column, y0 * mark, span, method, _moves)
+    change = attached(7, column, y0 * mark, span, method, partial(_moves, at))
     z, extent = z + change[:4], extent + change[4:]
     z, extent = z * mark, extent * mark
+    y = start_of(at, z)
     return PeriodicOrbit(
-        state=State((at * mark, z[0]), (z[1], z[2])),
+        state=State((y[0], y[1]), (y[2], y[3])),
+        section=at,
         period=z[3],
-        amplitude=Extent(extent[:2], extent[jnp.array([0, 2])]),
-        monodromy=seen.moved * fixed(mark),
-        residual=jnp.max(jnp.abs(found.shot.residual)) * fixed(mark),
-        iterations=found.count,
-        steps=method.max_steps - found.left,
+        rod_amplitude=extent[:2],
+        joint_amplitude=extent[jnp.array([0, 2])],
+        monodromy=flow.moved * fixed(mark),
+        residual=jnp.max(jnp.abs(solution.shot.residual)) * fixed(mark),
+        iterations=solution.count,
+        steps=cast(Count, method.max_steps) - solution.left,
         outcome=outcome.astype(jnp.int8),
         settings=recorded(
-            **settings_of(method, period, section, loops, patience),
+            **method.settings(),
+            **_first_approximation(section, returns, max_time, period),
             max_iterations=iterations,
         ),
     )
 
 
-def _moves(seen: Flow) -> Any:
+def _first_approximation(
+    section: SectionPlane, returns: int, max_time: Scalar, period: Scalar | None
+) -> dict[str, Option]:
+    """Its options, for the record."""
+    if period is not None:
+        plane = {"section": section.coordinate, "level": "the guess's"}
+        return {**plane, "period": number("period", period)}
+    record = {**section.settings(), "returns": returns}
+    return {**record, "max_time": number("max_time", max_time)}
+
+
+def _moves(section: SectionPlane, flow: Flow) -> Float[Array, "7 n"]:
     """Derivatives of z and of the largest angles in the n parameters, (7, n)."""
-    jacobian = closing(seen.moved[:, :4], seen.slope)
-    z = -solve(jacobian, seen.moved[:, 4:])
-    extent = seen.extent_moved[:, 1:4] @ z[:3] + seen.extent_moved[:, 4:]
+    jacobian = closing(section, flow.moved, flow.slope)
+    z = -solve(jacobian, flow.moved[:, 4:])
+    others = jnp.asarray(section.others)
+    extent = flow.extent_moved[:, others] @ z[:3] + flow.extent_moved[:, 4:]
     return jnp.concatenate([z, extent])
 
 
-def multipliers(monodromy: Any) -> Any:
+def multipliers(monodromy: Float[Array, "*n 4 4"]) -> Complex[Array, "*n 4"]:
     """Eigenvalues (..., 4): the one nearest to 1, then by falling modulus."""
     with own_flags():
         return _multipliers(undifferentiated(monodromy))
 
 
-def attracts(monodromy: Any) -> Any:
+def attracts(monodromy: Float[Array, "*n 4 4"]) -> Bool[Array, "*n"]:
     """Whether all multipliers but the first lie inside the unit circle."""
     with own_flags():
         others = _multipliers(undifferentiated(monodromy))[..., 1:]
         return jnp.all(jnp.abs(others) < 1, axis=-1)
 
 
-def _multipliers(monodromy: Any) -> Any:
+def _multipliers(monodromy: Float[Array, "*n 4 4"]) -> Complex[Array, "*n 4"]:
     bad = ~jnp.all(jnp.isfinite(monodromy), axis=(-1, -2), keepdims=True)
     eye = jnp.broadcast_to(jnp.eye(4, dtype=monodromy.dtype), monodromy.shape)
     values = jnp.linalg.eigvals(jnp.where(bad, eye, monodromy))
@@ -237,33 +264,22 @@ def _multipliers(monodromy: Any) -> Any:
     return jnp.where(bad[..., 0], jnp.nan, values)
 
 
-def method_for(
-    column: Column, solver: Explicit | None, rtol: Any, atol: Any, max_steps: int
-) -> Method:
-    """The method of a periodic orbit's motions."""
-    rtol, atol = tolerances(rtol, atol)
-    usual = Explicit() if column.sticks else Explicit(dfx.Dopri8.tableau)
-    return Method(
-        explicit_method(solver, usual), rtol, atol, whole_number("max_steps", max_steps)
-    )
-
-
 class Approximation(NamedTuple):
     """Where Newton's method begins, NaN if it cannot, and what that has cost."""
 
-    z: Any
-    section: Any
-    failure: Any  # a code of `ORBIT`; 0 if there is none
-    left: Any  # of the step budget
+    z: Float[Array, "4"]
+    section: SectionPlane
+    failure: Int[Array, ""]  # a code of `ORBIT`; 0 if there is none
+    left: Int[Array, ""]  # of the step budget
 
 
 def approximation(
     column: Column,
-    start: Any,
-    period: Any,
-    section: Any,
-    loops: int,
-    patience: Any,
+    start: Traced4,
+    period: Scalar | None,
+    section: SectionPlane,
+    returns: int,
+    max_time: Scalar,
     method: Method,
 ) -> Approximation:
     """The first approximation: the guess, or where its motion returns."""
@@ -272,38 +288,20 @@ def approximation(
     valid &= keeps("positive", method.rtol, method.atol, period)
     left, failure = jnp.asarray(method.max_steps, jnp.int32), 0
     if period is not None:
-        at, period = start[0], number("period", period, "positive")
-        z = jnp.stack([*start[1:], jnp.asarray(period, dtype)])
+        level, period = start[section.index], number("period", period, "positive")
+        free = [start[i] for i in section.others]
+        z = jnp.stack([*free, jnp.asarray(period, dtype)])
     else:
-        section = number("section", section)
-        patience = number("patience", patience, "positive")
-        valid &= keeps("finite", section) & keeps("positive", patience)
-        at = fixed(jnp.asarray(section, dtype))
+        max_time = number("max_time", max_time, "positive")
+        valid &= keeps("finite", section.level) & keeps("positive", max_time)
+        level = fixed(jnp.asarray(section.level, dtype))
         # only as good as Newton's method needs
-        rough = method._replace(solver=Explicit(), rtol=1e-6, atol=1e-6)
-        span = jnp.where(valid, patience, 0.0)
-        z, back, steps = first_return(column, start, at, loops, span, rough)
+        rough = Method(Explicit(), 1e-6, 1e-6, method.max_steps)
+        span = jnp.where(valid, max_time, 0.0)
+        z, back, steps = first_return(column, start, section, returns, span, rough)
         left = left - steps
         late = jnp.where(left > 0, ORBIT.no_return, ORBIT.not_integrated)
         failure = jnp.where(back, 0, late)
     failure = jnp.where(valid, failure, ORBIT.invalid)
-    return Approximation(jnp.where(failure == 0, z, jnp.nan), at, failure, left)
-
-
-def settings_of(
-    method: Method, period: Any, section: Any, loops: int, patience: Any
-) -> dict[str, Any]:
-    """The options of a periodic orbit, for the record."""
-    first = {"period": period}
-    if period is None:
-        first = {"section": section, "patience": patience}
-    first = {name: number(name, x) for name, x in first.items()}
-    if period is None:
-        first["loops"] = loops
-    return {
-        "solver": method.solver.name,
-        "rtol": method.rtol,
-        "atol": method.atol,
-        **first,
-        "max_steps": method.max_steps,
-    }
+    section = SectionPlane(section.coordinate, level, section.rising)
+    return Approximation(jnp.where(failure == 0, z, jnp.nan), section, failure, left)

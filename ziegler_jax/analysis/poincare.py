@@ -4,24 +4,31 @@ A periodic motion leaves p points, a quasi-periodic one a closed curve, a chaoti
 set that no curve holds.
 """
 
-from typing import Any, Literal, NamedTuple, get_args
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
 from ..motion.not_finite import motion
-from ..motion.scene import check_scene
-from ..motion.section import Passage, Plane, passage
-from ..motion.windows import AbstractSpans, explicit_steps, follow_spans
+from ..motion.options import Method, recorded
+from ..motion.scene import check_scene, explicit_method
+from ..motion.section import Passage, SectionPlane, passage
+from ..motion.windows import AbstractSpans, follow_spans
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import Scalar, Vector4, choice, keeps, number, whole_number
-from ..results import OUTCOME
-from ..solvers import Explicit
+from ..numerics.numbers import (
+    Flag,
+    Scalar,
+    Vector4,
+    instance,
+    keeps,
+    number,
+    whole_number,
+)
+from ..results import OUTCOME, RATE, TIME, AbstractResult, Settings, quantity
 
-Coordinate = Literal["phi1", "phi2", "omega1", "omega2"]
-COORDINATES = get_args(Coordinate)
 LONGEST_PERIOD = 16  # passages
 
 
@@ -30,13 +37,14 @@ class CycleDetector(NamedTuple):
 
     point: Vector4  # the reference
     time: Scalar
-    count: Scalar  # passages since; -1 before the first
+    # passages since; -1 before the first
+    count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
     most: Scalar  # after so many the reference is renewed
     passages: Scalar  # the period in passages, once there is one; else 0
     period: Scalar
     nearest: Scalar  # the least relative distance from a reference, in this block
     growth: Scalar  # logarithm of the tangent's growth up to the reference
-    confirmed: Any
+    confirmed: Bool[Array, ""]
 
 
 def detect_cycle(
@@ -62,7 +70,7 @@ def detect_cycle(
     lingers = growth - returns.growth > zero_rate * (here.time - returns.time)
     repeats = again & back & ~lingers
     # a period that was not confirmed was none
-    renew = (count == 0) | (again & ~repeats)
+    renew = cast(Bool[Array, ""], (count == 0) | (again & ~repeats))
     renew |= ~first & (returns.passages == 0) & (count >= returns.most)
     doubled = jnp.where(
         returns.most >= LONGEST_PERIOD, 1.0 + 0.0 * count, 2 * returns.most
@@ -81,25 +89,34 @@ def detect_cycle(
     return tree_where(here.there, new, returns)
 
 
-def no_cycle(t: Any, y: Vector4) -> CycleDetector:
+def no_cycle(t: Scalar, y: Vector4) -> CycleDetector:
     """Before the first passage."""
     zero, one = 0.0 * y[0], 0.0 * y[0] + 1
     no = jnp.zeros((), bool)
     return CycleDetector(y, t + zero, zero - 1, one, zero, zero, one, zero, no)
 
 
-class Section(eqx.Module):
+class PoincareSection(AbstractResult):
     """Points of a section: `times` (n,), `phi` and `omega` (n, 2), NaN where none is.
 
     `count`: how many there are; `outcome`: `complete`, or why there are no more.
     """
 
-    times: Any
-    phi: Any
-    omega: Any
-    count: Any
-    steps: Any
-    outcome: Any
+    times: Float[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("time of the passage", TIME, ("point",))
+    )
+    phi: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata=quantity("angle on the section", "rad", ("point", "rod"))
+    )
+    omega: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata=quantity("rate on the section", RATE, ("point", "rod"))
+    )
+    count: Int[Array, "*lanes"] = eqx.field(metadata=quantity("passages"))
+    steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
+    outcome: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("how the motion ended", codes=OUTCOME)
+    )
+    settings: Settings = eqx.field(static=True)
 
 
 @motion
@@ -107,18 +124,13 @@ def poincare(
     column: Column,
     start: State,
     *,
+    section: SectionPlane = SectionPlane(),  # noqa: B008, a value
     points: int = 200,
-    coordinate: Coordinate = "phi1",
-    level: Any = 0.0,
-    rising: bool = True,
-    transient: Any = 200.0,
-    span: Any = 5000.0,
-    rtol: Any = 1e-9,
-    atol: Any = 1e-9,
-    solver: Explicit | None = None,
-    escape: Any = np.pi,
-    max_steps: int = 10_000_000,
-) -> Section:
+    transient: Scalar = 200.0,
+    max_time: Scalar = 5000.0,
+    escape: Scalar = np.pi,
+    method: Method = Method(),  # noqa: B008
+) -> PoincareSection:
     r"""The motion's first passages through a plane after the transient.
 
     Each is found on the step's Hermite interpolants, quintics of the angles and cubics
@@ -128,59 +140,67 @@ def poincare(
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 
     - `column`, `start`: the scene.
+    - `section`: the plane, e.g. $\phi_1 = 0$ rising.
     - `points`: how many passages.
-    - `coordinate`, `level`, `rising`: the plane, e.g. $\phi_1 = 0$ rising.
     - `transient`: passages before it do not count.
-    - `span`: after the transient; passages after it do not count.
-    - `rtol`, `atol`, `solver`, `escape`, `max_steps`: as `lyapunov_exponents`.
+    - `max_time`: after the transient; passages after it do not count.
+    - `escape`: a rod's angle in rad beyond which the motion ends as `escaped`.
+    - `method`: an explicit one.
 
-    **Returns:** `Section`.
+    **Returns:** `PoincareSection`.
 
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
     session.
     """
     check_scene(column, start)
-    choice("coordinate", coordinate, COORDINATES)
-    level = number("level", level)
+    instance("section", section, SectionPlane)
     first = number("transient", transient, "nonnegative")
     fold = SectionLog(
         transient=0.0,
-        span=first + number("span", span, "positive"),
+        span=first + number("max_time", max_time, "positive"),
         most=1,
         escape=number("escape", escape, "positive"),
         size=whole_number("points", points),
-        plane=Plane(COORDINATES.index(coordinate), level, bool(rising)),
+        plane=section,
         first=first,
     )
-    method = explicit_steps(solver, rtol, atol, max_steps)
+    method = explicit_method("poincare", method)
     run = follow_spans(column, start, fold, method)
     log = run.folded.watch
-    return Section(
+    return PoincareSection(
         times=log.times,
         phi=log.y[:, :2],
         omega=log.y[:, 2:],
         count=log.count,
         steps=run.steps,
         outcome=run.outcome.astype(jnp.int8),
+        settings=recorded(
+            **method.settings(),
+            **section.settings(),
+            transient=first,
+            max_time=number("max_time", max_time),
+            points=fold.size,
+            escape=fold.escape,
+        ),
     )
 
 
 class SectionState(NamedTuple):
     """The points so far."""
 
-    times: Any
-    y: Any
-    count: Any
+    times: Float[Array, " n"]
+    y: Float[Array, "n 4"]
+    count: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]
 
 
-class SectionLog(AbstractSpans):
+class SectionLog(AbstractSpans[SectionState]):
     """Room for `size` passages in one span, none before the time `first`."""
 
     size: int
-    plane: Plane
+    plane: SectionPlane
     first: Scalar
 
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Whether the options keep their rules; for those only known when traced."""
         good = keeps("nonnegative", self.first) & keeps("finite", self.plane.level)
         return super().valid() & good & keeps("positive", self.span - self.first)

@@ -1,17 +1,20 @@
 r"""Shooting: where a motion returns, Newton's method, and what carries derivatives."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVarTuple, cast
 
 import jax.numpy as jnp
 from jax import lax
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column
-from ..motion.integrate import Method, Motion, Run, follow
-from ..motion.section import Plane, passage
-from ..motion.sequence import in_turn
-from ..motion.variational import Flow, flow_of, varied_motion
-from ..numerics.numbers import Scalar, Vector4
+from ..motion.integrate import Motion, Run, follow
+from ..motion.options import Method
+from ..motion.section import SectionPlane, passage
+from ..motion.sequence import run_in_sequence
+from ..motion.variational import Flow, Make, Parameters, Varied, flow_of, varied_motion
+from ..numerics.numbers import Count, Scalar, Traced, Traced4
 from ..results import OUTCOME
 from ..solvers import AbstractFold
 from .implicit import implicit, moving
@@ -21,11 +24,17 @@ LARGEST_MOVE = 0.3  # of a Newton step: more is cut
 SHORTEST = 1e-3  # a period below it is none
 
 
-class Passages(AbstractFold):
-    """Upward passages of phi1 through a section, until `loops` returns are over."""
+# how many passages there were, when the first and the last was, and where
+Passed = tuple[Traced, Traced, Traced, Traced4]
+Unknowns = Float[Array, " n"]
+Extra = TypeVarTuple("Extra")
 
-    section: Scalar
-    loops: int
+
+class Passages(AbstractFold[Passed]):
+    """Passages through a section, until `returns` returns are over."""
+
+    section: SectionPlane
+    returns: int
 
     def init(self, column, t0, y0):
         """No passage yet: their number, when the first was, when and where the last."""
@@ -35,63 +44,66 @@ class Passages(AbstractFold):
 
     def outcome(self, state):
         """`complete` once they are over."""
-        over = jnp.where(state[0] > self.loops, OUTCOME.complete, OUTCOME.not_computed)
+        over = jnp.where(
+            state[0] > self.returns, OUTCOME.complete, OUTCOME.not_computed
+        )
         return over.astype(jnp.int32)
 
     def step(self, column, state, step):
         """Count the step's passage."""
         del column
         count, first, last, where = state
-        found = passage(Plane(level=self.section), step)
-        there = found.there
-        first = jnp.where(there & (count == 0), found.time, first)
-        last = jnp.where(there, found.time, last)
-        pairs = zip(found.y, where, strict=True)
-        where = tuple(jnp.where(there, a, b) for a, b in pairs)
+        crossing = passage(self.section, step)
+        there = crossing.there
+        first = jnp.where(there & (count == 0), crossing.time, first)
+        last = jnp.where(there, crossing.time, last)
+        pairs = zip(crossing.y, where, strict=True)
+        where = cast(Traced4, tuple(jnp.where(there, a, b) for a, b in pairs))
         count = count + jnp.where(there, 1.0, 0.0)
-        return (count, first, last, where), jnp.inf, count > self.loops
+        return (count, first, last, where), jnp.inf, count > self.returns
 
 
 def first_return(
     column: Column,
-    start: Vector4,
-    section: Any,
-    loops: int,
-    patience: Any,
+    start: Traced4,
+    section: SectionPlane,
+    returns: int,
+    max_time: Scalar,
     method: Method,
-) -> tuple[Any, Any, Any]:
+) -> tuple[Float[Array, "4"], Bool[Array, ""], Int[Array, ""]]:
     """Where a motion from `start` closes roughly: z, whether it does in time, steps."""
-    y0: Any = tuple(lax.stop_gradient(jnp.asarray(x)) for x in start)
-    span = jnp.asarray(patience, y0[0].dtype)
-    run = follow(Motion(column, y0, Passages(section, loops), method, end=span))
+    still = tuple(lax.stop_gradient(jnp.asarray(x)) for x in start)
+    y0 = cast(Traced4, still)
+    span = jnp.asarray(max_time, y0[0].dtype)
+    run = follow(Motion(column, y0, Passages(section, returns), method, end=span))
     count, first, last, place = run.folded
-    z = jnp.stack([*place[1:], last - first])
-    return z, count > loops, run.steps
+    z = jnp.stack([*(place[i] for i in section.others), last - first])
+    return z, count > returns, run.steps
 
 
 class Found(NamedTuple):
     """Where Newton's method ended."""
 
-    z: Any
-    move: Any  # the last step
-    size: Any  # and its largest component before it was cut
-    count: Any  # iterations
+    z: Unknowns
+    move: Unknowns  # the last step
+    size: Float[Array, ""]  # and its largest component before it was cut
+    count: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]
     shot: "Shot"  # the last one
-    left: Any  # of the steps
+    left: Int[Array, ""]  # of the steps
 
     @property
-    def converged(self) -> Any:
+    def converged(self) -> Bool[Array, ""]:
         """Whether it ended where it should."""
         return self.size <= TOLERANCE
 
 
 def newton(
-    shot: Callable[[Any, Any], Motion],
-    equations: Callable[[Any, Flow], tuple[Any, Any, "Shot"]],
-    z0: Any,
+    shot: Callable[[Unknowns, Int[Array, ""]], Motion[Varied]],
+    equations: Callable[[Unknowns, Flow], tuple[Unknowns, Float[Array, "n n"], "Shot"]],
+    z0: Unknowns,
     blank: "Shot",
     max_iterations: int,
-    left: Any,
+    left: Count,
 ) -> Found:
     """Solve r(z) = 0 by Newton's method, one motion an iteration.
 
@@ -113,7 +125,7 @@ def newton(
         unsettled = now.size > TOLERANCE  # not for NaN
         return unsettled & (now.count < max_iterations) & (now.left > 0)
 
-    def improve(now: Found, motion: Motion, run: Run):
+    def improve(now: Found, motion: Motion[Varied], run: Run[Varied]):
         del motion
         r, jacobian, shot = equations(now.z, flow_of(run))
         move = -solve(jacobian, r)
@@ -122,10 +134,14 @@ def newton(
         left = now.left - shot.flow.steps
         return Found(now.z + move, move, size, now.count + 1, shot, left)
 
-    return in_turn(lambda now: shot(now.z, now.left), improve, goes_on, begin)[0]
+    return run_in_sequence(lambda now: shot(now.z, now.left), improve, goes_on, begin)[
+        0
+    ]
 
 
-def solve(matrix: Any, right: Any) -> Any:
+def solve(
+    matrix: Float[Array, "n n"], right: Float[Array, "n ..."]
+) -> Float[Array, "n ..."]:
     """Solve a small linear system; NaN where it is not finite."""
     bad = ~jnp.all(jnp.isfinite(matrix))
     safe = jnp.where(bad, jnp.eye(matrix.shape[0], dtype=matrix.dtype), matrix)
@@ -135,36 +151,38 @@ def solve(matrix: Any, right: Any) -> Any:
 class Shot(NamedTuple):
     """One period tried: what is left to close, and its derivatives."""
 
-    residual: Any  # (4,)
-    jacobian: Any  # (4, 4) in z = (phi2, omega1, omega2, T)
+    residual: Float[Array, "4"]
+    jacobian: Float[Array, "4 4"]  # in z, three coordinates and T
     flow: Flow
 
 
 def shot_motion(
-    make: Callable[[Any], Column],
-    parameters: Any,
-    section: Any,
-    z: Any,
+    make: Make,
+    parameters: Parameters,
+    section: SectionPlane,
+    z: Float[Array, "4"],
     method: Method,
     vary: bool = True,
-) -> Motion:
-    """The motion from phi1 = `section` for a period."""
+) -> Motion[Varied]:
+    """The motion from the section for a period."""
     y0, span = start_of(section, z), jnp.maximum(z[3], SHORTEST)
     return varied_motion(make, parameters, y0, span, method, vary)
 
 
-def shot_of(section: Any, z: Any, flow: Flow) -> Shot:
+def shot_of(section: SectionPlane, z: Float[Array, "4"], flow: Flow) -> Shot:
     """What such a motion leaves to close."""
     residual = jnp.where(flow.arrived, flow.y - start_of(section, z), jnp.nan)
-    return Shot(residual, closing(flow.moved, flow.slope), flow)
+    return Shot(residual, closing(section, flow.moved, flow.slope), flow)
 
 
-def start_of(section: Any, z: Any) -> Any:
-    """The state (4,) on the section."""
-    return jnp.concatenate([jnp.asarray(section, z.dtype)[None], z[:3]])
+def start_of(section: SectionPlane, z: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:
+    """The state (4,) on the section, or states (n, 4) of z (n, 4)."""
+    level = 0.0 * z[..., 0] + section.level
+    i = section.index
+    return jnp.concatenate([z[..., :i], level[..., None], z[..., i:3]], axis=-1)
 
 
-def blank_shot(n: int, dtype: Any) -> Shot:
+def blank_shot(n: int, dtype: DTypeLike) -> Shot:
     """A shot of n parameters that has not been made."""
 
     def none(*shape):
@@ -174,22 +192,24 @@ def blank_shot(n: int, dtype: Any) -> Shot:
     return Shot(none(4), none(4, 4), Flow(none(4), none(4), none(3), *moves))
 
 
-def closing(moved: Any, slope: Any) -> Any:
+def closing(
+    section: SectionPlane, moved: Float[Array, "4 k"], slope: Float[Array, "4"]
+) -> Float[Array, "4 4"]:
     """The Jacobian of the residual in z."""
-    return jnp.concatenate(
-        [moved[:, 1:4] - jnp.eye(4, dtype=moved.dtype)[:, 1:], slope[:, None]], axis=1
-    )
+    others = jnp.asarray(section.others)
+    free = (moved[:, :4] - jnp.eye(4, dtype=moved.dtype))[:, others]
+    return jnp.concatenate([free, slope[:, None]], axis=1)
 
 
 def attached(
     size: int,
     column: Column,
-    y0: Any,
-    span: Any,
+    y0: Float[Array, "4"],
+    span: Float[Array, ""],
     method: Method,
-    linear: Callable,
-    *extra: Any,
-) -> Any:
+    linear: Callable[[Flow, *Extra], Float[Array, "size n"]],
+    *extra: *Extra,
+) -> Float[Array, " size"]:
     """Zeros (size,) that carry derivatives in the column's traced leaves p.
 
     The derivative is `linear(flow, *extra)`, an array (size, n), times dp, where `flow`
@@ -200,7 +220,9 @@ def attached(
     if not p.size:
         return jnp.zeros(size, y0.dtype)
 
-    def slope(p, y0, span, *extra):
+    def slope(
+        p: Parameters, y0: Float[Array, "4"], span: Float[Array, ""], *extra: *Extra
+    ) -> Float[Array, "size n"]:
         motion = varied_motion(make, p, y0, span, method)
         return linear(flow_of(motion.advance(motion.begin())), *extra)
 

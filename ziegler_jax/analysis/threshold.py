@@ -17,18 +17,21 @@ Source: J. Palis, Topology 8 (1969) 385-404, on how differences turn near a sadd
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
 
-from ..motion.integrate import Method, Motion
+from ..model.column import Column, State
+from ..motion.integrate import Motion
+from ..motion.options import Method
 from ..motion.scene import float_state
-from ..motion.variational import Variational, Varied, varied
+from ..motion.variational import Make, Variational, Varied, varied
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import Scalar
+from ..numerics.numbers import Scalar, Traced4
 from ..results import OUTCOME
-from ..solvers import AbstractFold
+from ..solvers import AbstractFold, Explicit
 from .implicit import fixed, implicit, moving
 
 PARTED = 0.1  # of the largest state: the ends of the last interval have parted
@@ -39,27 +42,27 @@ CERTAIN = 0.05  # of the largest relative derivative: an error above it refuses 
 class Ratio(NamedTuple):
     """The ratio of the tangents, and how long the one along the search's line is."""
 
-    row: Any  # (k,)
-    length: Any
+    row: Float[Array, " k"]
+    length: Float[Array, ""]
 
 
-class Look(NamedTuple):
-    """The running numbers of `Parting`."""
+class ManifoldSlopeState(NamedTuple):
+    """The running numbers of `ManifoldSlope`."""
 
     varied: Varied
     best: Ratio  # where the tangent was longest
-    when: Any
+    when: Float[Array, ""]
     mark: Ratio  # a decade of growth ago at most
     earlier: Ratio  # one more
-    largest: Any  # state so far
-    outcome: Any
+    largest: Float[Array, ""]  # state so far
+    outcome: Int[Array, ""]
 
 
-class Parting(AbstractFold):
+class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
     """The ratio of tangents along a motion, until it can get no better."""
 
     inner: Variational
-    along: Any  # (k,) the search's line
+    along: Float[Array, " k"]  # the search's line
     width: Scalar
     window: Scalar
 
@@ -74,7 +77,7 @@ class Parting(AbstractFold):
         zero = 0.0 * y0[0]
         ratio = Ratio(jnp.zeros_like(self.along), zero)
         none = jnp.asarray(OUTCOME.not_computed, jnp.int32)
-        return Look(varied, ratio, t0 + zero, ratio, ratio, zero, none)
+        return ManifoldSlopeState(varied, ratio, t0 + zero, ratio, ratio, zero, none)
 
     def step(self, column, state, step):
         """Look at the ratio; at an end where it has grown enough, or grows no more."""
@@ -88,7 +91,7 @@ class Parting(AbstractFold):
         longer = now.length > state.best.length
         further = now.length > DECADE * state.mark.length
         size = jnp.sqrt(sum((y * y for y in step.y1), 0.0 * step.t1))
-        look = Look(
+        after = ManifoldSlopeState(
             varied=varied,
             best=tree_where(longer, now, state.best),
             when=jnp.where(longer, step.t1, state.when),
@@ -97,34 +100,37 @@ class Parting(AbstractFold):
             largest=jnp.maximum(size, state.largest),
             outcome=state.outcome,
         )
-        over = now.length * self.width > PARTED * look.largest
-        over |= step.t1 > 2 * look.when + self.window
+        over = now.length * self.width > PARTED * after.largest
+        over |= step.t1 > 2 * after.when + self.window
         if step.modes:
+            assert step.event
             m1, m2 = step.event[1]
             over |= (m1 == 0) & (m2 == 0)
-        outcome = jnp.where(over, OUTCOME.complete, look.outcome).astype(jnp.int32)
-        return look._replace(outcome=outcome), jnp.inf, over
+        outcome = jnp.where(over, OUTCOME.complete, after.outcome).astype(jnp.int32)
+        return after._replace(outcome=outcome), jnp.inf, over
 
 
 class Place(NamedTuple):
     """A threshold."""
 
-    line: Any  # (k,) how the scene's numbers change along the line that was searched
-    width: Any  # of the interval that holds the threshold
-    known: Any  # whether there is one
-    window: Any
-    patience: Any  # the longest time to follow its motion
+    line: Float[
+        Array, " k"
+    ]  # how the scene's numbers change along the line that was searched
+    width: Float[Array, ""]  # of the interval that holds the threshold
+    known: Bool[Array, ""]  # whether there is one
+    window: Scalar
+    patience: Scalar  # the longest time to follow its motion
 
 
 def carried(
-    scene: Callable[[Any], tuple[Any, Any]],
-    x: Any,
-    width: Any,
-    known: Any,
-    window: Any,
-    patience: Any,
+    scene: Callable[[Scalar], tuple[Column, State]],
+    x: Float[Array, ""],
+    width: Float[Array, ""],
+    known: Bool[Array, ""],
+    window: Scalar,
+    patience: Scalar,
     method: Method,
-) -> Any:
+) -> Float[Array, ""]:
     """A zero that carries the derivative of the threshold x in the numbers of `scene`.
 
     It is NaN where no threshold is `known` or the error is above `CERTAIN`.
@@ -145,15 +151,17 @@ def carried(
     return implicit((), slope, at, Place(line, width, known, window, patience))
 
 
-def _slope(make: Callable, numbers: Any, place: Place, method: Method) -> Any:
+def _slope(
+    make: Make, numbers: Float[Array, " k"], place: Place, method: Method
+) -> Float[Array, " k"]:
     """The threshold's derivatives in the start's four numbers and the column's."""
-    args, inner = varied(make, numbers[4:], method.solver)
-    fold = Parting(inner, place.line, place.width, place.window)
-    y0: Any = tuple(numbers[i] for i in range(4))
+    args, inner = varied(make, numbers[4:], cast(Explicit, method.solver))
+    fold = ManifoldSlope(inner, place.line, place.width, place.window)
+    y0 = cast(Traced4, tuple(numbers[i] for i in range(4)))
     span = jnp.where(place.known, place.patience, 0.0).astype(numbers.dtype)
     motion = Motion(args, y0, fold, method, end=span)
-    look = motion.advance(motion.begin()).folded
-    best, before = look.best, look.earlier
+    after = motion.advance(motion.begin()).folded
+    best, before = after.best, after.earlier
     # what does not grow is a share 1 / length of the ratio
     share = before.length / jnp.where(best.length > 0, best.length, 1.0)
     error = jnp.abs(best.row - before.row) * share

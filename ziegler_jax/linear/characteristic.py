@@ -24,14 +24,15 @@ vectors (the Gram determinant of M, K, h). In f_0 nothing is subtracted.
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ..model.column import Column
 from ..model.damping import joint_matrix
-from ..numerics.numbers import Scalar, equals
+from ..numerics.numbers import Pair, Scalar, equals
 from ..numerics.series import value
 
 
@@ -66,25 +67,27 @@ class Characteristic(NamedTuple):
     valid: jax.Array
 
 
-def slope(p: tuple[Scalar, ...], q: Scalar) -> Any:
+def slope(p: tuple[Scalar, ...], q: Scalar) -> Scalar:
     """The slope of the polynomial p, lowest power first, at q."""
     return value(tuple(k * p[k] for k in range(1, len(p))), q)
 
 
-def inertia(column: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+def inertia(column: Column) -> tuple[Pair, Pair]:
     """The rows of M at D = 0."""
     return (column.a, column.b), (column.b, column.d)
 
 
-def stiffness(column: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+def stiffness(column: Column) -> tuple[Pair, Pair]:
     """The rows of K: springs and follower load, linear in q."""
     q, kappa, eta = column.q, column.kappa, column.follower
+    assert eta is not None  # no prepared column comes here
     lever = column.l2 * (1 - eta)
     return (kappa + 1 - q, q * eta - 1), (-1.0, 1 - q * lever)
 
 
-def characteristic(column: Any) -> Characteristic:
+def characteristic(column: Column) -> Characteristic:
     """The polynomial of a column without friction. Its `q` enters `valid` alone."""
+    assert column.follower is not None
     a, b, d, kappa, eta, l2 = (
         jnp.asarray(x, dtype=float)
         for x in (

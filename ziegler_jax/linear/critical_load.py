@@ -17,18 +17,19 @@ smallest normal number, 2.2e-308; below it counts as none.
 """
 
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Bool, Int
 
 from ..context import plain
 from ..model.column import Column
-from ..numerics.numbers import Scalar, choice
+from ..numerics.numbers import Flag, Scalar, choice
 from ..numerics.series import value
-from ..results import CRITICAL, Variable
+from ..results import CRITICAL, RATE, AbstractResult, Settings, quantity
 from .characteristic import Characteristic, characteristic, slope
 from .spectrum import refuse_friction
 
@@ -36,34 +37,28 @@ Kind = Literal["flutter", "divergence", "flutter_end"]
 KINDS = ("flutter", "divergence", "flutter_end")
 
 
-class CriticalLoad(eqx.Module):
+class CriticalLoad(AbstractResult):
     r"""A critical load.
 
-    `q`: the load $F l/k$; `frequency`: $\omega = |{\rm Im}\, s|$ of the eigenvalue
+    `q_cr`: the load $F l/k$; `frequency`: $\omega = |{\rm Im}\, s|$ of the eigenvalue
     that crosses, in $\sqrt{k/(m l^2)}$, 0 for divergence; `outcome`: a code of
-    `CRITICAL`; `kind`: what was asked for.
+    `CRITICAL`; `kind`: what was asked for. There are no tolerances: the load is a
+    formula's.
     """
 
-    q: jax.Array
-    frequency: jax.Array
-    outcome: jax.Array
+    q_cr: jax.Array = eqx.field(metadata=quantity("critical load F l/k"))
+    frequency: jax.Array = eqx.field(
+        metadata=quantity("frequency at the critical load", RATE)
+    )
+    outcome: jax.Array = eqx.field(
+        metadata=quantity("how the critical load was found", codes=CRITICAL)
+    )
     kind: str = eqx.field(static=True)
 
-    def variables(self) -> dict[str, Variable]:
-        """The numbers as a sweep labels them."""
-        return {
-            "q_cr": Variable(self.q, "critical load F l/k"),
-            "frequency": Variable(
-                self.frequency, "frequency at the critical load", "sqrt(k/(m l^2))"
-            ),
-            "outcome": Variable(
-                self.outcome, "how the critical load was found", codes=CRITICAL
-            ),
-        }
-
-    def attributes(self) -> dict[str, Any]:
-        """What was asked for; there are no tolerances: the load is a formula's."""
-        return {"kind": self.kind}
+    @property
+    def settings(self) -> Settings:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """What was asked for."""
+        return (("kind", self.kind),)
 
 
 @plain
@@ -79,8 +74,8 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
         the two frequencies part again, as growing real s (the end of flutter under a
         pure follower load: divergence without $\det K = 0$), or on the axis.
 
-    **Returns:** `.q`, `.frequency`, `.outcome`. The outcome is `found`; `preceded` if
-    the other kind comes at a lower load (stability may have come back in between);
+    **Returns:** `.q_cr`, `.frequency`, `.outcome`. The outcome is `found`; `preceded`
+    if the other kind comes at a lower load (stability may have come back in between);
     `undamped` (below); `none` if no load crosses such a boundary (flutter that grows
     out of divergence, two growing real s that meet, crosses none). For `none`,
     `double_root`, `unstable_at_zero` and `invalid` the numbers and all their
@@ -156,12 +151,12 @@ def _hurwitz(p: Characteristic, q: Scalar) -> _Condition:
     return _Condition(value(f, q), slope(f, q), 2 * f[2], squared)
 
 
-def _size(p: tuple[Scalar, ...], q: Scalar) -> Any:
+def _size(p: tuple[Scalar, ...], q: Scalar) -> Scalar:
     """The sum of the terms' sizes: times eps, the rounding of `value`."""
     return value(tuple(map(jnp.abs, p)), jnp.abs(q))
 
 
-def _flutter(p: Characteristic, none: Any, q: Scalar) -> _Condition:
+def _flutter(p: Characteristic, none: Bool[Array, ""] | None, q: Scalar) -> _Condition:
     """The condition of flutter; `none`: lanes that have a damping law and yet C = 0."""
     if none is None:
         return _discriminant(p, q)
@@ -191,15 +186,19 @@ def _first_loss(p: Characteristic, kind: Kind) -> CriticalLoad:
     q = at - step - condition.bend / (2 * rate) * step * step
     mark = jnp.where(stands, 1.0, jnp.nan)
     if kind == "divergence":
-        return CriticalLoad(q * mark, jnp.zeros_like(q) * mark, code, kind)
+        return CriticalLoad(  # pyright: ignore[reportCallIssue]
+            q * mark, jnp.zeros_like(q) * mark, code, kind
+        )
     squared = _flutter(p, none, q).squared
     oscillates = squared > 0
     frequency = jnp.sqrt(jnp.where(oscillates, squared, 1.0))
     frequency = jnp.where(oscillates, frequency, 0.0) * mark
-    return CriticalLoad(q * mark, frequency, code, kind)
+    return CriticalLoad(q * mark, frequency, code, kind)  # pyright: ignore[reportCallIssue]
 
 
-def _search(p: Characteristic, none: Any, kind: Kind) -> tuple[Any, Any]:
+def _search(
+    p: Characteristic, none: Bool[Array, ""] | None, kind: Kind
+) -> tuple[Scalar, Int[Array, ""]]:
     """The load and its code, from roots of quadratics."""
     zero = jnp.zeros_like(p.p0)
     start = _flutter(p, none, zero)
@@ -209,13 +208,13 @@ def _search(p: Characteristic, none: Any, kind: Kind) -> tuple[Any, Any]:
     oscillates = _flutter(p, none, flutter).squared > 0
     is_flutter, double = is_flutter & oscillates, double & oscillates
     divergence, is_divergence, touched = _divergence(p, none)
-    found, exists = flutter, is_flutter
+    load, exists = flutter, is_flutter
     before = is_divergence & (divergence < flutter)
     if kind == "flutter_end":
-        found, ends, _ = _root(f, second=True)
+        load, ends, _ = _root(f, second=True)
         exists &= ends
     elif kind == "divergence":
-        found, exists, double = divergence, is_divergence, touched
+        load, exists, double = divergence, is_divergence, touched
         before = is_flutter & (flutter < divergence)
     # stable at q = 0, or there is no first loss
     noise = 64 * jnp.finfo(zero.dtype).eps
@@ -224,6 +223,7 @@ def _search(p: Characteristic, none: Any, kind: Kind) -> tuple[Any, Any]:
     if p.damped is None:
         stable = conservative
     else:
+        assert none is not None
         reached = (p.damped.ratio[0] > 0) & p.damped.reached
         stable = conservative & (none | ((p.damped.p1 > 0) & reached))
         one_frequency &= none
@@ -236,10 +236,12 @@ def _search(p: Characteristic, none: Any, kind: Kind) -> tuple[Any, Any]:
     code = jnp.where(double, int(CRITICAL.double_root), code)
     code = jnp.where(stable, code, int(CRITICAL.unstable_at_zero))
     code = jnp.where(p.valid, code, int(CRITICAL.invalid))
-    return found, code.astype(jnp.int32)
+    return load, code.astype(jnp.int32)
 
 
-def _divergence(p: Characteristic, none: Any) -> tuple[Any, Any, Any]:
+def _divergence(
+    p: Characteristic, none: Bool[Array, ""] | None
+) -> tuple[Scalar, Flag, Flag]:
     """Det K = 0, where a real eigenvalue goes right: s' = -p4'/p3, or s^2' = -p4'/p2.
 
     At the first root p4 falls and p3 (p2) must be positive, else a growing real s
@@ -249,6 +251,7 @@ def _divergence(p: Characteristic, none: Any) -> tuple[Any, Any, Any]:
     def weight(q):
         if p.damped is None:
             return value(p.p2, q)
+        assert none is not None
         rate = jnp.where(p.damped.p1 > 0, value(p.damped.ratio, q), jnp.nan)
         return jnp.where(none, value(p.p2, q), rate)
 
@@ -259,7 +262,9 @@ def _divergence(p: Characteristic, none: Any) -> tuple[Any, Any, Any]:
     return jnp.where(here, first, second), here | again, double
 
 
-def _root(f: tuple[Scalar, Scalar, Scalar], second: bool = False) -> tuple[Any, ...]:
+def _root(
+    f: tuple[Scalar, Scalar, Scalar], second: bool = False
+) -> tuple[Scalar, Flag, Flag]:
     """The first (or second) positive root of f0 + f1 q + f2 q^2 with f0 >= 0.
 
     Returns the root, whether it is one, and whether both positive roots coincide
@@ -267,7 +272,7 @@ def _root(f: tuple[Scalar, Scalar, Scalar], second: bool = False) -> tuple[Any, 
     """
     f0, f1, f2 = f
     square, product = f1 * f1, 4 * f0 * f2
-    gap = square - product
+    gap = cast(jax.Array, square - product)
     noise = 64 * jnp.finfo(gap.dtype).eps * (square + jnp.abs(product))
     double = (jnp.abs(gap) <= noise) & (f1 * f2 < 0)
     side = jnp.sqrt(jnp.maximum(gap, 0.0))

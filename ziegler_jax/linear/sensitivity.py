@@ -1,7 +1,6 @@
 """The designer's table: what each parameter does to the critical load."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +11,9 @@ from jax.core import Tracer
 from ..context import plain
 from ..model.column import Column
 from ..model.parameters import Make, as_function
+from ..numerics.numbers import Scalar
 from ..results import CRITICAL
-from .critical_load import Kind, critical_load
+from .critical_load import CriticalLoad, Kind, critical_load
 from .spectrum import linearise
 
 
@@ -22,7 +22,7 @@ def sensitivity(
     column: Column | Make,
     kind: Kind = "flutter",
     *,
-    parameters: Mapping[str, Any] | Iterable[str] | None = None,
+    parameters: Mapping[str, Scalar] | Iterable[str] | None = None,
 ) -> xr.Dataset:
     r"""Derivatives and elasticities of the critical load, parameter by parameter.
 
@@ -73,7 +73,7 @@ def sensitivity(
     value = np.array([float(at[name]) for name in names])
     slope = np.array([float(slopes[name]) for name in names])
     slope[[bool(undefined[name]) for name in names]] = np.nan
-    q = float(load.q)
+    q = float(load.q_cr)
     return xr.Dataset(
         {
             "value": ("parameter", value, {"long_name": "parameter p"}),
@@ -94,12 +94,14 @@ def sensitivity(
     )
 
 
-def _derivatives(make: Make, at: dict[str, jax.Array], kind: Kind) -> Any:
+def _derivatives(
+    make: Make, at: dict[str, jax.Array], kind: Kind
+) -> tuple[CriticalLoad, dict[str, jax.Array], dict[str, jax.Array]]:
     """The load, its derivatives, and which parameters have none."""
 
     def load(values):
         result = critical_load(make(**values), kind)
-        return result.q, result
+        return result.q_cr, result
 
     def damping(values):
         return linearise(make(**values)).damping

@@ -11,16 +11,17 @@ the column can lose stability oscillating. Joint friction has no linear map (in 
 the joints are rigid): every function here refuses it and names `tangent_column`.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from ..context import plain
 from ..model.column import Column
 from ..model.damping import Sum, Viscous
 from ..model.friction import AbstractRateFriction
-from ..numerics.numbers import Scalar, instance
+from ..numerics.numbers import Pair, Scalar, instance
 from ..numerics.series import value
 from ..results import REGIME
 from .characteristic import Characteristic, characteristic, inertia, stiffness
@@ -43,7 +44,7 @@ def linearise(column: Column) -> Linear:
     refuse_friction("linearise", column)
     rows = ((0.0, 0.0), (0.0, 0.0))
     if column.damping is not None:
-        rows = column.damping.matrix(1.0)
+        rows = column.damping.matrix(1.0, (0.0, 0.0))
     mass, stiff = inertia(column), stiffness(column)
     return Linear(*map(_matrix, (mass, rows, stiff)))
 
@@ -127,7 +128,7 @@ def tangent_column(column: Column) -> Column:
 
     **Raises:** `ValueError` if the friction is set-valued: it has no tangent.
     """
-    law: Any = column.friction
+    law = column.friction
     if law is None:
         return column
     if not isinstance(law, AbstractRateFriction):
@@ -147,7 +148,7 @@ def tangent_column(column: Column) -> Column:
         column.b,
         column.d,
         column.kappa,
-        column.follower,
+        cast(Scalar, column.follower),
         damping if column.damping is None else Sum(column.damping, damping),
         m2=column.m2,
         s1=column.s1,
@@ -199,11 +200,11 @@ def _regime(p: Characteristic, q: jax.Array) -> jax.Array:
     return jnp.where(valid, code, int(REGIME.invalid)).astype(jnp.int32)
 
 
-def _matrix(rows: Any) -> jax.Array:
+def _matrix(rows: tuple[Pair, Pair]) -> jax.Array:
     return jnp.stack([jnp.stack([jnp.asarray(x, float) for x in row]) for row in rows])
 
 
-def _positive_roots(b: Scalar, c: Scalar, d: Scalar, e: Scalar) -> Any:
+def _positive_roots(b: Scalar, c: Scalar, d: Scalar, e: Scalar) -> Int[Array, ""]:
     """How many distinct positive roots x^4 + b x^3 + c x^2 + d x + e has: Sturm.
 
     The chain, without its divisions: f, f', then alpha x^2 + beta x + gamma,
@@ -218,11 +219,11 @@ def _positive_roots(b: Scalar, c: Scalar, d: Scalar, e: Scalar) -> Any:
     return _changes(e, d, gamma, mu, last) - _changes(one, one, alpha, lam, last)
 
 
-def _changes(*chain: Any) -> Any:
+def _changes(*chain: Scalar) -> Int[Array, ""]:
     """How often the sign changes along the chain, zeros left out."""
     count, before = 0, jnp.sign(chain[0])
     for x in chain[1:]:
         now = jnp.sign(x)
         count = count + (now * before < 0).astype(int)
         before = jnp.where(now == 0, before, now)
-    return count
+    return cast(jax.Array, count)

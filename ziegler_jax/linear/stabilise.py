@@ -1,7 +1,7 @@
 """Raise the critical load: follow its gradient through a box of parameters."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -99,7 +99,7 @@ def stabilise(
         at = values(x)
         load = critical_load(make(**at), kind)
         good = load.outcome == int(CRITICAL.found)
-        return jnp.where(good, -load.q * scale, jnp.inf), (at, load)
+        return jnp.where(good, -load.q_cr * scale, jnp.inf), (at, load)
 
     (_, (_, load)), slopes = jax.jit(jax.value_and_grad(objective, has_aux=True))(
         x, 1.0
@@ -142,10 +142,12 @@ def stabilise(
     )
 
 
-def _history(rows: list[Any]) -> xr.Dataset:
+def _history(
+    rows: list[tuple[dict[str, np.ndarray], CriticalLoad, np.ndarray]],
+) -> xr.Dataset:
     at, loads, sizes = zip(*rows, strict=True)
     data = {name: [row[name] for row in at] for name in at[0]}
-    data["q_cr"] = [load.q for load in loads]
+    data["q_cr"] = [load.q_cr for load in loads]
     data["frequency"] = [load.frequency for load in loads]
     data["slope"] = list(sizes)
     history = xr.Dataset(

@@ -17,7 +17,7 @@ the velocity terms; these here conserve energy at q = 0 and agree with a multibo
 """
 
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -28,19 +28,18 @@ from ..numerics.materialise import materialise
 from ..numerics.numbers import (
     Pair,
     Scalar,
+    Two,
     Vector4,
-    check_options,
     checked,
     equals,
     is_concrete,
     keeps_rules,
     pair,
-    positive,
 )
 from .damping import AbstractDamping, lengths
-from .friction import AbstractFriction
+from .friction import AbstractFriction, AbstractRateFriction
 from .joint_reactions import joint_reactions
-from .set_valued import Balance
+from .set_valued import Dynamics, FrozenCoulomb
 
 
 class State(eqx.Module):
@@ -57,7 +56,7 @@ class State(eqx.Module):
     phi: Pair
     omega: Pair
 
-    def __init__(self, phi: Any = (0.0, 0.0), omega: Any = (0.0, 0.0)):
+    def __init__(self, phi: Two = (0.0, 0.0), omega: Two = (0.0, 0.0)):
         """Keep the four numbers."""
         self.phi = pair("phi", phi)
         self.omega = pair("omega", omega)
@@ -105,32 +104,32 @@ class Column(eqx.Module):
         "l2": "positive",
     }
 
-    q: Any
-    a: Any
-    b: Any
-    d: Any
-    kappa: Any
-    follower: Any
+    q: Scalar
+    a: Scalar
+    b: Scalar
+    d: Scalar
+    kappa: Scalar
+    follower: Scalar | None  # None: known to be 1, as in a prepared column
     damping: AbstractDamping | None
     friction: AbstractFriction | None
-    m2: Any
-    s1: Any
-    l2: Any
+    m2: Scalar | None
+    s1: Scalar | None
+    l2: Scalar
 
     def __init__(
         self,
-        q: Any,
-        a: Any,
-        b: Any,
-        d: Any,
-        kappa: Any = 1.0,
-        follower: Any = 1.0,
+        q: Scalar,
+        a: Scalar,
+        b: Scalar,
+        d: Scalar,
+        kappa: Scalar = 1.0,
+        follower: Scalar = 1.0,
         damping: AbstractDamping | None = None,
         friction: AbstractFriction | None = None,
         *,
-        m2: Any = None,
-        s1: Any = None,
-        l2: Any = 1.0,
+        m2: Scalar | None = None,
+        s1: Scalar | None = None,
+        l2: Scalar = 1.0,
     ):
         """Check and keep the column's numbers."""
         self.q, self.a, self.b, self.d = checked(self.rules, q=q, a=a, b=b, d=d)
@@ -184,46 +183,7 @@ class Column(eqx.Module):
         return good
 
 
-PARTS = ("kappa", "follower", "damping", "friction")  # of any column
-
-
-def uniform_rods(
-    q: Any = 0.0, *, m1: Any = 1.0, m2: Any = 1.0, l2: Any = 1.0, **parts: Any
-) -> Column:
-    r"""Two uniform rods: the column of the paper that this project started from.
-
-    $a = m_1/3 + m_2,\ b = m_2 l_2/2,\ d = m_2 l_2^2/3$: with equal rods
-    (the default) 4/3, 1/2, 1/3.
-
-    **Arguments:**
-
-    - `q`: the follower load.
-    - `m1`, `m2`: the rods' masses in the reference mass m; `l2`: rod 2's length in l.
-    - `parts`: `kappa`, `follower`, `damping`, `friction` of `Column`.
-    """
-    check_options("uniform_rods", parts, ("m1", "m2", "l2", *PARTS))
-    m1, m2, l2 = positive(m1=m1, m2=m2, l2=l2)
-    a, b, d = m1 / 3 + m2, m2 * l2 / 2, m2 * l2**2 / 3
-    return Column(q, a, b, d, m2=m2, s1=m1 / 2, l2=l2, **parts)
-
-
-def point_masses(
-    m1: Any = 2.0, m2: Any = 1.0, q: Any = 0.0, *, l2: Any = 1.0, **parts: Any
-) -> Column:
-    r"""Massless rods, m1 at the knee and m2 at the tip: Ziegler's are 2 and 1.
-
-    $a = m_1 + m_2,\ b = m_2 l_2,\ d = m_2 l_2^2$. The knee's mass counts as rod 1's:
-    joint 2 carries the tip mass alone.
-
-    **Arguments:** `m1`, `m2` in the reference mass m, `l2` in l; else as
-    `uniform_rods`. Source: H. Ziegler, Ingenieur-Archiv 20 (1952) 49-56.
-    """
-    check_options("point_masses", parts, ("m1", "m2", "l2", *PARTS))
-    m1, m2, l2 = positive(m1=m1, m2=m2, l2=l2)
-    return Column(q, m1 + m2, m2 * l2, m2 * l2**2, m2=m2, s1=m1, l2=l2, **parts)
-
-
-def vector_field(t: Any, y: Vector4, column: Column) -> Vector4:
+def vector_field(t: Scalar, y: Vector4, column: Column) -> Vector4:
     """The equations of motion, in diffrax's signature.
 
     **Arguments:** `t`: unused, the column is autonomous; `y`: phi1, phi2, omega1,
@@ -260,9 +220,9 @@ def energy(column: Column, y: Vector4) -> jax.Array:
 class Power(NamedTuple):
     """Rates of work in k sqrt(k/(m l^2)): dE/dt = follower - damping - friction."""
 
-    follower: Any
-    damping: Any
-    friction: Any
+    follower: Scalar
+    damping: Scalar | None
+    friction: Scalar | None
 
 
 def power(column: Column, y: Vector4) -> Power:
@@ -283,7 +243,7 @@ def power(column: Column, y: Vector4) -> Power:
     return Power(follower, damping, friction)
 
 
-def joint_balance(column: Column, y: Vector4) -> Balance:
+def joint_balance(column: Column, y: Vector4) -> Dynamics:
     """The mass matrix and the forces without friction, for set-valued friction."""
     return _Forces(column, y).balance()
 
@@ -325,13 +285,14 @@ class _Forces:
         if column.tangential:
             self.load = (q * self.sin_d, None)
         else:
+            assert eta is not None
             self.load = (
                 q * sincos(phi1 - eta * phi2)[0],
                 q * column.l2 * sincos((1 - eta) * phi2)[0],
             )
         self.damping = None
         if column.damping is not None:
-            (c11, c12), (c21, c22) = column.damping.matrix(self.cos_d)
+            (c11, c12), (c21, c22) = column.damping.matrix(self.cos_d, (w1, w2))
             self.damping = (c11 * w1 + c12 * w2, c21 * w1 + c22 * w2)
         gyro = column.b * self.sin_d
         spring = phi1 - phi2
@@ -343,13 +304,13 @@ class _Forces:
             self.r1 = self.r1 - self.damping[0]
             self.r2 = self.r2 - self.damping[1]
 
-    def balance(self) -> Balance:
+    def balance(self) -> Dynamics:
         """What set-valued friction needs to hold a joint."""
         column, law = self.column, self.column.friction
         h, reactions = column.b * self.cos_d, None
         if law is not None and law.on_reactions:
             reactions = joint_reactions(column, self)
-        return Balance(column.a, h, column.d, self.r1, self.r2, reactions)
+        return Dynamics(column.a, h, column.d, self.r1, self.r2, reactions)
 
     def solve(self, r1: Scalar, r2: Scalar) -> Pair:
         """Divide by the mass matrix."""
@@ -369,13 +330,14 @@ class _Forces:
 
 
 def _friction_torques(column: Column, forces: _Forces, y: Vector4) -> Pair | None:
-    law: Any = column.friction
+    law = column.friction
     if law is None:
         return None
     _, _, w1, w2 = y
     if column.sticks:
         return _set_valued(column, forces).torques(forces.balance())
     # both accelerations need both: not to be computed for each
+    law = cast(AbstractRateFriction, law)
     g1, g2 = materialise(w1, law.levers, w1, w2 - w1)
     load = law.load_law()
     if load is None:
@@ -384,11 +346,12 @@ def _friction_torques(column: Column, forces: _Forces, y: Vector4) -> Pair | Non
     return g1 * n1, g2 * n2
 
 
-def _set_valued(column: Column, forces: _Forces) -> Any:
+def _set_valued(column: Column, forces: _Forces) -> FrozenCoulomb:
     """Set-valued friction in the modes of the motion or of the state."""
     _, _, w1, w2 = forces.y
-    law: Any = column.friction
-    return law.prepared(column.q).held_at(forces.balance(), (w1, w2 - w1))
+    law = cast(AbstractFriction, column.friction)
+    law = cast(FrozenCoulomb, law.prepared(column.q))
+    return law.in_modes_at(forces.balance(), (w1, w2 - w1))
 
 
 def _needs_masses(column: Column, what: str) -> None:

@@ -1,16 +1,31 @@
-r"""Linear damping: a matrix C with torques $-C\,\omega$ on the two rods."""
+r"""Damping: a matrix C with torques $-C\,\omega$ on the two rods."""
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 
-from ..numerics.numbers import Pair, Scalar, checked, keeps_rules
+from ..numerics.numbers import Flag, Pair, Scalar, checked, keeps_rules
 
 
 class AbstractDamping(eqx.Module):
-    """A damping law: what gives a 2 x 2 matrix.
+    r"""A damping law: what gives a 2 x 2 matrix, maybe of the rates.
+
+    Quadratic damping, torques $c\,|u_i|\,u_i$ against the joints' rates:
+
+    ```python
+    class Quadratic(zj.AbstractDamping):
+        rules = {"c": "nonnegative"}
+        c: float
+
+        def matrix(self, cos_d, omega):
+            u1, u2 = omega[0], omega[1] - omega[0]
+            c1, c2 = self.c * abs(u1), self.c * abs(u2)
+            return (c1 + c2, -c2), (-c2, c2)
+
+    column = zj.uniform_rods(2.6, damping=Quadratic(0.1))
+    ```
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers outside of `sweep` what it was when first traced.
@@ -21,10 +36,12 @@ class AbstractDamping(eqx.Module):
     rules: ClassVar[Mapping[str, str]] = {}
 
     @abc.abstractmethod
-    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
-        """The rows of C at the given cosine of phi1 - phi2 (1 for linear maps).
+    def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
+        """The rows of C.
 
-        Sums and products of it alone, where `is_polynomial` says so.
+        **Arguments:** `cos_d`: the cosine of phi1 - phi2; `omega`: the rods' rates. For
+        the linear column they are 1 and (0, 0). Sums and products of the cosine alone,
+        where `is_polynomial` says so.
         """
 
     def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:
@@ -36,7 +53,7 @@ class AbstractDamping(eqx.Module):
         """
         return None
 
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Whether the numbers keep the law's rules; traced where they are."""
         return keeps_rules(self.rules, self)
 
@@ -51,16 +68,16 @@ class Viscous(AbstractDamping):
 
     rules: ClassVar = {"c1": "nonnegative", "c2": "nonnegative"}
 
-    c1: Any
-    c2: Any
+    c1: Scalar
+    c2: Scalar
 
-    def __init__(self, c1: Any, c2: Any):
+    def __init__(self, c1: Scalar, c2: Scalar):
         """Check and keep both coefficients."""
         self.c1, self.c2 = checked(self.rules, c1=c1, c2=c2)
 
-    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
-        """The rows of C; they do not depend on the angle."""
-        del cos_d
+    def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
+        """The rows of C; they do not depend on the motion."""
+        del cos_d, omega
         return (self.c1 + self.c2, -self.c2), (-self.c2, self.c2)
 
 
@@ -84,15 +101,15 @@ class Air(AbstractDamping):
 
     rules: ClassVar = {"e1": "nonnegative", "e2": "nonnegative", "l2": "positive"}
 
-    e1: Any
-    e2: Any
-    l2: Any
+    e1: Scalar
+    e2: Scalar
+    l2: Scalar
 
-    def __init__(self, e1: Any, e2: Any, l2: Any = 1.0):
+    def __init__(self, e1: Scalar, e2: Scalar, l2: Scalar = 1.0):
         """Check and keep both coefficients and the length."""
         self.e1, self.e2, self.l2 = checked(self.rules, e1=e1, e2=e2, l2=l2)
 
-    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
+    def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
         """The rows of C; the rods are coupled through the knee's velocity."""
         both = self.e2 * self.l2**2 / 2 * cos_d
         return (
@@ -123,10 +140,10 @@ class Sum(AbstractDamping):
                 )
         self.first, self.second = first, second
 
-    def matrix(self, cos_d: Scalar) -> tuple[Pair, Pair]:
+    def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
         """The rows of the sum."""
-        (a11, a12), (a21, a22) = self.first.matrix(cos_d)
-        (b11, b12), (b21, b22) = self.second.matrix(cos_d)
+        (a11, a12), (a21, a22) = self.first.matrix(cos_d, omega)
+        (b11, b12), (b21, b22) = self.second.matrix(cos_d, omega)
         return (a11 + b11, a12 + b12), (a21 + b21, a22 + b22)
 
     def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:
@@ -137,7 +154,7 @@ class Sum(AbstractDamping):
         (a1, a2, a3), (b1, b2, b3) = parts
         return a1 + b1, a2 + b2, a3 + b3
 
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Both laws keep their rules."""
         return self.first.valid() & self.second.valid()
 
@@ -153,7 +170,7 @@ def joint_matrix(law: AbstractDamping) -> tuple[Scalar, Scalar, Scalar, Scalar]:
         parts = zip(joint_matrix(law.first), joint_matrix(law.second), strict=True)
         g11, g12, g21, g22 = (x + y for x, y in parts)
         return g11, g12, g21, g22
-    (c11, c12), (c21, c22) = law.matrix(1.0)
+    (c11, c12), (c21, c22) = law.matrix(1.0, (0.0, 0.0))
     return (c11 + c12) + (c21 + c22), c12 + c22, c21 + c22, c22
 
 
@@ -164,7 +181,7 @@ def is_polynomial(law: AbstractDamping | None) -> bool:
     return law is None or isinstance(law, Viscous | Air)
 
 
-def lengths(law: AbstractDamping | None) -> list[Any]:
+def lengths(law: AbstractDamping | None) -> list[Scalar]:
     """The lengths of rod 2 that a law was given."""
     if isinstance(law, Sum):
         return lengths(law.first) + lengths(law.second)

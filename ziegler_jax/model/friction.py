@@ -12,13 +12,17 @@ published friction coefficient means nothing until all three are stated.
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from ..numerics.elementary import exp, tanh
 from ..numerics.numbers import (
+    Flag,
+    Joints,
+    OneOrTwo,
+    Option,
     Pair,
     Scalar,
     both,
@@ -26,102 +30,8 @@ from ..numerics.numbers import (
     equals,
     is_concrete,
     keeps_rules,
-    whole_number,
 )
-from .joint_reactions import reaction_loads
-
-
-class AbstractLoad(eqx.Module):
-    """Where a joint's normal load comes from.
-
-    `of_motion`: whether the accelerations decide it, as of `JointReaction` alone; else
-    it is that at rest.
-    """
-
-    rules: ClassVar[Mapping[str, str]] = {}
-    of_motion: ClassVar[bool] = False
-
-    @abc.abstractmethod
-    def at_rest(self, q: Scalar) -> Pair:
-        """The normal loads of joints 1 and 2 at rest."""
-
-    def valid(self) -> Any:
-        """Whether the numbers keep the load's rules; traced where they are."""
-        return keeps_rules(self.rules, self)
-
-    def normal(self, column: Any, forces: Any, g1: Scalar, g2: Scalar) -> Pair:
-        """The normal loads in a motion, under the torques g1 and g2 a unit of them."""
-        del forces, g1, g2
-        return self.at_rest(column.q)
-
-
-class FollowerLoad(AbstractLoad):
-    """$N_1 = N_2 = |q|$: the follower force, which both pins carry at rest."""
-
-    def at_rest(self, q: Scalar) -> Pair:
-        """Return |q| for both joints."""
-        return jnp.abs(q), jnp.abs(q)
-
-
-class ConstantLoad(AbstractLoad):
-    """$N_1, N_2$ constant, e.g. a preload of the pins, in units of k/l."""
-
-    rules: ClassVar = {"n": "nonnegative; two"}
-
-    n: Any
-
-    def __init__(self, n: Any):
-        """Set the load: one number, or one a joint, each nonnegative."""
-        (self.n,) = checked(self.rules, n=n)
-
-    def at_rest(self, q: Scalar) -> Pair:
-        """Return n for each joint."""
-        del q
-        return both(self.n)
-
-
-class JointReaction(AbstractLoad):
-    r"""$N_i = |R_i|$: the magnitude of the reaction that the joint transmits.
-
-    The reaction depends on the accelerations, and these on the friction torque. With
-    the rates given, accelerations are affine in the two normal loads,
-    $R_i = R_i^0 + P_{i1} N_1 + P_{i2} N_2$, and $N_i = |R_i|$ is a system of two
-    equations. `newton_steps` Newton steps with its exact 2 x 2 Jacobian solve it,
-    starting from the frictionless reaction; each squares the error. What is left,
-    relative to $1 + N$, in the worst of 10 000 random states of uniform rods with
-    $\mu\rho$ at both joints: 1e-14 at 0.05 after three steps, 8e-12 at 0.2 after four
-    (the default). There is one solution as long as $\|P\| < 1$. Beyond there may be
-    none (at 0.4 in one random state of seven, at 1 in seven of ten: Painleve's
-    paradox of rigid bodies with friction); a residual above 1e-6 makes the
-    accelerations NaN, and the lane ends as `not_finite` or `step_vanished`.
-    """
-
-    of_motion: ClassVar[bool] = True
-
-    newton_steps: int = eqx.field(static=True, default=4)
-
-    def __check_init__(self):
-        """Refuse a loop that does not run."""
-        whole_number("newton_steps", self.newton_steps)
-
-    def at_rest(self, q: Scalar) -> Pair:
-        """Return |q| for both joints: the reactions balance the load alone."""
-        return jnp.abs(q), jnp.abs(q)
-
-    def normal(self, column: Any, forces: Any, g1: Scalar, g2: Scalar) -> Pair:
-        """The magnitudes of the reactions."""
-        return reaction_loads(column, forces, g1, g2, self.newton_steps)
-
-
-def normal_load(load: Any) -> AbstractLoad:
-    """The load of a friction law; None is `FollowerLoad()`."""
-    load = FollowerLoad() if load is None else load
-    if not isinstance(load, AbstractLoad):
-        raise ValueError(
-            "Argument `load` must be `FollowerLoad()`, `ConstantLoad(n)` or "
-            f"`JointReaction()`, but is {load!r}."
-        )
-    return load
+from .loads import AbstractLoad, normal_load
 
 
 class AbstractFriction(eqx.Module):
@@ -139,7 +49,7 @@ class AbstractFriction(eqx.Module):
     rules: ClassVar[Mapping[str, str]] = {}
     sticks: ClassVar[bool] = False
 
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Whether the numbers keep the law's rules; traced where they are."""
         return keeps_rules(self.rules, self)
 
@@ -153,7 +63,7 @@ class AbstractFriction(eqx.Module):
         load = self.load_law()
         return load is not None and load.of_motion
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Option]:
         """What of it belongs into the record of a result."""
         return {}
 
@@ -171,7 +81,33 @@ class AbstractFriction(eqx.Module):
 
 
 class AbstractRateFriction(AbstractFriction):
-    """A friction law whose torques are functions of the joints' rates."""
+    r"""A friction law whose torques are functions of the joints' rates.
+
+    A law of one's own, $\mu u / \sqrt{u^2 + v^2}$ on pins of radius 0.1:
+
+    ```python
+    class Root(zj.AbstractRateFriction):
+        rules = {"mu": "nonnegative", "v": "positive"}
+        mu: float
+        v: float
+
+        def levers(self, u1, u2):
+            one, two = (u / jnp.sqrt(u * u + self.v**2) for u in (u1, u2))
+            return 0.1 * self.mu * one, 0.1 * self.mu * two
+
+        def load_law(self):
+            return zj.FollowerLoad()
+
+        def rate_cut(self):
+            return self.v
+
+    def point(q, mu):
+        column = zj.uniform_rods(q, friction=Root(mu, 0.01))
+        return zj.settle(column, zj.State(omega=(0.0, 0.3)))
+
+    ds = zj.sweep(point, q=[2.2, 2.6], mu=[0.05, 0.1, 0.3])
+    ```
+    """
 
     @abc.abstractmethod
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
@@ -229,21 +165,21 @@ class SmoothCoulomb(AbstractRateFriction):
         "v_smooth": "positive",
     }
 
-    mu_s: Any
-    mu_k: Any
-    pin_radius: Any
-    v_stribeck: Any
-    v_smooth: Any
+    mu_s: OneOrTwo
+    mu_k: OneOrTwo | None
+    pin_radius: OneOrTwo
+    v_stribeck: OneOrTwo | None
+    v_smooth: Scalar
     load: AbstractLoad
 
     def __init__(
         self,
-        mu_s: Any,
-        mu_k: Any = None,
+        mu_s: Joints,
+        mu_k: Joints | None = None,
         *,
-        pin_radius: Any,
-        v_smooth: Any,
-        v_stribeck: Any = None,
+        pin_radius: Joints,
+        v_smooth: Scalar,
+        v_stribeck: Joints | None = None,
         load: AbstractLoad | None = None,
     ):
         """Check and keep the law's numbers."""
@@ -280,12 +216,15 @@ class SmoothCoulomb(AbstractRateFriction):
             return self._worked_out((1.0, 1.0), self.load)
         return self._worked_out(self.load.at_rest(q))
 
-    def _worked_out(self, normal: Pair, load: AbstractLoad | None = None) -> "_Ready":
+    def _worked_out(
+        self, normal: Pair, load: AbstractLoad | None = None
+    ) -> "PreparedCoulomb":
         lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
         least = self.mu_s if self.mu_k is None else self.mu_k
         kinetic = tuple(x * mu for x, mu in zip(lever, both(least), strict=True))
         drop = per_stribeck = None
         if self.mu_k is not None:
+            assert self.v_stribeck is not None
             pairs = zip(lever, both(self.mu_s), both(self.mu_k), strict=True)
             drop = tuple(x * (s - k) for x, s, k in pairs)
             per_stribeck = (
@@ -293,11 +232,16 @@ class SmoothCoulomb(AbstractRateFriction):
                 if isinstance(self.v_stribeck, tuple)
                 else 1.0 / self.v_stribeck
             )
-        return _Ready(
-            kinetic, drop, per_stribeck, 1.0 / self.v_smooth, self.v_smooth, load
+        return PreparedCoulomb(
+            cast(Pair, kinetic),
+            cast(Pair | None, drop),
+            cast(OneOrTwo | None, per_stribeck),
+            1.0 / self.v_smooth,
+            self.v_smooth,
+            load,
         )
 
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Each number's rule, the load's, and mu_k <= mu_s."""
         good = keeps_rules(self.rules, self) & self.load.valid()
         return good & falls_to_kinetic(self.mu_s, self.mu_k)
@@ -311,14 +255,14 @@ class SmoothCoulomb(AbstractRateFriction):
         return self.v_smooth
 
 
-class _Ready(AbstractRateFriction):
+class PreparedCoulomb(AbstractRateFriction):
     """A smoothed law with its constants worked out: no division is left to a stage."""
 
     kinetic: Pair
     drop: Pair | None  # from static to kinetic
-    per_stribeck: Any  # one number, or one a joint
-    per_smooth: Any
-    v_smooth: Any
+    per_stribeck: OneOrTwo | None  # one number, or one a joint
+    per_smooth: Scalar
+    v_smooth: Scalar
     load: AbstractLoad | None
 
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
@@ -327,7 +271,8 @@ class _Ready(AbstractRateFriction):
         def lever(u, i):
             peak = self.kinetic[i]
             if self.drop is not None:
-                bell = exp(-((u * both(self.per_stribeck)[i]) ** 2))
+                per_stribeck = cast(OneOrTwo, self.per_stribeck)
+                bell = exp(-((u * both(per_stribeck)[i]) ** 2))
                 peak = peak + self.drop[i] * bell
             return peak * tanh(u * self.per_smooth)
 
@@ -342,17 +287,17 @@ class _Ready(AbstractRateFriction):
         return self.v_smooth
 
 
-def falls_to_kinetic(mu_s: Any, mu_k: Any) -> Any:
+def falls_to_kinetic(mu_s: OneOrTwo, mu_k: OneOrTwo | None) -> Flag:
     """Whether mu_k <= mu_s in both joints; None for mu_k is mu_s."""
     if mu_k is None:
         return True
-    good: Any = True
+    good: Flag = True
     for s, k in zip(both(mu_s), both(mu_k), strict=True):
         good &= jnp.asarray(k) <= s
     return good
 
 
-def kinetic_at_most_static(mu_s: Any, mu_k: Any) -> None:
+def kinetic_at_most_static(mu_s: OneOrTwo, mu_k: OneOrTwo | None) -> None:
     """Refuse mu_k > mu_s where both are known; None for mu_k is mu_s."""
     for s, k in zip(both(mu_s), both(mu_s if mu_k is None else mu_k), strict=True):
         if is_concrete(s) and is_concrete(k) and k > s:
@@ -362,12 +307,14 @@ def kinetic_at_most_static(mu_s: Any, mu_k: Any) -> None:
             )
 
 
-def _same(mu_s: Any, mu_k: Any) -> bool:
+def _same(mu_s: Joints, mu_k: Joints) -> bool:
     """Whether two coefficients are known to be equal."""
     try:
         return all(
             s is k or (is_concrete(k) and equals(s, float(k)))
-            for s, k in zip(both(mu_s), both(mu_k), strict=True)
+            for s, k in zip(
+                both(cast(OneOrTwo, mu_s)), both(cast(OneOrTwo, mu_k)), strict=True
+            )
         )
     except (TypeError, ValueError):
         return False

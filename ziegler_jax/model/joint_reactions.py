@@ -4,14 +4,87 @@
 and cosine of D, the right-hand sides r1, r2 without friction, and `solve`.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 
 from ..numerics.elementary import sincos
 from ..numerics.materialise import materialise
-from ..numerics.numbers import Pair, Scalar
+from ..numerics.numbers import Pair, Scalar, Vector4
+from .damping import AbstractDamping
+
+
+class Rods(Protocol):
+    """What of a `Column` the reactions rest on."""
+
+    @property
+    def q(self) -> Scalar:
+        """The follower load."""
+        ...
+
+    @property
+    def b(self) -> Scalar:
+        """Rod 2's first moment about the knee."""
+        ...
+
+    @property
+    def m2(self) -> Scalar | None:
+        """Rod 2's mass."""
+        ...
+
+    @property
+    def s1(self) -> Scalar | None:
+        """Rod 1's first moment about the base."""
+        ...
+
+    @property
+    def follower(self) -> Scalar | None:
+        """The follower fraction."""
+        ...
+
+    @property
+    def damping(self) -> AbstractDamping | None:
+        """The damping law."""
+        ...
+
+    @property
+    def tangential(self) -> bool:
+        """Whether the load is known to follow rod 2."""
+        ...
+
+
+class Forces(Protocol):
+    """What `column.py` computes of one state, without friction."""
+
+    @property
+    def y(self) -> Vector4:
+        """The state."""
+        ...
+
+    @property
+    def sin_d(self) -> Scalar:
+        """The sine of D."""
+        ...
+
+    @property
+    def cos_d(self) -> Scalar:
+        """The cosine of D."""
+        ...
+
+    @property
+    def r1(self) -> Scalar:
+        """The right-hand side of rod 1."""
+        ...
+
+    @property
+    def r2(self) -> Scalar:
+        """The right-hand side of rod 2."""
+        ...
+
+    def solve(self, r1: Scalar, r2: Scalar) -> Pair:
+        """Divide by the mass matrix."""
+        ...
 
 
 class Reactions(NamedTuple):
@@ -36,10 +109,11 @@ class Reactions(NamedTuple):
         return first, second
 
 
-def joint_reactions(column: Any, forces: Any) -> Reactions:
+def joint_reactions(column: Rods, forces: Forces) -> Reactions:
     """The reactions of one state, still to be told its accelerations."""
     phi2, w1, w2 = forces.y[1], forces.y[2], forces.y[3]
     s, c = forces.sin_d, forces.cos_d
+    assert column.m2 is not None and column.s1 is not None  # the callers saw to it
     # towards the centres of the rods' circles; rod 1 lies at D, rod 2 at 0
     along1, across1 = -w1 * w1 * c, -w1 * w1 * s
     along = column.m2 * along1 - column.b * w2 * w2
@@ -47,6 +121,7 @@ def joint_reactions(column: Any, forces: Any) -> Reactions:
     if column.tangential:
         along = along + column.q
     else:
+        assert column.follower is not None
         sin_f, cos_f = sincos((1 - column.follower) * phi2)
         along, across = along + column.q * cos_f, across - column.q * sin_f
     joint1 = along + column.s1 * along1, across + column.s1 * across1
@@ -59,7 +134,9 @@ def joint_reactions(column: Any, forces: Any) -> Reactions:
     return Reactions((joint1, (along, across)), (s, c), moments, column.b)
 
 
-def reaction_loads(column: Any, forces: Any, g1: Any, g2: Any, steps: int) -> Pair:
+def reaction_loads(
+    column: Rods, forces: Forces, g1: Scalar, g2: Scalar, steps: int
+) -> Pair:
     """N_i = |R_i(N)| under friction torques g_i N_i (see `JointReaction`)."""
     reactions = joint_reactions(column, forces)
     # accelerations without friction, and per unit of N1 and of N2
@@ -69,7 +146,13 @@ def reaction_loads(column: Any, forces: Any, g1: Any, g2: Any, steps: int) -> Pa
     return solve_loads(reactions.at(*free), *slopes, steps)
 
 
-def solve_loads(base: Any, p1: Any, p2: Any, steps: int, unique: bool = False) -> Pair:
+def solve_loads(
+    base: tuple[Pair, Pair],
+    p1: tuple[Pair, Pair],
+    p2: tuple[Pair, Pair],
+    steps: int,
+    unique: bool = False,
+) -> Pair:
     """Solve N_i = |base_i + p1_i N_1 + p2_i N_2| by Newton; NaN if that fails.
 
     With `unique` also where the right-hand side is no contraction, so that there may

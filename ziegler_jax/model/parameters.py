@@ -2,20 +2,21 @@
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
 
 import jax
 import numpy as np
 from jax.core import Tracer
 
-from .column import PARTS, Column, point_masses, uniform_rods
+from ..numerics.numbers import Scalar
+from .column import Column
+from .rods import PARTS, point_masses, uniform_rods
 
 Make = Callable[..., Column]
 
 
 def as_function(
-    column: Column | Make, parameters: Mapping[str, Any] | Iterable[str] | None
-) -> tuple[Make, dict[str, float | None]]:
+    column: Column | Make, parameters: Mapping[str, Scalar] | Iterable[str] | None
+) -> tuple[Make, dict[str, Scalar | None]]:
     """A function of keywords that makes the column, and the keywords' values.
 
     A `Column` offers its leaves under their path, e.g. `kappa` or `damping.c1`, all
@@ -53,7 +54,7 @@ def as_function(
                 f"{', '.join(leaves)}, but has {name!r}."
             )
 
-    def make(**values: Any) -> Column:
+    def make(**values: Scalar) -> Column:
         return jax.tree_util.tree_unflatten(tree, list((leaves | values).values()))
 
     for name in names:
@@ -66,7 +67,7 @@ def as_function(
     return make, {name: float(np.asarray(leaves[name])) for name in names}
 
 
-def _takes(function: Make, values: Mapping[str, Any]) -> None:
+def _takes(function: Make, values: Mapping[str, Scalar | None]) -> None:
     """Raise where the function takes no argument of such a name."""
     try:
         signature = inspect.signature(function)

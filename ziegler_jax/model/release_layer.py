@@ -15,14 +15,12 @@ $V = \sum_i \tau_{s,i} e_i^2$ falls: once the ellipse V = const. lies within
 $|x_i| \le 1$ the joints are caught there, and the passage is over.
 """
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..numerics.numbers import Pair, Scalar
-from .stick_slip_modes import Balance
+from ..numerics.numbers import Flag, Pair, Scalar
+from .stick_slip_modes import Dynamics
 
 FAR = 12.0  # there e^-11 of the fall is left: 2e-5
 MOST_STEPS = 1000
@@ -34,7 +32,7 @@ GAMMA = 1.0 - 0.5**0.5  # L-stable
 class ReleaseLayer:
     """The layers of both joints under the forces of one state; x is an array of two."""
 
-    def __init__(self, balance: Balance, static: Pair, kinetic: Pair):
+    def __init__(self, balance: Dynamics, static: Pair, kinetic: Pair):
         """Keep masses and forces (see `set_valued`) and the torques."""
         self.balance = balance
         self.static, self.kinetic = jnp.stack(static), jnp.stack(kinetic)
@@ -45,7 +43,7 @@ class ReleaseLayer:
         w11, w12, w22 = d * inverse, -(d + h) * inverse, (a + 2 * h + d) * inverse
         self.columns = jnp.stack([w11, w12]), jnp.stack([w12, w22])  # of W
 
-    def modes(self, start: Pair, ask: Any) -> tuple[Scalar, Scalar, Scalar]:
+    def modes(self, start: Pair, ask: Flag) -> tuple[Scalar, Scalar, Flag]:
         """The modes that the passage from x = `start` ends in, if `ask`.
 
         **Returns:** two modes, -1., 0. or 1., and whether it came to its end.
@@ -56,9 +54,11 @@ class ReleaseLayer:
             return x, self.ended(x) | ~jnp.all(jnp.isfinite(x)), state[2] + 1
 
         begin = jnp.stack(start) + 0.0 * self.push, ~ask, jnp.zeros((), jnp.int32)
-        x, found, _ = lax.while_loop(lambda s: ~s[1] & (s[2] < MOST_STEPS), on, begin)
+        x, complete, _ = lax.while_loop(
+            lambda s: ~s[1] & (s[2] < MOST_STEPS), on, begin
+        )
         first, second = jnp.where(jnp.abs(x) <= 1.0, 0.0, jnp.sign(x))
-        return first, second, found & jnp.all(jnp.isfinite(x))
+        return first, second, complete & jnp.all(jnp.isfinite(x))
 
     def torque(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
         """T and its slope."""
@@ -103,16 +103,18 @@ class ReleaseLayer:
     def ended(self, x: jax.Array) -> jax.Array:
         """Whether each joint is caught in its layer, or left it, driven on."""
         inside, far = jnp.abs(x) <= 1.0, jnp.abs(x) > FAR
-        held = jnp.stack(self.balance.held())
+        holding = jnp.stack(self.balance.holding_torques())
         # where the layers' linear parts would come to rest, and the ellipse around it
-        rest = held / self.static
+        rest = holding / self.static
         room = jnp.min(self.static * (1.0 - jnp.abs(rest)) ** 2)
         caught = jnp.sum(self.static * (x - rest) ** 2) <= room
         both = jnp.all(inside & (jnp.abs(rest) <= 1.0)) & caught
         # one has left if it is driven on while the other rests
         t, _ = self.torque(x)
-        beside = jnp.stack([self.balance.held1(t[1]), self.balance.held2(t[0])])
+        beside = jnp.stack(
+            [self.balance.holding_torque1(t[1]), self.balance.holding_torque2(t[0])]
+        )
         fits = inside & (jnp.abs(beside) <= self.static)
-        leaves = far & (held * x > t * x)
+        leaves = far & (holding * x > t * x)
         away = jnp.all(far & (x * self.rates(x) > 0))
         return both | jnp.any(fits & leaves[::-1]) | away

@@ -10,17 +10,23 @@ of motion without friction,
 $$\lambda_1 = r_1 + T_2 - \frac{h}{d}(r_2 - T_2), \qquad
 \lambda_2 = r_2 - \frac{h + d}{a + 2h + d}(r_1 + r_2 - T_1)$$
 
-where the other joint slips, and $\lambda_1 = r_1 + r_2$, $\lambda_2 = r_2$ where both
-stick. A joint can stick as long as $|\lambda_i| \le \tau_{s,i}$.
+where the other slips, $\lambda_1 = r_1 + r_2$, $\lambda_2 = r_2$ where both stick. A
+joint can stick as long as $|\lambda_i| \le \tau_{s,i}$.
 """
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal, Protocol, TypeVar, cast, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from ..numerics.numbers import (
+    Flag,
+    Flags,
+    Joints,
+    OneOrTwo,
+    Option,
     Pair,
     Scalar,
     both,
@@ -31,19 +37,18 @@ from ..numerics.numbers import (
 )
 from .friction import (
     AbstractFriction,
-    AbstractLoad,
     SmoothCoulomb,
     falls_to_kinetic,
     kinetic_at_most_static,
-    normal_load,
 )
 from .joint_reactions import solve_loads
+from .loads import AbstractLoad, JointReaction, normal_load
 from .release_layer import ReleaseLayer
-from .stick_slip_modes import Balance, Held, choose_modes, stick_first
+from .stick_slip_modes import ConstraintTorques, Dynamics, choose_modes, stick_first
 
 Release = Literal["stick-first", "stribeck-limit"]
-RELEASES = ("stick-first", "stribeck-limit")
-# both rest; one rests beside the other that slips forwards, backwards
+RELEASES = get_args(Release)
+# both rest; one does beside the other that slips forwards, backwards
 BESIDE = ((0.0, 0.0, 1.0, 0.0, -1.0), (0.0, 1.0, 0.0, -1.0, 0.0))
 
 
@@ -51,14 +56,11 @@ class SetValuedCoulomb(AbstractFriction):
     r"""Static and kinetic Coulomb friction with exact stick and slip.
 
     $$T_i = \tau_{k,i}\,\mathrm{sign}(u_i) \text{ where } u_i \ne 0, \qquad
-    |T_i| \le \tau_{s,i} \text{ where } u_i = 0, \qquad
-    \tau_i = \mu_i \rho_i N_i$$
+    |T_i| \le \tau_{s,i} \text{ where } u_i = 0, \qquad \tau_i = \mu_i \rho_i N_i$$
 
     With $\mu_s = \mu_k$ the law fixes every motion. With $\mu_s > \mu_k$ it does not:
-    where one joint comes to rest or breaks loose while the other one rests too, more
-    than one pair of modes can agree with it, and `release` names the rule that
-    chooses:
-
+    where one joint comes to rest or breaks loose while the other rests too, more than
+    one pair of modes can agree with it, and `release` names the rule that chooses:
     - `"stick-first"`: a joint at rest sticks if its constraint torque fits within
         $\tau_s$, taken for the modes that are chosen; a joint sticks rather than not.
     - `"stribeck-limit"`: the limit $v \to 0$ of the layer
@@ -103,18 +105,18 @@ class SetValuedCoulomb(AbstractFriction):
     }
     sticks: ClassVar[bool] = True
 
-    mu_s: Any
-    mu_k: Any
-    pin_radius: Any
+    mu_s: OneOrTwo
+    mu_k: OneOrTwo | None
+    pin_radius: OneOrTwo
     load: AbstractLoad
     release: Release = eqx.field(static=True)
 
     def __init__(
         self,
-        mu_s: Any,
-        mu_k: Any = None,
+        mu_s: Joints,
+        mu_k: Joints | None = None,
         *,
-        pin_radius: Any,
+        pin_radius: Joints,
         load: AbstractLoad | None = None,
         release: Release = "stick-first",
     ):
@@ -132,9 +134,9 @@ class SetValuedCoulomb(AbstractFriction):
         self.release = release
         kinetic_at_most_static(self.mu_s, self.mu_k)
 
-    def prepared(self, q: Scalar) -> "Torques":
+    def prepared(self, q: Scalar) -> "FrozenCoulomb":
         """The same law as torques."""
-        load = self.load if self.load.of_motion else None
+        load = cast(JointReaction, self.load) if self.load.of_motion else None
         normal = self.load.at_rest(q) if load is None else (1.0, 1.0)
         lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
         kinetic = static = tuple(
@@ -143,14 +145,18 @@ class SetValuedCoulomb(AbstractFriction):
         if self.mu_k is not None:
             pairs = zip(lever, both(self.mu_k), strict=True)
             kinetic = tuple(x * mu for x, mu in pairs)
-        return Torques(static, kinetic, self.release, None, load)
+        return FrozenCoulomb(
+            cast(Pair, static), cast(Pair, kinetic), self.release, None, load
+        )
 
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Each number's rule, the load's, and mu_k <= mu_s."""
         good = keeps_rules(self.rules, self) & self.load.valid()
         return good & falls_to_kinetic(self.mu_s, self.mu_k)
 
-    def smoothed(self, v_smooth: Any, v_stribeck: Any = None) -> SmoothCoulomb:
+    def smoothed(
+        self, v_smooth: Scalar, v_stribeck: Joints | None = None
+    ) -> SmoothCoulomb:
         """The smoothed law with the same coefficients, pin radius and load."""
         mu_k = self.mu_k
         known = all(map(is_concrete, jax.tree.leaves((mu_k, self.mu_s))))
@@ -165,7 +171,7 @@ class SetValuedCoulomb(AbstractFriction):
             load=self.load,
         )
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Option]:
         """The rule that chooses modes."""
         return {"release": self.release}
 
@@ -178,12 +184,23 @@ class SetValuedCoulomb(AbstractFriction):
         return None
 
 
-def in_modes(column: Any, modes: Pair | None) -> Any:
+class Rubbed(Protocol):
+    """What has friction: a `Column`."""
+
+    @property
+    def friction(self) -> AbstractFriction | None: ...  # noqa: D102
+
+
+Prepared = TypeVar("Prepared", bound=Rubbed)
+
+
+def in_modes(column: Prepared, modes: Pair | None) -> Prepared:
     """A prepared column with its joints' modes frozen, or free (None)."""
-    return eqx.tree_at(lambda c: c.friction, column, column.friction.in_modes(modes))
+    law = cast(FrozenCoulomb, column.friction)
+    return eqx.tree_at(lambda c: c.friction, column, law.in_modes(modes))
 
 
-class Torques(AbstractFriction):
+class FrozenCoulomb(AbstractFriction):
     r"""Set-valued friction as torques, in given modes or those of the state itself.
 
     **Arguments:** `static`, `kinetic`: $\tau_{s,i}$, $\tau_{k,i}$; `release`: the rule;
@@ -197,19 +214,19 @@ class Torques(AbstractFriction):
     kinetic: Pair
     release: Release = eqx.field(static=True)
     modes: Pair | None
-    load: Any = None  # `JointReaction`
+    load: JointReaction | None = None
 
-    def in_modes(self, modes: Pair | None) -> "Torques":
+    def in_modes(self, modes: Pair | None) -> "FrozenCoulomb":
         """The same law with the modes frozen."""
-        return Torques(self.static, self.kinetic, self.release, modes, self.load)
+        return FrozenCoulomb(self.static, self.kinetic, self.release, modes, self.load)
 
-    def held_at(self, balance: Balance, u: Pair) -> "Torques":
+    def in_modes_at(self, balance: Dynamics, u: Pair) -> "FrozenCoulomb":
         """The law in frozen modes: its own, or those that begin at these rates."""
         if self.modes is not None:
             return self
         return self.in_modes(self.begin(balance, u, (u[0] == 0, u[1] == 0)))
 
-    def loaded(self, balance: Balance) -> "Torques":
+    def loaded(self, balance: Dynamics) -> "FrozenCoulomb":
         """The law in its modes under the loads of this state."""
         if self.load is None:
             return self
@@ -217,8 +234,11 @@ class Torques(AbstractFriction):
         zero = 0.0 * balance.r1
         t1, t2 = (m * k for m, k in zip(self.modes, self.kinetic, strict=True))
         rubbed = balance._replace(r1=zero, r2=zero)
-        free = self._moved(balance, zero, zero)
-        by1, by2 = self._moved(rubbed, t1, zero), self._moved(rubbed, zero, t2)
+        free = self._accelerations_under(balance, zero, zero)
+        by1, by2 = (
+            self._accelerations_under(rubbed, t1, zero),
+            self._accelerations_under(rubbed, zero, t2),
+        )
         at, slope = balance.reactions.at, balance.reactions.slope
         loads = solve_loads(
             at(*free), slope(*by1), slope(*by2), self.load.newton_steps, unique=True
@@ -227,44 +247,47 @@ class Torques(AbstractFriction):
             tuple(x * n for x, n in zip(pair, loads, strict=True))
             for pair in (self.static, self.kinetic)
         )
-        return Torques(static, kinetic, self.release, self.modes)
+        return FrozenCoulomb(
+            cast(Pair, static), cast(Pair, kinetic), self.release, self.modes
+        )
 
-    def torques(self, balance: Balance) -> Pair:
+    def torques(self, balance: Dynamics) -> Pair:
         """T1, T2 in the frozen modes: what the accelerations leave of the forces."""
         return self.loaded(balance)._torques(balance)
 
-    def spare(self, balance: Balance, least: Scalar = 1e-30) -> Pair:
+    def guard(self, balance: Dynamics, least: Scalar = 1e-30) -> Pair:
         r"""How far the torques are below the most: $(\tau_s^2 - T^2) / 2\tau_s$.
 
         Where the most is below `least`, to which torques are told apart, over that.
         """
         law = self.loaded(balance)
         pairs = zip(law.static, law._torques(balance), strict=True)
-        return tuple((s * s - t * t) / (2 * jnp.maximum(s, least)) for s, t in pairs)
+        guards = ((s * s - t * t) / (2 * jnp.maximum(s, least)) for s, t in pairs)
+        return cast(Pair, tuple(guards))
 
-    def accelerations(self, balance: Balance) -> Pair:
+    def accelerations(self, balance: Dynamics) -> Pair:
         """The rods' accelerations in the frozen modes."""
         assert self.modes is not None
         kinetic = self.loaded(balance).kinetic
         m1, m2 = self.modes
-        return self._moved(balance, m1 * kinetic[0], m2 * kinetic[1])
+        return self._accelerations_under(balance, m1 * kinetic[0], m2 * kinetic[1])
 
-    def _torques(self, balance: Balance) -> Pair:
+    def _torques(self, balance: Dynamics) -> Pair:
         assert self.modes is not None
         (m1, m2), (k1, k2) = self.modes, self.kinetic
-        left1, left2 = self.carried(balance, *self.accelerations(balance))
+        left1, left2 = self.constraint_torques(balance, *self.accelerations(balance))
         return (
             jnp.where(m1 == 0, left1, m1 * k1),
             jnp.where(m2 == 0, left2, m2 * k2),
         )
 
-    def carried(self, balance: Balance, a1: Scalar, a2: Scalar) -> Pair:
+    def constraint_torques(self, balance: Dynamics, a1: Scalar, a2: Scalar) -> Pair:
         """The torques that hold the joints that stick, under these accelerations."""
         a, h, d, r1, r2 = balance[:5]
         left2 = r2 - h * a1 - d * a2
         return r1 - a * a1 - h * a2 + left2, left2
 
-    def mobility(self, balance: Balance) -> Scalar:
+    def inverse_inertia(self, balance: Dynamics) -> Scalar:
         """One over the determinant of the inertia of what slips."""
         assert self.modes is not None
         a, h, d = balance[:3]
@@ -272,7 +295,9 @@ class Torques(AbstractFriction):
         inertia = jnp.where(m1 == 0, d, a * d - h * h)
         return 1 / jnp.where(m2 == 0, a + 2 * h + d, inertia)
 
-    def moved(self, balance: Balance, t1: Scalar, t2: Scalar, mobility: Scalar) -> Pair:
+    def accelerations_under(
+        self, balance: Dynamics, t1: Scalar, t2: Scalar, inverse_inertia: Scalar
+    ) -> Pair:
         """The accelerations under these torques of what slips."""
         assert self.modes is not None
         a, h, d, r1, r2 = balance[:5]
@@ -284,12 +309,12 @@ class Torques(AbstractFriction):
         second = jnp.where(stuck2, whole, second)
         still = stuck1 & stuck2
         return (
-            jnp.where(stuck1, 0.0, first * mobility),
-            jnp.where(still, 0.0, second * mobility),
+            jnp.where(stuck1, 0.0, first * inverse_inertia),
+            jnp.where(still, 0.0, second * inverse_inertia),
         )
 
-    def _moved(self, balance: Balance, t1: Scalar, t2: Scalar) -> Pair:
-        return self.moved(balance, t1, t2, self.mobility(balance))
+    def _accelerations_under(self, balance: Dynamics, t1: Scalar, t2: Scalar) -> Pair:
+        return self.accelerations_under(balance, t1, t2, self.inverse_inertia(balance))
 
     def hold(self, x1: Scalar, x2: Scalar) -> Pair:
         """Rates of the rods, with those of stuck joints exactly zero."""
@@ -298,7 +323,7 @@ class Torques(AbstractFriction):
         x1 = jnp.where(m1 == 0, 0.0, x1)
         return x1, jnp.where(m2 == 0, x1, x2)
 
-    def begin(self, balance: Balance, u: Pair, rest: Pair) -> Pair:
+    def begin(self, balance: Dynamics, u: Pair, rest: Flags) -> Pair:
         """The modes with which a motion starts: `rest` says which joints are at rest.
 
         The layers of joints that both start at rest start at rest too.
@@ -309,12 +334,12 @@ class Torques(AbstractFriction):
 
     def chosen(
         self,
-        balance: Balance,
+        balance: Dynamics,
         given: Pair,
-        rest: Pair,
+        rest: Flags,
         slack: Pair,
         layer: Pair,
-        needed: Any,
+        needed: Flag,
     ) -> Pair:
         r"""The modes after an event, by the rule.
 
@@ -331,19 +356,21 @@ class Torques(AbstractFriction):
         if self.load is not None:
             return choose_modes(self._holding(balance, slack), given, rest, jnp.nan)
         thresholds = tuple(s - x for s, x in zip(self.static, slack, strict=True))
-        modes = stick_first(balance, self.kinetic, thresholds, given, rest)
+        modes = stick_first(balance, self.kinetic, cast(Pair, thresholds), given, rest)
         if self.release == "stick-first" or self.static is self.kinetic:
             return modes
         # with equal coefficients the law alone decides, and the layer has no slope
         falls = (self.static[0] > self.kinetic[0]) | (self.static[1] > self.kinetic[1])
         ask = rest[0] & rest[1] & falls & needed
         passage = ReleaseLayer(balance, self.static, self.kinetic)
-        first, second, found = passage.modes(layer, ask)
+        first, second, complete = passage.modes(layer, ask)
         # a passage that does not end, on the border between two ends, decides nothing
-        ask &= found
+        ask &= complete
         return jnp.where(ask, first, modes[0]), jnp.where(ask, second, modes[1])
 
-    def _holding(self, balance: Balance, slack: Pair) -> tuple[Held, Held, Held]:
+    def _holding(
+        self, balance: Dynamics, slack: Pair
+    ) -> tuple[ConstraintTorques, ConstraintTorques, ConstraintTorques]:
         """What holds a joint beside one that rests, slips forwards and backwards.
 
         Each has loads of its own.
@@ -357,8 +384,9 @@ class Torques(AbstractFriction):
 
         torque, static, kinetic = beside(*pairs)
         static = tuple(s - x for s, x in zip(static, slack, strict=True))
+        rows = cast("tuple[tuple[Array, Array], ...]", (torque, static, kinetic))
         still, up, down = (
-            Held(*((x[0][one], x[1][two]) for x in (torque, static, kinetic)))
+            ConstraintTorques(*((x[0][one], x[1][two]) for x in rows))
             for one, two in ((0, 0), (1, 2), (3, 4))
         )
         return still, up, down

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from ..numerics.numbers import Pair, Scalar
+from ..numerics.numbers import Flags, Pair, Scalar
 from .joint_reactions import Reactions
 
 
-class Balance(NamedTuple):
+class Dynamics(NamedTuple):
     """The mass matrix [[a, h], [h, d]] and the forces r1, r2 without friction."""
 
     a: Scalar
@@ -18,21 +18,21 @@ class Balance(NamedTuple):
     r2: Scalar
     reactions: Reactions | None = None  # where they load the joints
 
-    def held1(self, t2: Scalar) -> Scalar:
+    def holding_torque1(self, t2: Scalar) -> Scalar:
         """The torque that holds joint 1 while joint 2 slips under t2."""
         return self.r1 + t2 - self.h * (self.r2 - t2) / self.d
 
-    def held2(self, t1: Scalar) -> Scalar:
+    def holding_torque2(self, t1: Scalar) -> Scalar:
         """The torque that holds joint 2 while joint 1 slips under t1."""
         whole = self.a + 2 * self.h + self.d
         return self.r2 - (self.h + self.d) * (self.r1 + self.r2 - t1) / whole
 
-    def held(self) -> Pair:
+    def holding_torques(self) -> Pair:
         """The torques that hold both joints."""
         return self.r1 + self.r2, self.r2
 
 
-class Held(NamedTuple):
+class ConstraintTorques(NamedTuple):
     """The torques that hold each joint, and the most that hold it at rest, in slip."""
 
     torque: Pair
@@ -41,17 +41,26 @@ class Held(NamedTuple):
 
 
 def stick_first(
-    f: Balance, kinetic: Pair, thresholds: Pair, given: Pair, rest: Pair
+    f: Dynamics, kinetic: Pair, thresholds: Pair, given: Pair, rest: Flags
 ) -> Pair:
     """`choose_modes` for torques that the modes do not change."""
     k1, k2 = kinetic
-    held = f.held(), (f.held1(k2), f.held2(k1)), (f.held1(-k2), f.held2(-k1))
-    still, up, down = (Held(torque, thresholds, kinetic) for torque in held)
+    torques = (
+        f.holding_torques(),
+        (f.holding_torque1(k2), f.holding_torque2(k1)),
+        (f.holding_torque1(-k2), f.holding_torque2(-k1)),
+    )
+    still, up, down = (
+        ConstraintTorques(torque, thresholds, kinetic) for torque in torques
+    )
     return choose_modes((still, up, down), given, rest)
 
 
 def choose_modes(
-    holding: tuple[Held, Held, Held], given: Pair, rest: Pair, otherwise: float = 0.0
+    holding: tuple[ConstraintTorques, ConstraintTorques, ConstraintTorques],
+    given: Pair,
+    rest: Flags,
+    otherwise: float = 0.0,
 ) -> Pair:
     r"""Modes in which every joint at rest sticks exactly if its torque fits.
 
@@ -63,8 +72,8 @@ def choose_modes(
     as the loads' equations have one solution each.
 
     **Arguments:** `holding`: what holds a joint while the other one rests, slips
-    forwards, slips backwards; `given`, `rest`: see `Torques.chosen`; `otherwise`: the
-    modes where there are none.
+    forwards, slips backwards; `given`, `rest`: see `FrozenCoulomb.chosen`;
+    `otherwise`: the modes where there are none.
     """
     still, up, down = holding
     (hold1, hold2), (up1, up2), (down1, down2) = (x.torque for x in holding)

@@ -12,14 +12,18 @@ $|D| \le \tau_{s,2}$, $|\kappa\phi_1 - q \sin D| \le \tau_{s,1}$, of the area
 $4\tau_{s,1}\tau_{s,2}/\kappa$ at every q.
 """
 
-from typing import Any
+from typing import cast
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from ..context import plain
-from ..numerics.numbers import Pair
+from ..numerics.numbers import Pair, Scalar
 from .column import Column, joint_balance
+from .set_valued import SetValuedCoulomb
+
+Angle = Float[Array, "..."] | float  # many at once, or one
 
 
 class StickingSet(eqx.Module):
@@ -30,7 +34,7 @@ class StickingSet(eqx.Module):
     @property
     def static(self) -> Pair:
         """The static torques of both joints."""
-        friction: Any = self.column.friction
+        friction = cast(SetValuedCoulomb, self.column.friction)
         law = friction.prepared(self.column.q)
         if law.load is None:
             return law.static
@@ -38,12 +42,12 @@ class StickingSet(eqx.Module):
         one, two = (s * n for s, n in zip(law.static, normal, strict=True))
         return one, two
 
-    def torques(self, phi1: Any, phi2: Any) -> Pair:
+    def torques(self, phi1: Angle, phi2: Angle) -> Pair:
         """The torques that hold both joints at these angles."""
         zero = jnp.zeros_like(jnp.asarray(phi1, jnp.result_type(float)))
-        return joint_balance(self.column, (phi1, phi2, zero, zero)).held()
+        return joint_balance(self.column, (phi1, phi2, zero, zero)).holding_torques()
 
-    def contains(self, phi1: Any, phi2: Any) -> Any:
+    def contains(self, phi1: Angle, phi2: Angle) -> Bool[Array, "..."]:
         """Whether the column rests at these angles; arrays of one shape."""
         torques = self.torques(phi1, phi2)
         one, two = (
@@ -53,7 +57,7 @@ class StickingSet(eqx.Module):
         return one & two
 
     @property
-    def corners(self) -> Any:
+    def corners(self) -> Float[Array, "4 2"]:
         r"""The four corners, (4, 2): $\phi_1, \phi_2$ in turn round the set.
 
         **Raises:** `ValueError` unless the load follows ($\eta = 1$).
@@ -67,7 +71,7 @@ class StickingSet(eqx.Module):
         return jnp.stack(rows)
 
     @property
-    def area(self) -> Any:
+    def area(self) -> Scalar:
         r"""$4\tau_{s,1}\tau_{s,2}/\kappa$, in rad^2, for a following load."""
         self._needs_following("area")
         t1, t2 = self.static
@@ -97,7 +101,7 @@ def sticking_set(column: Column) -> StickingSet:
     return StickingSet(column)
 
 
-def check_sticks(column: Any) -> None:
+def check_sticks(column: Column) -> None:
     """Refuse what is no column with set-valued friction."""
     if not isinstance(column, Column) or not column.sticks:
         raise ValueError(

@@ -4,37 +4,50 @@ Every question about a motion is a fold over its steps. A motion can be paused b
 any two of them, as a sweep does.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar, cast
 
 import diffrax as dfx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
 
 from ..context import resumable
 from ..model.column import Column, vector_field
-from ..numerics.numbers import Scalar, Vector4
+from ..numerics.numbers import Count, Flag, Scalar, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import (
     AbstractFold,
+    ControlState,
+    Explicit,
     GoingOn,
     Observed,
     Reached,
     StepControl,
     StickSlip,
+    StickSlipState,
     Taylor,
     TaylorSlip,
 )
+from ..solvers.fold import AbstractObserved, ObservedState
+from ..solvers.taylor import TaylorState
+from .options import Method
 from .scene import layer_of, outcome_of, prepared
 
 FIRST_STEP = 0.01
 
 
-class Run(NamedTuple):
+Folded = TypeVar("Folded")  # a fold's running numbers
+# where a solver is
+Where = ObservedState[Folded] | StickSlipState[Folded] | TaylorState[Folded]
+
+
+class Run(NamedTuple, Generic[Folded]):
     """Where a motion is: what a chunk of steps hands to the next."""
 
-    solver: Any
-    control: Any
-    steps: Any
-    outcome: Any  # `not_computed` while it runs
+    solver: Where[Folded]
+    control: ControlState
+    steps: Int[Array, ""]
+    outcome: Int[Array, ""]  # `not_computed` while it runs
 
     @property
     def y(self) -> Vector4:
@@ -42,31 +55,22 @@ class Run(NamedTuple):
         return self.solver.y
 
     @property
-    def folded(self) -> Any:
+    def folded(self) -> Folded:
         """The fold's running numbers."""
         return self.solver.folded
 
     @property
-    def time(self) -> Any:
+    def time(self) -> Scalar:
         """How far it has come."""
         return self.control.t
 
     @property
-    def running(self) -> Any:
+    def running(self) -> Bool[Array, ""]:
         """Whether the motion has no verdict yet."""
         return self.outcome == OUTCOME.not_computed
 
 
-class Method(NamedTuple):
-    """How motions are integrated."""
-
-    solver: Any
-    rtol: Scalar
-    atol: Scalar
-    max_steps: Any  # may be traced
-
-
-class Motion:
+class Motion(Generic[Folded]):
     """A column, a fold over its steps that may end it, and the machine that this needs.
 
     **Arguments:**
@@ -84,13 +88,13 @@ class Motion:
     def __init__(
         self,
         column: Column,
-        y0: Vector4,
-        fold: AbstractFold,
+        y0: Traced4,
+        fold: AbstractFold[Folded],
         method: Method,
         *,
         end: Scalar,
         at_end: OUTCOME = OUTCOME.complete,
-        valid: Any = True,
+        valid: Flag = True,
         start: Scalar = 0.0,
         first_step: Scalar = FIRST_STEP,
         first_stop: Scalar = jnp.inf,
@@ -101,9 +105,9 @@ class Motion:
         self.start, self.first_step, self.first_stop = start, first_step, first_stop
         self.args = prepared(column)
         self.solver, self.control = machine(self.args, fold, method)
-        self.terms = dfx.ODETerm(vector_field)
+        self.terms = dfx.ODETerm(cast(Callable[..., Vector4], vector_field))
 
-    def begin(self) -> Run:
+    def begin(self) -> Run[Folded]:
         """The motion before its first step."""
         t0 = jnp.zeros((), self.y0[0].dtype) + self.start
         invalid = jnp.where(self.valid, OUTCOME.not_computed, OUTCOME.invalid)
@@ -114,9 +118,9 @@ class Motion:
             outcome=invalid.astype(jnp.int32),
         )
 
-    def advance(self, run: Run, max_steps: Any = None) -> Run:
+    def advance(self, run: Run[Folded], max_steps: Count | None = None) -> Run[Folded]:
         """The motion after at most `max_steps` more steps; None: at its end."""
-        left = self.method.max_steps - run.steps
+        left = cast(Count, self.method.max_steps) - run.steps
         left = left if max_steps is None else jnp.minimum(left, max_steps)
         t = run.control.t
         solution = dfx.diffeqsolve(
@@ -136,13 +140,15 @@ class Motion:
             throw=False,
             adjoint=dfx.ForwardMode(),
         )
-        after: Any = solution.solver_state
-        where: Any = solution.controller_state
+        after = cast(Where[Folded], solution.solver_state)
+        where = cast(ControlState, solution.controller_state)
         steps = run.steps + solution.stats["num_steps"]
         ended = self.fold.outcome(after.folded)
         over = (ended == OUTCOME.not_computed) & (where.t >= self.end)
         ended = jnp.where(over, self.at_end, ended)
-        spent = (ended == OUTCOME.not_computed) & (steps >= self.method.max_steps)
+        spent = (ended == OUTCOME.not_computed) & (
+            steps >= cast(Count, self.method.max_steps)
+        )
         ended = jnp.where(spent, OUTCOME.budget_spent, ended)
         ended = jnp.where(self.solver.chatters(after), OUTCOME.chattering, ended)
         ended = outcome_of(solution.result, after.slope, ended)
@@ -150,25 +156,30 @@ class Motion:
         return Run(after, where, steps, outcome)
 
 
-def follow(motion: Motion) -> Run:
+def follow(motion: Motion[Folded]) -> Run[Folded]:
     """The motion to its end; a sweep follows it in chunks."""
     first = motion.begin()
     last = resumable(first, motion.advance, lambda run: (run.running, run.steps))
     return motion.advance(first) if last is None else last
 
 
-def machine(column: Column, fold: AbstractFold, method: Method) -> Any:
+def machine(
+    column: Column, fold: AbstractFold, method: Method
+) -> tuple[AbstractObserved, StepControl]:
     """The observing solver and the controller that the friction law needs."""
-    solver, rtol, atol, _ = method
+    solver = method.solver
+    rtol, atol = cast(Scalar, method.rtol), cast(Scalar, method.atol)
     if isinstance(solver, Taylor):
-        control = Reached(rtol, atol)  # pyright: ignore
+        control = Reached(rtol, atol)  # pyright: ignore[reportCallIssue]
         return TaylorSlip(solver, fold, rtol, atol), control
     control = StepControl(rtol, atol, layer_of(column, solver))  # pyright: ignore
     if column.sticks:
+        assert isinstance(solver, Explicit)  # `method_of` saw to it
         if solver.bend is None:
             raise ValueError(
                 "Argument `solver` must have an interpolant of its own with set-valued "
                 f"friction, which `Explicit()` (Tsit5) has, but is {solver.name}."
             )
         return StickSlip(solver, fold, atol), control
+    assert solver is not None
     return Observed(solver, fold), control

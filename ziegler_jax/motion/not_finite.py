@@ -7,21 +7,34 @@ and with the flag: what it raises names the line of a law of the user's own.
 
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, TypeVar
+from typing import Protocol, TypeVar, cast
 
 import jax
 import numpy as np
 from jax.core import Tracer
+from jaxtyping import Array, Float
 
 from ..context import Arguments, plain
 from ..model.column import Column, State, vector_field
-from ..results import OUTCOME
+from ..results import OUTCOME, AbstractMotionResult
 from ..runtime import own_flags
 from .integrate import follow
+from .options import Method, Windows
 from .scene import prepared
-from .settle_problem import Settling
+from .settle_problem import SettleProblem
 
 Result = TypeVar("Result")
+
+
+class Timed(Protocol):
+    """A result at given times."""
+
+    @property
+    def ts(self) -> Float[Array, " n"]:
+        """The times."""
+        ...
+
+
 LONG = 1e4  # a motion is followed once more for so long
 # A step that meets NaN is made shorter until it vanishes in front of it.
 BEYOND = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
@@ -37,13 +50,17 @@ def motion(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]
         result = computed(*args, **options)
         if jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
             scene = (*args, *(options[k] for k in ("column", "start") if k in options))
-            look_for_nan(name, scene[0], scene[1], result)
+            column, start = cast(Column, scene[0]), cast(State, scene[1])
+            ended = cast(AbstractMotionResult[State], result)
+            look_for_nan(name, column, start, ended)
         return result
 
     return watched
 
 
-def look_for_nan(name: str, column: Any, start: Any, result: Any) -> None:
+def look_for_nan(
+    name: str, column: Column, start: State, result: AbstractMotionResult[State]
+) -> None:
     """Raise where the motion ended because it, or what comes next, is not finite.
 
     **Raises:** `FloatingPointError` from what the column's field raises there.
@@ -59,35 +76,25 @@ def look_for_nan(name: str, column: Any, start: Any, result: Any) -> None:
         f"The motion in `{name}` is not a finite number at t = {t:.9g}, where "
         f"(phi1, phi2, omega1, omega2) = ({at}), or just beyond."
     )
-    found = _raised(column, t, y)
-    if found is not None:
-        raise FloatingPointError(sentence) from found
+    cause = _raised(column, t, y)
+    if cause is not None:
+        raise FloatingPointError(sentence) from cause
     if outcome == OUTCOME.not_finite:
         raise FloatingPointError(sentence)
 
 
-def _last(column: Column, start: State, result: Any) -> tuple[float, list[float]]:
+def _last(
+    column: Column, start: State, result: AbstractMotionResult[State]
+) -> tuple[float, list[float]]:
     """The last time and state: the result's own, or found by following it once more."""
     if hasattr(result, "final"):
         return float(result.time), [float(x) for x in result.final.y]
-    again = Settling(
-        column,
-        start,
-        transient=LONG,
-        window=1.0,
-        max_windows=1,
-        rtol_settle=1.0,
-        observers=(),
-        rtol=1e-6,
-        atol=1e-6,
-        solver=None,
-        escape=1e300,
-        rate_cut=None,
-        max_steps=1_000_000,
-    )
+    windows = Windows(transient=LONG, length=1.0, max_windows=1, escape=1e300)
+    again = SettleProblem(column, start, "settle", windows, (), Method())
     with own_flags():
         run = follow(again)
-    begun = float(np.asarray(result.ts)[0]) if hasattr(result, "ts") else 0.0
+    timed = cast(Timed, result)
+    begun = float(np.asarray(timed.ts)[0]) if hasattr(result, "ts") else 0.0
     return begun + float(run.time), [float(x) for x in run.y]
 
 

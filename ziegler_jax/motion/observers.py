@@ -5,65 +5,100 @@ into a result at its end. One that is not asked for is not in the program.
 """
 
 import abc
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, Generic, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, energy, power
-from ..numerics.numbers import Scalar, Vector4, both, keeps, number_or_pair
+from ..numerics.numbers import (
+    Flag,
+    Joints,
+    Numbers,
+    OneOrTwo,
+    Scalar,
+    Vector4,
+    both,
+    keeps,
+    number_or_pair,
+)
 from ..results import TIME, Variable
 from ..solvers import Step
-from .section import Plane, angles, passage
+from .section import SectionPlane, angles, passage
 
 POWER = "k sqrt(k/(m l^2))"
 
 
-class AbstractObserver(eqx.Module):
+Watched = TypeVar("Watched")  # an observer's running numbers
+
+
+class AbstractObserver(eqx.Module, Generic[Watched]):
     """Running numbers over a window of the motion.
+
+    One of one's own, the largest rate of each joint:
+
+    ```python
+    class PeakRate(zj.AbstractObserver):
+        name = "peak_rate"
+
+        def init(self, column, t, y):
+            return abs(y[2]), abs(y[3] - y[2])
+
+        def step(self, column, state, step):
+            w1, w2 = step.y1[2:]
+            return jnp.maximum(state[0], abs(w1)), jnp.maximum(state[1], abs(w2 - w1))
+
+        def result(self, column, state, span, y):
+            rates, unit = jnp.stack(state), "sqrt(k/(m l^2))"
+            return {"peak_rate": zj.Variable(rates, "peak rate", unit, ("joint",))}
+
+    def point(q):
+        friction = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.05)
+        column, start = zj.uniform_rods(q, friction=friction), zj.State(omega=(0, 0.3))
+        return zj.settle(column, start, observers=(PeakRate(),))
+
+    ds = zj.sweep(point, q=[2.4, 2.6])
+    ```
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers outside of `sweep` what it was when first traced.
     """
 
-    name: ClassVar[str]  # the attribute of `settle`'s result
+    name: ClassVar[str]  # no two of a motion have the same
 
     def check(self, column: Column) -> None:
         """Refuse a column that lacks what is to be observed (ValueError)."""
         del column
 
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Whether the observer's numbers keep their rules; traced where they are."""
         return True
 
-    def integrand(self, column: Column, y: Vector4) -> tuple:
+    def integrand(self, column: Column, y: Vector4) -> Numbers:
         """Functions of the state to integrate along the motion."""
         del column, y
         return ()
 
     @abc.abstractmethod
-    def init(self, column: Column, t: Scalar, y: Vector4) -> Any:
+    def init(self, column: Column, t: Scalar, y: Vector4) -> Watched:
         """The running numbers at a window's start."""
 
     @abc.abstractmethod
-    def step(self, column: Column, state: Any, step: Step) -> Any:
+    def step(self, column: Column, state: Watched, step: Step) -> Watched:
         """The running numbers after an accepted step; `integrals` are this one's."""
 
     @abc.abstractmethod
-    def result(self, column: Column, state: Any, span: Scalar, y: Vector4) -> Any:
-        """What the window of length `span`, which ended at y, amounts to."""
-
-    @abc.abstractmethod
-    def variables(self, result: Any) -> dict[str, Variable]:
-        """The result as named quantities."""
+    def result(
+        self, column: Column, state: Watched, span: Scalar, y: Vector4
+    ) -> dict[str, Variable]:
+        """What the window of length `span`, which ended at y, amounts to, by name."""
 
 
-class Extent(NamedTuple):
-    """Largest angles in a window, in rad, arrays of shape (2,)."""
-
-    rod: Any
-    joint: Any
+ROD_AMPLITUDE = Variable(None, "largest absolute angle of the rod", "rad", ("rod",))
+JOINT_AMPLITUDE = Variable(
+    None, "largest absolute angle of the joint", "rad", ("joint",)
+)
 
 
 class Amplitude(AbstractObserver):
@@ -89,20 +124,13 @@ class Amplitude(AbstractObserver):
         return tuple(jnp.maximum(before, path.largest()) for before, path in pairs)
 
     def result(self, column, state, span, y):
-        """Rods and joints apart."""
+        """`rod_amplitude(rod)` and `joint_amplitude(joint)`."""
         del column, span, y
         phi1, phi2, knee = state
-        return Extent(jnp.stack([phi1, phi2]), jnp.stack([phi1, knee]))
-
-    def variables(self, result):
-        """`rod_amplitude(rod)` and `joint_amplitude(joint)`."""
+        rod, joint = jnp.stack([phi1, phi2]), jnp.stack([phi1, knee])
         return {
-            "rod_amplitude": Variable(
-                result.rod, "largest absolute angle of the rod", "rad", ("rod",)
-            ),
-            "joint_amplitude": Variable(
-                result.joint, "largest absolute angle of the joint", "rad", ("joint",)
-            ),
+            "rod_amplitude": ROD_AMPLITUDE._replace(value=rod),
+            "joint_amplitude": JOINT_AMPLITUDE._replace(value=joint),
         }
 
 
@@ -127,15 +155,10 @@ class Mean(AbstractObserver):
         return tuple(total + h * path.mean() for total, path in pairs)
 
     def result(self, column, state, span, y):
-        """Area over time."""
+        """`mean_angle(rod)`: area over time."""
         del column, y
-        return jnp.stack(state) / span
-
-    def variables(self, result):
-        """`mean_angle(rod)`."""
-        return {
-            "mean_angle": Variable(result, "mean angle of the rod", "rad", ("rod",))
-        }
+        mean = jnp.stack(state) / span
+        return {"mean_angle": Variable(mean, "mean angle of the rod", "rad", ("rod",))}
 
 
 class Period(AbstractObserver):
@@ -157,24 +180,21 @@ class Period(AbstractObserver):
         """Count the step's passage."""
         del column
         count, first, last = state
-        found = passage(Plane(), step)
+        crossing = passage(SectionPlane(), step)
         return (
-            count + jnp.where(found.there, 1.0, 0.0),
-            jnp.where(found.there & (count == 0), found.time, first),
-            jnp.where(found.there, found.time, last),
+            count + jnp.where(crossing.there, 1.0, 0.0),
+            jnp.where(crossing.there & (count == 0), crossing.time, first),
+            jnp.where(crossing.there, crossing.time, last),
         )
 
     def result(self, column, state, span, y):
-        """Time between first and last, by the number of returns."""
+        """`period`: time between first and last, by the number of returns."""
         del column, span, y
         count, first, last = state
         returns = jnp.where(count >= 2, count - 1, 1.0)
-        return jnp.where(count >= 2, (last - first) / returns, jnp.nan)
-
-    def variables(self, result):
-        """`period`."""
+        period = jnp.where(count >= 2, (last - first) / returns, jnp.nan)
         meaning = "mean time between upward passages of phi1 through zero"
-        return {"period": Variable(result, meaning, TIME)}
+        return {"period": Variable(period, meaning, TIME)}
 
 
 class StickFraction(AbstractObserver):
@@ -190,10 +210,10 @@ class StickFraction(AbstractObserver):
     not risen to its peak).
     """
 
-    rate_cut: Any = None
+    rate_cut: OneOrTwo | None = None
     name: ClassVar[str] = "stick_fraction"
 
-    def __init__(self, rate_cut: Any = None):
+    def __init__(self, rate_cut: Joints | None = None):
         """Keep the cut."""
         self.rate_cut = (
             None
@@ -239,31 +259,21 @@ class StickFraction(AbstractObserver):
         )
 
     def result(self, column, state, span, y):
-        """Time over time."""
+        """`stick_fraction(joint)`: time over time."""
         del column, y
-        return jnp.stack(state) / span
-
-    def variables(self, result):
-        """`stick_fraction(joint)`."""
-        meaning = "share of time in which the joint sticks"
-        return {"stick_fraction": Variable(result, meaning, "1", ("joint",))}
-
-
-class Balance(NamedTuple):
-    """Mean powers over a window, in k sqrt(k/(m l^2)); a missing part is None."""
-
-    follower: Any
-    damping: Any
-    friction: Any
-    imbalance: Any
+        share, meaning = (
+            jnp.stack(state) / span,
+            "share of time in which the joint sticks",
+        )
+        return {"stick_fraction": Variable(share, meaning, "1", ("joint",))}
 
 
 class EnergyBalance(AbstractObserver):
     r"""Work of the load, losses in damping and friction, each per unit time.
 
-    The powers are integrated with the stages of the method, to its order. `imbalance`
-    is what is left of $\Delta E = W_{load} - W_{damping} - W_{friction}$ per unit time:
-    the integration's own energy error.
+    The powers are integrated with the stages of the method, to its order.
+    `energy_imbalance` is what is left of $\Delta E = W_{load} - W_{damping} -
+    W_{friction}$ per unit time: the integration's own energy error.
     """
 
     name: ClassVar[str] = "power"
@@ -285,28 +295,21 @@ class EnergyBalance(AbstractObserver):
         return start, tuple(w + dw for w, dw in zip(works, step.integrals, strict=True))
 
     def result(self, column, state, span, y):
-        """Work over time, and the balance."""
+        """`follower_power`, `damping_power`, `friction_power`, `energy_imbalance`."""
         start, works = state
         means = iter(w / span for w in works)
-        follower = next(means)
-        damping = None if column.damping is None else next(means)
-        friction = None if column.friction is None else next(means)
-        losses = sum(x for x in (damping, friction) if x is not None)
+        powers = {"follower_power": (next(means), "mean power of the follower load")}
+        if column.damping is not None:
+            powers["damping_power"] = next(means), "mean power lost in damping"
+        if column.friction is not None:
+            powers["friction_power"] = next(means), "mean power lost in joint friction"
+        gain, *losses = (power for power, _ in powers.values())
         change = (energy(column, y) - start) / span
-        return Balance(follower, damping, friction, change - follower + losses)
-
-    def variables(self, result):
-        """`follower_power`, `damping_power`, `friction_power`, `energy_imbalance`."""
-        meanings = {
-            "follower_power": (result.follower, "mean power of the follower load"),
-            "damping_power": (result.damping, "mean power lost in damping"),
-            "friction_power": (result.friction, "mean power lost in joint friction"),
-            "energy_imbalance": (result.imbalance, "energy error per unit time"),
-        }
+        error = change - gain + sum(losses)
+        powers["energy_imbalance"] = error, "energy error per unit time"
         return {
             name: Variable(value, meaning, POWER)
-            for name, (value, meaning) in meanings.items()
-            if value is not None
+            for name, (value, meaning) in powers.items()
         }
 
 

@@ -17,20 +17,22 @@ Dynamics and Bifurcations of Non-smooth Mechanical Systems (2004), chapter 7.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import joint_balance, vector_field
-from ..model.set_valued import in_modes
-from ..numerics.numbers import Vector4
+from ..model.column import Column, joint_balance, vector_field
+from ..model.set_valued import FrozenCoulomb, in_modes
+from ..numerics.numbers import Traced4
 from ..solvers import Step
 from .observers import joint_rates
 
 
-def leaves(column: Any, dp: Any) -> tuple[Any, Callable[[Any], Any]]:
+def leaves(
+    column: Column, dp: Column | None
+) -> tuple[Column, Callable[[Column], Column]]:
     """Those numbers of a column that differ, and the column of such numbers.
 
     **Arguments:** `dp`: the differences in the column's own structure, None for what
@@ -41,18 +43,22 @@ def leaves(column: Any, dp: Any) -> tuple[Any, Callable[[Any], Any]]:
     return numbers, lambda numbers: eqx.combine(numbers, column)
 
 
-def saltation(column: Any, step: Step, dp: Any = None) -> Callable[[Vector4], Vector4]:
+def saltation(
+    column: Column, step: Step, dp: Column | None = None
+) -> Callable[[Traced4], Traced4]:
     """What the event on which the step ended makes of a difference dy.
 
     **Arguments:** `column`: in the modes of the step; `dp`: how its numbers differ.
     """
+    assert step.event
     (joint, modes), (numbers, column_of) = step.event, leaves(column, dp)
 
     def guard(y, numbers):
         here = column_of(numbers)
-        law: Any = here.friction
+        law = cast(FrozenCoulomb, here.friction)
+        assert law.modes is not None
         each = zip(
-            law.modes, law.spare(joint_balance(here, y)), joint_rates(y), strict=True
+            law.modes, law.guard(joint_balance(here, y)), joint_rates(y), strict=True
         )
         one, two = (jnp.where(m == 0, left, u) for m, left, u in each)
         # both at once is not generic: then one is as good as the other
@@ -63,9 +69,9 @@ def saltation(column: Any, step: Step, dp: Any = None) -> Callable[[Vector4], Ve
     speed = jnp.where(speed == 0, jnp.inf, speed)  # one that grazes does not jump
     after = vector_field(step.t1, step.y1, in_modes(column, modes))
 
-    def jump(dy: Vector4) -> Vector4:
+    def jump(dy: Traced4) -> Traced4:
         late = towards(dy, dp) / speed
         parts = zip(dy, step.f1, after, strict=True)
-        return tuple(d + late * (b - a) for d, a, b in parts)  # type: ignore
+        return cast(Traced4, tuple(d + late * (b - a) for d, a, b in parts))
 
     return jump

@@ -1,27 +1,33 @@
 """What `settle` and `trajectory` ask of a scene, and what they make of it."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypedDict, TypeVar, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike, DTypeLike
+from jaxtyping import Array, Float, Int
 
-from ..context import overridden_tolerances
+from ..context import overridden_solver
 from ..model.column import Column, State
 from ..model.damping import is_polynomial
-from ..numerics.numbers import Scalar, Vector4, instance, is_concrete, number
+from ..numerics.numbers import Flag, Scalar, Traced4, Vector4, instance, is_concrete
 from ..results import OUTCOME
 from ..solvers import Explicit, Rosenbrock, Taylor
 from .observers import AbstractObserver, Amplitude
+from .options import Method, Solver, complete
 
+Tree = TypeVar("Tree")  # a pytree of numbers
+Times = Sequence[float] | Float[ArrayLike, " n"]
 REST_RATE = 1e-6  # without friction there is no rate of the column's own
-FINEST_IN_FLOAT32 = 1e-5
 
 
-def outcome_of(result: Any, last_slope: Any, otherwise: Any) -> jax.Array:
+def outcome_of(
+    result: dfx.RESULTS, last_slope: Vector4, otherwise: Int[Array, ""]
+) -> Int[Array, ""]:
     """The code of a lane: what stopped the solver, or otherwise."""
     finite = True
     for slope in jax.tree.leaves(last_slope):
@@ -33,29 +39,50 @@ def outcome_of(result: Any, last_slope: Any, otherwise: Any) -> jax.Array:
     return jnp.where(spent, OUTCOME.budget_spent, outcome)
 
 
-def recorded(**options: Any) -> tuple[tuple[str, Any], ...]:
-    """Options for the record; what differs from point to point says so."""
-    record = []
-    for name, value in options.items():
-        if isinstance(value, np.floating):
-            value = float(value)
-        elif not isinstance(value, (int, str)):
-            value = "set at each point"
-        record.append((name, value))
-    return tuple(record)
+class Ending(TypedDict):
+    """Where, when and how a motion ended."""
+
+    final: State
+    time: Float[Array, ""]
+    steps: Int[Array, ""]
+    outcome: Int[Array, ""]
 
 
-def ending(run: Any) -> dict[str, Any]:
+class Ended(Protocol):
+    """What of a motion's `Run` says so."""
+
+    @property
+    def y(self) -> Vector4:
+        """The state."""
+        ...
+
+    @property
+    def time(self) -> Scalar:
+        """How far it has come."""
+        ...
+
+    @property
+    def steps(self) -> Int[Array, ""]:
+        """Attempted steps."""
+        ...
+
+    @property
+    def outcome(self) -> Int[Array, ""]:
+        """A code of `OUTCOME`."""
+        ...
+
+
+def ending(run: Ended) -> Ending:
     """Where, when and how a motion ended, as a result has it."""
     return {
         "final": State(run.y[:2], run.y[2:]),
-        "time": run.time,
+        "time": cast(jax.Array, run.time),
         "steps": run.steps,
         "outcome": run.outcome.astype(jnp.int8),
     }
 
 
-def nan_where(failed: Any, values: Any) -> Any:
+def nan_where(failed: Flag, values: Tree) -> Tree:
     """Values, NaN where a motion failed."""
     return jax.tree.map(lambda x: jnp.where(failed, jnp.nan, x), values)
 
@@ -68,16 +95,6 @@ def prepared(column: Column) -> Column:
     if column.tangential and column.follower is not None:
         column = eqx.tree_at(lambda c: c.follower, column, None)
     return column
-
-
-def explicit_method(solver: Any, otherwise: Explicit) -> Explicit:
-    """The method where derivatives are carried along, or sections watched for."""
-    if solver is not None and not isinstance(solver, Explicit):
-        raise ValueError(
-            "Argument `solver` must be `Explicit(...)` or None here, but is "
-            f"{solver!r}."
-        )
-    return otherwise if solver is None else solver
 
 
 def has_series(column: Column) -> bool:
@@ -93,35 +110,47 @@ def usual_method(column: Column) -> Taylor | Explicit:
     return Taylor() if has_series(column) else Explicit()
 
 
-def method_of(solver: Any, column: Column, otherwise: Any) -> Any:
-    """The method for an argument `solver`."""
+def explicit_method(
+    question: str, method: Method, usual: Explicit | None = None
+) -> Method:
+    """The method where derivatives are carried along, or sections watched for.
+
+    **Raises:** `ValueError` for a solver that is not explicit.
+    """
+    instance("method", method, Method)
+    solver = method.solver
+    if solver is not None and not isinstance(solver, Explicit):
+        raise ValueError(
+            "Argument `solver` must be an explicit method of diffrax, `Explicit(...)` "
+            f"or None in `{question}`, but is `{solver.name}`."
+        )
     if solver is None:
-        return otherwise
-    if isinstance(solver, Explicit):
-        return solver
-    if isinstance(solver, Taylor):
-        if not has_series(column):
-            raise ValueError(
-                "Argument `solver` may be `Taylor(...)` with `SetValuedCoulomb` "
-                "friction alone, and not with the load `JointReaction()` or a damping "
-                "law of one's own, but is "
-                f"{solver.name}."
-            )
-        return solver
-    if not isinstance(solver, Rosenbrock):
-        raise ValueError(
-            "Argument `solver` must be `Explicit(...)`, `Rosenbrock()`, `Taylor()` or "
-            f"None, but is {solver!r}."
-        )
-    if column.sticks:
-        raise ValueError(
-            "Argument `solver` must be `Taylor()` or `Explicit()` with "
-            "`SetValuedCoulomb` friction, which is not stiff, but is `Rosenbrock()`."
-        )
-    return solver
+        solver = Explicit() if usual is None else usual
+    return complete(question, method, solver)
 
 
-def layer_of(column: Column, method: Any) -> Scalar | None:
+def method_of(question: str, method: Method, column: Column, usual: Solver) -> Method:
+    """The method of any motion, or the one of the context.
+
+    **Raises:** `ValueError` for one that cannot follow the column.
+    """
+    instance("method", method, Method)
+    solver = overridden_solver(method.solver)
+    if isinstance(solver, Taylor) and not has_series(column):
+        raise ValueError(
+            "Argument `solver` may be `Taylor(...)` with `SetValuedCoulomb` friction "
+            "alone, and not with the load `JointReaction()` or a damping law of one's "
+            f"own, but is {solver.name}."
+        )
+    if isinstance(solver, Rosenbrock) and column.sticks:
+        raise ValueError(
+            "Argument `solver` must be `Taylor()` or explicit with `SetValuedCoulomb` "
+            "friction, which is not stiff, but is `Rosenbrock()`."
+        )
+    return complete(question, method, usual if solver is None else solver)
+
+
+def layer_of(column: Column, method: Solver | None) -> Scalar | None:
     """The width of the friction layer that a stiff method's steps resolve."""
     if column.friction is None or not isinstance(method, Rosenbrock):
         return None
@@ -136,19 +165,19 @@ def valid_scene(column: Column, y0: Vector4) -> jax.Array:
     return good
 
 
-def float_state(start: State) -> Vector4:
+def float_state(start: State) -> Traced4:
     """The start as four numbers of the session's precision."""
     dtype = jnp.result_type(float)
-    return tuple(jnp.asarray(x, dtype) for x in start.y)  # type: ignore[return-value]
+    return cast(Traced4, tuple(jnp.asarray(x, dtype) for x in start.y))
 
 
-def check_scene(column: Any, start: Any, name: str = "start") -> None:
+def check_scene(column: Column, start: State, name: str = "start") -> None:
     """Raise a sentence if these are no column and no start."""
     instance("column", column, Column)
     instance(name, start, State)
 
 
-def check_maker(make_column: Any) -> None:
+def check_maker(make_column: Callable[[Scalar], Column]) -> None:
     """Raise a sentence if this is no function."""
     if not callable(make_column):
         raise ValueError(
@@ -157,7 +186,7 @@ def check_maker(make_column: Any) -> None:
         )
 
 
-def made(make_column: Callable[[Any], Column], x: Any) -> Column:
+def made(make_column: Callable[[Scalar], Column], x: Scalar) -> Column:
     """The column that `make_column` gives, if it is one."""
     column = make_column(x)
     if not isinstance(column, Column):
@@ -167,21 +196,7 @@ def made(make_column: Callable[[Any], Column], x: Any) -> Column:
     return column
 
 
-def tolerances(rtol: Any, atol: Any) -> tuple[Scalar, Scalar]:
-    """Rtol and atol, validated, or those of the context."""
-    rtol, atol = number("rtol", rtol, "positive"), number("atol", atol, "positive")
-    if jnp.result_type(float) == jnp.float32:
-        for name, tol in (("rtol", rtol), ("atol", atol)):
-            if is_concrete(tol) and tol < FINEST_IN_FLOAT32:
-                raise ValueError(
-                    f"Argument `{name}` must be at least {FINEST_IN_FLOAT32:g} in "
-                    f"32-bit arithmetic, but is {tol:g}; name coarser tolerances, or "
-                    "compute in 64 bits."
-                )
-    return overridden_tolerances(rtol, atol)
-
-
-def increasing_times(ts: Any, dtype: Any) -> jax.Array:
+def increasing_times(ts: Times, dtype: DTypeLike) -> Float[Array, " n"]:
     """Output times, validated; NaN where traced ones do not increase."""
     if np.ndim(ts) != 1 or np.shape(ts)[0] < 2:
         raise ValueError(
@@ -195,19 +210,19 @@ def increasing_times(ts: Any, dtype: Any) -> jax.Array:
     return jnp.asarray(ts, dtype)
 
 
-def rate_cut_of(column: Column, rate_cut: Any) -> Scalar | None:
-    """The rate below which a smoothed joint is at rest; None: by modes."""
-    if rate_cut is not None:
-        return number("rate_cut", rate_cut, "positive")
+def rate_cut_of(column: Column) -> Scalar | None:
+    """The rate below which a joint is at rest; None: by modes."""
     return REST_RATE if column.friction is None else column.friction.rate_cut()
 
 
-def with_amplitude(observers: Any, column: Column) -> tuple[AbstractObserver, ...]:
+def with_amplitude(
+    observers: Sequence[AbstractObserver], column: Column
+) -> tuple[AbstractObserver, ...]:
     """The observers, `Amplitude()` first: the windows are compared by it."""
     try:
         chosen = [o for o in observers if not isinstance(o, Amplitude)]
     except TypeError:
-        chosen = [observers]
+        chosen = [cast(AbstractObserver, observers)]
     names = set()
     for observer in chosen:
         if not isinstance(observer, AbstractObserver):
@@ -223,6 +238,3 @@ def with_amplitude(observers: Any, column: Column) -> tuple[AbstractObserver, ..
         names.add(observer.name)
         observer.check(column)
     return (Amplitude(), *chosen)
-
-
-Solver = Explicit | Rosenbrock | Taylor | None

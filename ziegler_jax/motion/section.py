@@ -1,45 +1,93 @@
 """Where a step passes a plane of phase space: the one watch over sections."""
 
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
-from ..numerics.hermite import Course, Quintic, place, rough_place
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Bool
+
+from ..numerics.hermite import HermiteQuartic, Quintic, chord_root, place
 from ..numerics.materialise import if_any_lane
-from ..numerics.numbers import Scalar, Vector4
+from ..numerics.numbers import Option, Scalar, Vector4, choice, number
 from ..solvers import Step
 
+Coordinate = Literal["phi1", "phi2", "omega1", "omega2"]
+COORDINATES = get_args(Coordinate)
 
-class Plane(NamedTuple):
-    """A coordinate (0 to 3), its level, and the direction of passage."""
 
-    coordinate: int = 0
-    level: Scalar = 0.0
-    rising: bool = True
+class SectionPlane(eqx.Module):
+    r"""A plane of phase space that a motion passes, e.g. $\phi_1 = 0$ rising.
+
+    **Arguments:** `coordinate`: which is constant on it; `level`: its value, in rad or
+    $\sqrt{k/(m l^2)}$; `rising`: whether it grows as the motion passes, or falls.
+
+    **Raises:** `ValueError` for arguments that break a rule.
+    """
+
+    coordinate: Coordinate = eqx.field(static=True)
+    level: Scalar
+    rising: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        coordinate: Coordinate = "phi1",
+        level: Scalar = 0.0,
+        rising: bool = True,
+    ):
+        """Check and keep them."""
+        choice("coordinate", coordinate, COORDINATES)
+        self.coordinate = coordinate
+        self.level = number("level", level)
+        if not isinstance(rising, bool | np.bool_):
+            raise ValueError(
+                f"Argument `rising` must be True or False, but is {rising!r}."
+            )
+        self.rising = bool(rising)
+
+    @property
+    def index(self) -> int:
+        """The coordinate's place in a state."""
+        return COORDINATES.index(self.coordinate)
+
+    @property
+    def others(self) -> list[int]:
+        """Those of the others."""
+        return [i for i in range(4) if i != self.index]
+
+    @property
+    def sign(self) -> float:
+        """1 where it is passed rising, else -1."""
+        return 1.0 if self.rising else -1.0
+
+    def settings(self) -> dict[str, Option]:
+        """For the record."""
+        direction = "rising" if self.rising else "falling"
+        return {"section": f"{self.coordinate} {direction}", "level": self.level}
 
 
 class Passage(NamedTuple):
     """Whether a step passes the plane, when and where."""
 
-    there: Any
+    there: Bool[Array, ""]
     time: Scalar
     y: Vector4
 
 
-def passage(plane: Plane, step: Step) -> Passage:
+def passage(plane: SectionPlane, step: Step) -> Passage:
     """The step's passage through the plane: angles on quintics, rates on cubics."""
-    i, h = plane.coordinate, step.t1 - step.t0
-    sign = -1.0 if plane.rising else 1.0
+    i, h, sign = plane.index, step.t1 - step.t0, -plane.sign
     g0, g1 = (sign * (y[i] - plane.level) for y in (step.y0, step.y1))
     there = (g0 > 0) & (g1 <= 0)
 
-    def locate(found):
-        del found
+    def locate(blank):
+        del blank
         zero = 0.0 * h
         ends = list(zip(step.y0, step.y1, step.f0, step.f1, strict=True))
-        rates = [Course(a, b, h * f, h * g, zero) for a, b, f, g in ends[2:]]
+        rates = [HermiteQuartic(a, b, h * f, h * g, zero) for a, b, f, g in ends[2:]]
         paths = [*angles(step)[:2], *rates]
         guard = type(paths[i])(*(sign * x for x in paths[i]))
         guard = guard._replace(g0=g0, g1=g1)
-        about = rough_place(guard, zero, zero + 1.0)
+        about = chord_root(guard, zero, zero + 1.0)
         x = place(guard, 0.0, about, zero, zero + 1.0)
         y = tuple(path(x) for path in paths)
         return Passage(there, step.t0 + x * h, y)  # type: ignore[arg-type]

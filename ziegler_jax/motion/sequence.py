@@ -7,41 +7,47 @@ of other lanes.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Bool, Int
 
 from ..context import resumable
-from ..numerics.materialise import if_any_lane, tree_where
+from ..numerics.materialise import Tree, if_any_lane, tree_where
+from ..numerics.numbers import Count, Flag
 from .integrate import Motion, Run
 
 # The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
 LONGEST_CHUNK = 256
 
 
-class _Sequence(NamedTuple):
+State = TypeVar("State")  # what the motions so far amount to
+Next = TypeVar("Next", bound=Motion)
+
+
+class _Sequence(NamedTuple, Generic[State]):
     """Where a lane is."""
 
-    state: Any  # what the motions so far amount to
+    state: State
     run: Run  # the present motion
-    fresh: Any  # whether the next one begins
-    steps: Any
+    fresh: Bool[Array, ""]  # whether the next one begins
+    steps: Int[Array, ""]
 
 
-def in_turn(
-    motion: Callable[[Any], Motion],
-    heard: Callable[[Any, Any, Run], Any],
-    running: Callable[[Any], Any],
-    state: Any,
-) -> tuple[Any, Any]:
+def run_in_sequence(
+    motion: Callable[[State], Next],
+    update: Callable[[State, Next, Run], State],
+    running: Callable[[State], Bool[Array, ""]],
+    state: State,
+) -> tuple[State, Int[Array, ""]]:
     """Follow motions until there is no next one.
 
     **Arguments:**
 
     - `motion`: the next motion, from the state.
-    - `heard`: the state after it, from the state, the motion and its ended run.
+    - `update`: the state after it, from the state, the motion and its ended run.
     - `running`: whether there is a next one.
     - `state`: the first state, a pytree of scalars and arrays.
 
@@ -50,7 +56,7 @@ def in_turn(
     zero = jnp.zeros((), jnp.int32)
     first = _Sequence(state, motion(state).begin(), jnp.asarray(False), zero)
 
-    def chunk(now: _Sequence, max_steps: Any) -> _Sequence:
+    def chunk(now: _Sequence[State], max_steps: Count) -> _Sequence[State]:
         present = motion(now.state)
         run = _where(now.fresh, present.begin(), now.run)
         before = run.steps
@@ -58,7 +64,7 @@ def in_turn(
         ended = ~run.running & running(now.state)
         state = if_any_lane(
             ended,
-            lambda state: _where(ended, heard(state, present, run), state),
+            lambda state: _where(ended, update(state, present, run), state),
             now.state,
         )
         steps = now.steps + (run.steps - before).astype(jnp.int32)
@@ -72,6 +78,6 @@ def in_turn(
     return last.state, last.steps
 
 
-def _where(flag: Any, new: Any, old: Any) -> Any:
+def _where(flag: Flag, new: Tree, old: Tree) -> Tree:
     same = jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), new, old)
     return tree_where(flag, same, old)

@@ -10,16 +10,15 @@ $$\lambda\, rtol^{1/5} > \omega.$$
 """
 
 from contextlib import ExitStack
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, vector_field
-from ..numerics.numbers import Vector4, instance, is_concrete, number
+from ..numerics.numbers import Pair, Scalar, Vector4, instance, is_concrete, number
 
 
-def is_stiff(column: Column, rtol: Any) -> jax.Array:
+def is_stiff(column: Column, rtol: Scalar) -> jax.Array:
     r"""Whether `Rosenbrock()` is cheaper for this column than `Explicit()`.
 
     $$-\mathrm{tr}\, \frac{\partial\dot\omega}{\partial\omega}\, rtol^{1/5} >
@@ -36,7 +35,7 @@ def is_stiff(column: Column, rtol: Any) -> jax.Array:
     ```python
     def settled(solver):
         def point(q, v):
-            return zj.settle(column(q, v), start, rtol=1e-6, solver=solver)
+            return zj.settle(column(q, v), start, method=zj.Method(solver))
 
         return point
 
@@ -67,10 +66,10 @@ def is_stiff(column: Column, rtol: Any) -> jax.Array:
         return _decays_fast(column, rtol)
 
 
-def _decays_fast(column: Column, rtol: Any) -> jax.Array:
+def _decays_fast(column: Column, rtol: Scalar) -> jax.Array:
     zero = jnp.zeros((), jnp.result_type(float))
 
-    def accelerations(y: Vector4) -> tuple:
+    def accelerations(y: Vector4) -> Pair:
         return vector_field(0.0, y, column)[2:]
 
     _, along = jax.linearize(accelerations, (zero,) * 4)

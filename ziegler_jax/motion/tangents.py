@@ -13,21 +13,22 @@ with it goes an exponent to minus infinity.
 
 import abc
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import vector_field
-from ..model.set_valued import Torques
+from ..model.column import Column, vector_field
+from ..model.set_valued import FrozenCoulomb
 from ..numerics.materialise import if_any_lane, materialise
-from ..numerics.numbers import Scalar, Vector4
+from ..numerics.numbers import Flag, Numbers, Scalar, Traced, Traced4
 from ..solvers import AbstractFold, Explicit, Step
+from ..solvers.fold import State
 from .saltation import leaves, saltation
 
-Vectors = tuple[Vector4, ...]
+Vectors = tuple[Traced4, ...]
 
 # of the motion's tolerance: looser, so that it seldom shortens a step
 TANGENT_SHARE = 1000.0
@@ -47,13 +48,13 @@ HADAMARD = (
 
 def push(
     solver: Explicit,
-    column: Any,
-    t0: Scalar,
-    t1: Scalar,
-    y0: Vector4,
-    vectors: Sequence[Vector4],
-    dp: Any = None,
-) -> list[tuple[Vector4, Vectors]]:
+    column: Column,
+    t0: Traced,
+    t1: Traced,
+    y0: Traced4,
+    vectors: Sequence[Traced4],
+    dp: Column | None = None,
+) -> list[tuple[Traced4, Vectors]]:
     """A step from y0, and its derivative along each vector, its length frozen.
 
     **Arguments:** `column`: in the modes of the step, where friction is set-valued;
@@ -69,23 +70,26 @@ def push(
         slope, along = jax.linearize(
             lambda y, numbers: vector_field(t, y, column_of(numbers)), y, numbers
         )
-        return sum((along(v, dp) for v in vectors), slope)
+        return cast(Numbers, sum((along(v, dp) for v in vectors), slope))
 
-    terms, both = dfx.ODETerm(field), sum(vectors, y0)
+    terms, both = dfx.ODETerm(field), cast(Numbers, sum(vectors, y0))
     first = materialise(t0, field, t0, both, column)
     y1, error, last, *_ = solver.advance(terms, t0, t1, both, column, first)
     return [_apart(x) for x in (first, y1, error, last)]
 
 
-def _apart(both: tuple) -> tuple[Vector4, Vectors]:
+def _apart(both: Numbers) -> tuple[Traced4, Vectors]:
     y, *vectors = (both[i : i + 4] for i in range(0, len(both), 4))
-    return y, tuple(vectors)  # type: ignore[return-value]
+    return cast(Traced4, y), cast(Vectors, tuple(vectors))
 
 
-def past(column: Any, step: Step, vectors: Vectors, dp: Any = None) -> Vectors:
+def past(
+    column: Column, step: Step, vectors: Vectors, dp: Column | None = None
+) -> Vectors:
     """The vectors past the event on which a step may have ended, in the modes there."""
     if not step.modes:
         return vectors
+    assert step.event
     event = step.event[0] > 0
 
     def across(before):
@@ -93,27 +97,27 @@ def past(column: Any, step: Step, vectors: Vectors, dp: Any = None) -> Vectors:
         return jax.tree.map(lambda a, b: jnp.where(event, a, b), after, before)
 
     after = if_any_lane(event, across, vectors)
-    law = column.friction.in_modes(step.event[1])
+    law = cast(FrozenCoulomb, column.friction).in_modes(step.event[1])
     return tuple(_without_stuck(law, v) for v in after)
 
 
-def _without_stuck(law: Torques, v: tuple) -> Vector4:
+def _without_stuck(law: FrozenCoulomb, v: Traced4) -> Traced4:
     """A tangent without the rates of joints that stick."""
-    return v[0], v[1], *law.hold(v[2], v[3])
+    return cast(Traced4, (v[0], v[1], *law.hold(v[2], v[3])))
 
 
 # ---- growth
 
 
-class Growing(NamedTuple):
+class TangentFrame(NamedTuple):
     """Orthonormal tangents and how much they have grown."""
 
     vectors: Vectors
-    factors: tuple[Scalar, ...]  # products of lengths since the last logarithm
-    logs: tuple[Scalar, ...]
+    factors: tuple[Traced, ...]  # products of lengths since the last logarithm
+    logs: tuple[Traced, ...]
 
 
-class AbstractGrowth(AbstractFold):
+class AbstractGrowth(AbstractFold[State]):
     """A fold that lets tangents go along with the motion.
 
     The motion's error bounds the steps; where it says little, as at rest, that of the
@@ -124,7 +128,7 @@ class AbstractGrowth(AbstractFold):
     rtol: eqx.AbstractVar[Scalar]  # of the motion
 
     @abc.abstractmethod
-    def tangents(self, state: Any) -> "Growing":
+    def tangents(self, state: State) -> "TangentFrame":
         """Where the fold's state has them."""
 
     def advance(self, solver, terms, t0, t1, y0, column, first, state):
@@ -135,16 +139,18 @@ class AbstractGrowth(AbstractFold):
         )
         return y1, error, last, (images, errors), None
 
-    def grow(self, column: Any, state: Any, step: Step) -> tuple[Growing, Scalar]:
+    def advance_frame(
+        self, column: Column, state: State, step: Step
+    ) -> tuple[TangentFrame, Scalar]:
         """The tangents after a step, orthonormal again, and how long the next may be.
 
         **Arguments:** `column`: in the modes of the step.
         """
-        growing = self.tangents(state)
+        frame = self.tangents(state)
         if step.modes:  # it may have been cut
             ends = step.t0, step.t1, step.y0
             _, (_, images), (_, errors), _ = push(
-                self.solver, column, *ends, growing.vectors
+                self.solver, column, *ends, frame.vectors
             )
         else:
             images, errors = step.integrals
@@ -159,36 +165,39 @@ class AbstractGrowth(AbstractFold):
         longest = materialise(step.t0, allowed)
         images = past(column, step, images)
         vectors, lengths = materialise(step.t0, orthonormal, images)
-        factors = tuple(f * x for f, x in zip(growing.factors, lengths, strict=True))
+        factors = tuple(f * x for f, x in zip(frame.factors, lengths, strict=True))
         extreme = jnp.zeros_like(step.t0, bool)
         for factor in factors:
             extreme |= ~((factor > LEAST) & (factor < MOST))
-        grown = Growing(vectors, factors, growing.logs)
+        grown = TangentFrame(vectors, factors, frame.logs)
         return if_any_lane(extreme, lambda g: in_logs(g, extreme), grown), longest
 
 
-def unit_tangents(column: Any, y: Vector4, count: int) -> Growing:
+def unit_tangents(column: Column, y: Traced4, count: int) -> TangentFrame:
     """`count` orthonormal vectors, without the rates of joints that stick.
 
     Hadamard's: where joints stick, the last ones are those that are lost.
     """
     zero = 0.0 * y[0]
-    vectors: Any = tuple(tuple(zero + x for x in row) for row in HADAMARD[:count])
+    rows = tuple(tuple(zero + x for x in row) for row in HADAMARD[:count])
+    vectors = cast(Vectors, rows)
     if column.sticks:
-        vectors = tuple(_without_stuck(column.friction, v) for v in vectors)
+        vectors = tuple(
+            _without_stuck(cast(FrozenCoulomb, column.friction), v) for v in vectors
+        )
     vectors, _ = orthonormal(vectors)
-    return Growing(vectors, (zero + 1.0,) * count, (zero,) * count)
+    return TangentFrame(vectors, (zero + 1.0,) * count, (zero,) * count)
 
 
-def in_logs(growing: Growing, when: Any) -> Growing:
+def in_logs(frame: TangentFrame, when: Flag) -> TangentFrame:
     """All growth so far as logarithms, in the lanes asked for."""
-    vectors, factors, logs = growing
+    vectors, factors, logs = frame
     pairs = zip(factors, logs, strict=True)
     logs = tuple(jnp.where(when, x + jnp.log(f), x) for f, x in pairs)
-    return Growing(vectors, tuple(jnp.where(when, 1.0, f) for f in factors), logs)
+    return TangentFrame(vectors, tuple(jnp.where(when, 1.0, f) for f in factors), logs)
 
 
-def orthonormal(vectors: Vectors) -> tuple[Vectors, tuple[Scalar, ...]]:
+def orthonormal(vectors: Vectors) -> tuple[Vectors, tuple[Traced, ...]]:
     """Gram-Schmidt (modified), written out: the vectors, and their lengths before.
 
     One that depends on those before it becomes zero, of length zero.
@@ -209,5 +218,5 @@ def orthonormal(vectors: Vectors) -> tuple[Vectors, tuple[Scalar, ...]]:
     return tuple(done), tuple(lengths)
 
 
-def _dot(v: tuple, e: tuple) -> Scalar:
+def _dot(v: Traced4, e: Traced4) -> Traced:
     return v[0] * e[0] + v[1] * e[1] + v[2] * e[2] + v[3] * e[3]

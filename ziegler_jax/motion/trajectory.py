@@ -3,27 +3,38 @@
 Nothing is interpolated between steps, which end on both.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
 
-from ..context import overridden_solver
 from ..model.column import Column, State
-from ..numerics.numbers import keeps, whole_number
-from ..results import OUTCOME
+from ..model.set_valued import FrozenCoulomb
+from ..numerics.numbers import (
+    Count,
+    Flag,
+    Pair,
+    Scalar,
+    is_concrete,
+    keeps,
+    whole_number,
+)
+from ..results import OUTCOME, RATE, TIME, AbstractResult, Settings, Variable, quantity
 from ..solvers import AbstractFold, Explicit
 from . import not_finite
-from .integrate import FIRST_STEP, Method, Motion, follow
+from .integrate import FIRST_STEP, Motion, follow
+from .options import Method, recorded
 from .scene import (
-    Solver,
+    Times,
     check_scene,
     float_state,
     increasing_times,
     method_of,
     nan_where,
-    tolerances,
     usual_method,
     valid_scene,
 )
@@ -38,43 +49,55 @@ class Events(eqx.Module):
     the rule that chose the modes.
     """
 
-    times: Any
-    joints: Any
-    modes: Any
-    count: Any
+    times: Float[Array, "*lanes n"]
+    joints: Int[Array, "*lanes n"]
+    modes: Int[Array, "*lanes n 2"]
+    count: Int[Array, "*lanes"]
     release: str = eqx.field(static=True)
+
+    def variables(self) -> dict[str, Variable]:
+        """`event_times(event)`, `event_joints`, `event_modes`, `event_count`."""
+        joints, modes = "joint that changed, 3 for both", "1 and -1 slip, 0 sticks"
+        along = ("event",)
+        return {
+            "event_times": Variable(self.times, "time of the event", TIME, along),
+            "event_joints": Variable(self.joints, joints, dims=along),
+            "event_modes": Variable(self.modes, modes, dims=(*along, "joint")),
+            "event_count": Variable(self.count, "changes of modes"),
+        }
 
 
 class Recorded(NamedTuple):
     """What `Record` keeps."""
 
     events: Events | None
-    ys: Any  # (4, n): the states at `ts`, NaN where the lane has not been
-    seen: Any  # how many of them are there
-    outcome: Any
+    ys: Float[Array, "4 n"]  # the states at `ts`, NaN where the lane has not been
+    recorded_count: Int[Array, ""]  # how many of them are there
+    outcome: Int[Array, ""]
 
 
-class Record(AbstractFold):
+class Record(AbstractFold[Recorded]):
     """The states at given times, on which steps end, and room for `size` events.
 
     There are none without stick and slip.
     """
 
-    ts: Any
+    ts: Float[Array, " n"]
     size: int
 
     def init(self, column, t0, y0):
         """The start, with the modes that it begins in."""
         n, dtype, events = self.size, jnp.result_type(y0[0]), None
         if column.sticks:
+            law = cast(FrozenCoulomb, column.friction)
             none = Events(
                 jnp.full(n, jnp.nan, dtype),
                 jnp.zeros(n, jnp.int32),
                 jnp.zeros((n, 2), jnp.int32),
                 jnp.zeros((), jnp.int32),
-                column.friction.release,
+                law.release,
             )
-            events = _with(none, True, t0, 0, column.friction.modes)
+            events = _with(none, True, t0, 0, cast(Pair, law.modes))
         ys = jnp.full((4, self.ts.shape[0]), jnp.nan, dtype)
         ys = ys.at[:, 0].set(jnp.stack(y0))
         none = jnp.asarray(OUTCOME.not_computed, jnp.int32)
@@ -85,19 +108,21 @@ class Record(AbstractFold):
         del column
         events = state.events
         if step.modes:
+            assert events is not None and step.event
             joint, modes = step.event
             events = _with(events, joint > 0, step.t1, joint, modes)
-        due = step.t1 >= self.ts[state.seen]
-        place = jnp.where(due, state.seen, self.ts.shape[0])  # beyond: dropped
+        due = step.t1 >= self.ts[state.recorded_count]
+        beyond = self.ts.shape[0]  # what is put there is dropped
+        place = jnp.where(due, state.recorded_count, beyond)
         ys = state.ys.at[:, place].set(jnp.stack(step.y1), mode="drop")
-        seen = state.seen + due.astype(jnp.int32)
-        over = seen >= self.ts.shape[0]
-        following = self.ts[jnp.minimum(seen, self.ts.shape[0] - 1)]
+        recorded_count = state.recorded_count + due.astype(jnp.int32)
+        over = recorded_count >= self.ts.shape[0]
+        following = self.ts[jnp.minimum(recorded_count, self.ts.shape[0] - 1)]
         outcome = jnp.where(over, OUTCOME.complete, state.outcome).astype(jnp.int32)
-        return Recorded(events, ys, seen, outcome), following, over
+        return Recorded(events, ys, recorded_count, outcome), following, over
 
 
-def _with(log: Events, happened: Any, t: Any, joint: Any, modes: Any) -> Events:
+def _with(log: Events, happened: Flag, t: Scalar, joint: Count, modes: Pair) -> Events:
     place = jnp.where(happened, log.count, log.times.shape[0])  # beyond: dropped
     row = jnp.stack(modes).astype(jnp.int32)
     return Events(
@@ -109,33 +134,53 @@ def _with(log: Events, happened: Any, t: Any, joint: Any, modes: Any) -> Events:
     )
 
 
-class Trajectory(eqx.Module):
+class Trajectory(AbstractResult):
     """A time history: `ts` (n,), `phi` and `omega` (n, 2), `outcome`.
 
-    Where the motion ended early, times after it are NaN and `outcome` says why;
-    otherwise it is `complete`. With set-valued friction `events` lists the changes of
-    modes; else it is None.
+    Where the motion ended early, angles and rates after it are NaN and `outcome` says
+    why; otherwise it is `complete`. With set-valued friction `events` lists the changes
+    of modes; else it is None. In a dataset `ts` is the dimension of the others; where
+    times are traced, it is a variable over the dimension `sample`.
     """
 
-    ts: Any
-    phi: Any
-    omega: Any
-    steps: Any
-    outcome: Any
+    ts: Float[Array, "*lanes n"]
+    phi: Float[Array, "*lanes n 2"]
+    omega: Float[Array, "*lanes n 2"]
+    steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
+    outcome: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("how the motion ended", codes=OUTCOME)
+    )
+    settings: Settings = eqx.field(static=True, default=())
     events: Events | None = None
+    times: tuple[float, ...] | None = eqx.field(static=True, default=None)  # if known
+
+    def variables(self) -> dict[str, Variable]:
+        """All numbers with their names, units and dimensions."""
+        along = "sample" if self.times is None else "ts"
+        angle, rate = "angle of the rod", "rate of the rod"
+        named = {
+            "phi": Variable(self.phi, angle, "rad", (along, "rod")),
+            "omega": Variable(self.omega, rate, RATE, (along, "rod")),
+        }
+        if self.times is None:
+            named["ts"] = Variable(self.ts, "time", TIME, (along,))
+        if self.events is not None:
+            named |= self.events.variables()
+        return named | super().variables()
+
+    def coordinates(self) -> dict[str, Sequence[object]]:
+        """The times, where they are known."""
+        return {} if self.times is None else {"ts": self.times}
 
 
 @not_finite.motion
 def trajectory(
     column: Column,
     start: State,
-    ts: Any,
+    ts: Times,
     *,
-    rtol: Any = 1e-8,
-    atol: Any = 1e-8,
-    solver: Solver = None,
-    max_steps: int = 1_000_000,
     max_events: int = 1000,
+    method: Method = Method(),  # noqa: B008, a value
 ) -> Trajectory:
     r"""The motion at given times.
 
@@ -145,33 +190,30 @@ def trajectory(
 
     - `column`, `start`: the scene; the start is the state at `ts[0]`.
     - `ts`: increasing times in $\sqrt{m l^2/k}$, shape (n,), at least two.
-    - `rtol`, `atol`: tolerances of each step.
-    - `solver`: as `settle`, but None is Dopri8 without set-valued friction.
-    - `max_steps`: the step budget.
     - `max_events`: how many events there is room for, with set-valued friction.
+    - `method`: any, see `Method`.
 
     **Returns:** `Trajectory`.
 
     **Raises:** `ValueError` as `settle`, and for times that do not increase.
     """
     check_scene(column, start)
-    rtol, atol = tolerances(rtol, atol)
-    solver = overridden_solver(solver)
+    usual = usual_method(column) if column.sticks else Explicit(dfx.Dopri8.tableau)
+    method = method_of("trajectory", method, column, usual)
     y0 = float_state(start)
-    ts = increasing_times(ts, y0[0].dtype)
-    good = valid_scene(column, y0) & keeps("positive", rtol, atol)
+    given, ts = ts, increasing_times(ts, y0[0].dtype)
+    times = tuple(np.asarray(given, float).tolist()) if is_concrete(given) else None
+    good = valid_scene(column, y0) & keeps("positive", method.rtol, method.atol)
     good &= jnp.all(jnp.diff(ts) > 0) & jnp.all(jnp.isfinite(ts))
     # diffrax refuses bad times, and a span of none; nothing moves on from NaN
     ts = jnp.where(good, ts, jnp.arange(ts.size, dtype=ts.dtype))
     y0 = nan_where(~good, y0)
-    usual = usual_method(column) if column.sticks else Explicit(dfx.Dopri8.tableau)
-    solver = method_of(solver, column, usual)
     run = follow(
         Motion(
             column,
             y0,
             Record(ts, whole_number("max_events", max_events)),
-            Method(solver, rtol, atol, whole_number("max_steps", max_steps)),
+            method,
             valid=good,
             start=ts[0],
             first_step=jnp.minimum(FIRST_STEP, ts[1] - ts[0]),
@@ -186,5 +228,7 @@ def trajectory(
         omega=ys[:, 2:],
         steps=run.steps,
         outcome=run.outcome.astype(jnp.int8),
+        settings=recorded(**method.settings(), max_events=max_events),
         events=run.folded.events,
+        times=times,
     )

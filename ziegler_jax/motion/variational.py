@@ -7,20 +7,28 @@ counts with the step's: a cycle however small has multipliers of size one.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, joint_balance
-from ..numerics.numbers import Vector4
+from ..model.set_valued import FrozenCoulomb
+from ..numerics.numbers import Numbers, Pair, Scalar, Traced, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
-from .integrate import Method, Motion, Run
+from .integrate import Motion, Run
+from .options import Method
 from .scene import prepared
 from .section import angles
 from .tangents import past, push
+
+Parameters = Float[Array, " n"]
+Make = Callable[[Parameters], Column]  # a column of parameters
+Row = Float[Array, " k"]  # derivatives along k directions
+Rows = tuple[Row, ...]
 
 
 class Flow(NamedTuple):
@@ -29,33 +37,33 @@ class Flow(NamedTuple):
     Columns 0 to 3 are those in the start, the others in the n parameters.
     """
 
-    y: Any  # (4,)
-    slope: Any  # (4,) the right-hand side there
-    extent: Any  # (3,) largest |phi1|, |phi2|, |phi2 - phi1|
-    moved: Any  # (4, k)
-    extent_moved: Any  # (3, k)
-    arrived: Any  # whether the span was integrated to its end
-    steps: Any
+    y: Float[Array, "4"]
+    slope: Float[Array, "4"]  # the right-hand side there
+    extent: Float[Array, "3"]  # largest |phi1|, |phi2|, |phi2 - phi1|
+    moved: Float[Array, "4 k"]
+    extent_moved: Float[Array, "3 k"]
+    arrived: Bool[Array, ""]  # whether the span was integrated to its end
+    steps: Int[Array, ""]
 
 
 def varied_motion(
-    make: Callable[[Any], Column],
-    parameters: Any,
-    y0: Any,
-    span: Any,
+    make: Make,
+    parameters: Parameters,
+    y0: Float[Array, "4"],
+    span: Scalar,
     method: Method,
     vary: bool = True,
-) -> Motion:
+) -> Motion["Varied"]:
     """The motion of `make(parameters)` from y0 (4,) over a positive span.
 
     **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them.
     """
-    args, fold = varied(make, parameters, method.solver, vary)
-    start: Any = tuple(y0[i] for i in range(4))
-    return Motion(args, start, fold, method, end=span)
+    args, fold = varied(make, parameters, cast(Explicit, method.solver), vary)
+    start = tuple(y0[i] for i in range(4))
+    return Motion(args, cast(Traced4, start), fold, method, end=span)
 
 
-def flow_of(run: Run) -> Flow:
+def flow_of(run: "Run[Varied]") -> Flow:
     """Where such a motion ended, with its derivatives."""
     return Flow(
         jnp.stack(run.y),
@@ -69,7 +77,7 @@ def flow_of(run: Run) -> Flow:
 
 
 def varied(
-    make: Callable[[Any], Column], parameters: Any, solver: Explicit, vary: bool = True
+    make: Make, parameters: Parameters, solver: Explicit, vary: bool = True
 ) -> tuple[Column, "Variational"]:
     """The prepared column, and the fold that varies its motion."""
     column, moves = prepared(make(parameters)), None
@@ -84,12 +92,12 @@ def varied(
 class Varied(NamedTuple):
     """Variations of the state, and the largest angles with theirs; k directions."""
 
-    y: tuple  # four arrays (k,)
-    extent: tuple  # three numbers
-    extent_moves: tuple  # three arrays (k,)
+    y: Rows  # four
+    extent: Numbers  # three
+    extent_moves: Rows  # three
 
 
-class Variational(AbstractFold):
+class Variational(AbstractFold[Varied]):
     """The variational equations along a motion, with its largest angles.
 
     **Arguments:** `solver`; `k`: the directions, 4 + n; `moves`: the derivatives of the
@@ -98,7 +106,7 @@ class Variational(AbstractFold):
 
     solver: Explicit
     k: int = eqx.field(static=True)
-    moves: Any
+    moves: Column | None
 
     def init(self, column, t0, y0):
         """Unit vectors, and the start's own angles."""
@@ -120,7 +128,7 @@ class Variational(AbstractFold):
         del state
         return jnp.asarray(OUTCOME.not_computed, jnp.int32)
 
-    def unit(self, y0: Vector4) -> tuple:
+    def unit(self, y0: Traced4) -> Rows:
         """The state's unit vectors among the k directions."""
         rows = jnp.eye(4, self.k, dtype=y0[0].dtype)
         return tuple(rows[i] for i in range(4))
@@ -142,7 +150,7 @@ class Variational(AbstractFold):
         # the state's columns alone: steps do not depend on what is differentiated
         worst = tuple(
             jnp.maximum(jnp.abs(e), jnp.max(jnp.abs(row[:4])))
-            for e, row in zip(error, errors, strict=True)
+            for e, row in zip(error, cast(Rows, errors), strict=True)
         )
         return y1, worst, f1, (peaks, dy, dpeaks), None
 
@@ -157,7 +165,7 @@ class Variational(AbstractFold):
         peaks, *jacobians = jacobians
 
         def carry(row):  # the step's Jacobian times what was, and the parameters' own
-            before: Any = sum(row[i] * state.y[i] for i in range(4))
+            before = cast(jax.Array, sum(row[i] * state.y[i] for i in range(4)))
             return before.at[4:].add(row[4:])
 
         dy, dpeaks = (tuple(map(carry, rows)) for rows in jacobians)
@@ -165,7 +173,7 @@ class Variational(AbstractFold):
         def beyond(v, dp):
             return past(column, step, (v,), dp)[0]
 
-        dy = jax.vmap(beyond)(dy, self.moves)
+        dy = cast(Rows, jax.vmap(beyond)(dy, self.moves))
         extent, moves = [], []
         for old, dold, new, dnew in zip(
             state.extent, state.extent_moves, peaks, dpeaks, strict=True
@@ -176,14 +184,15 @@ class Variational(AbstractFold):
         return Varied(dy, tuple(extent), tuple(moves)), jnp.inf, False
 
 
-def _stopped(column: Any, y: Vector4, dw1: Any, dw2: Any) -> tuple[Any, Any]:
+def _stopped(column: Column, y: Vector4, dw1: Row, dw2: Row) -> tuple[Row, Row]:
     """Variations of the rates where joints stick at the start.
 
     A joint that is set off a little is stopped at once, by an impulse of its friction:
     the momenta across it are kept.
     """
     f = joint_balance(column, y)
-    stuck1, stuck2 = (m == 0 for m in column.friction.modes)
+    modes = cast(Pair, cast(FrozenCoulomb, column.friction).modes)
+    stuck1, stuck2 = (m == 0 for m in modes)
     both = ((f.a + f.h) * dw1 + (f.h + f.d) * dw2) / (f.a + 2 * f.h + f.d)
     second = jnp.where(stuck1, dw2 + f.h / f.d * dw1, dw2)
     still = stuck1 & stuck2
@@ -191,7 +200,7 @@ def _stopped(column: Any, y: Vector4, dw1: Any, dw2: Any) -> tuple[Any, Any]:
     return first, jnp.where(still, 0.0, jnp.where(stuck2, both, second))
 
 
-def _peaks(h: Any, y0: Vector4, f0: Vector4, y1: Vector4, f1: Vector4) -> tuple:
+def _peaks(h: Traced, y0: Traced4, f0: Traced4, y1: Traced4, f1: Traced4) -> Numbers:
     """Where phi1, phi2, phi2 - phi1 turn within a step, else at its end."""
     step = Step(0.0 * h, h, y0, y1, f0, f1, ())
     return tuple(path.extremum() for path in angles(step))

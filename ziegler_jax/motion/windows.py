@@ -1,38 +1,53 @@
 """Motions judged span by span: a transient, then equal spans until one decides.
 
-`AbstractSpans` is the machine of all questions of this kind; `Windows` is that of
+`AbstractSpans` is the machine of all questions of this kind; `SettleFold` is that of
 `settle`.
 """
 
 import abc
-from typing import Any, ClassVar, NamedTuple
+from typing import Generic, NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
 
 from ..model.column import Column, State
 from ..numerics.materialise import if_any_lane, tree_where
-from ..numerics.numbers import Scalar, Vector4, is_concrete, keeps, whole_number
+from ..numerics.numbers import (
+    Flag,
+    Numbers,
+    Scalar,
+    Traced,
+    Traced4,
+    Vector4,
+    is_concrete,
+    keeps,
+)
 from ..results import OUTCOME
-from ..solvers import AbstractFold, Explicit, Step
-from .integrate import Method, Motion, Run, follow
+from ..solvers import AbstractFold, Step
+from ..solvers.explicit import Integrand
+from .integrate import Motion, Run, follow
 from .observers import AbstractObserver, joint_rates
-from .scene import explicit_method, float_state, tolerances, valid_scene
+from .options import Method
+from .scene import float_state, valid_scene
 
 APART = 16  # units of rounding at the end: a shorter span is none
 
 
-class SpanState(NamedTuple):
+Watch = TypeVar("Watch")  # a question's own running numbers
+
+
+class SpanState(NamedTuple, Generic[Watch]):
     """Where a lane is among its spans."""
 
-    watch: Any  # the question's own running numbers
+    watch: Watch
     end: Scalar  # of this span
-    spans: Scalar  # completed ones; -1 in the transient
-    outcome: Scalar  # `not_computed` while it runs
+    spans: Int[Array, ""]  # completed ones; -1 in the transient
+    outcome: Int[Array, ""]  # `not_computed` while it runs
 
 
-class AbstractSpans(AbstractFold):
+class AbstractSpans(AbstractFold[SpanState[Watch]]):
     """A transient, then equal spans until one decides.
 
     A question says what it watches (`begin`, `watch`) and, where a span has ended or it
@@ -45,14 +60,14 @@ class AbstractSpans(AbstractFold):
     most: int  # spans
     escape: Scalar
 
-    span_name: ClassVar[str] = "block"  # that of the argument
-
     @abc.abstractmethod
-    def begin(self, column: Any, t0: Scalar, y0: Vector4) -> Any:
+    def begin(self, column: Column, t0: Traced, y0: Traced4) -> Watch:
         """What is watched, before the first step."""
 
     @abc.abstractmethod
-    def watch(self, column: Any, state: SpanState, step: Step) -> tuple[Any, Any, Any]:
+    def watch(
+        self, column: Column, state: SpanState[Watch], step: Step
+    ) -> tuple[Watch, Flag, Scalar | None]:
         """What is watched after a step, whether to judge, how long the next may be.
 
         The last is None where that is no matter.
@@ -60,14 +75,18 @@ class AbstractSpans(AbstractFold):
 
     @abc.abstractmethod
     def judge(
-        self, column: Any, state: SpanState, step: Step, ended: Any
-    ) -> tuple[Any, Any]:
+        self,
+        column: Column,
+        state: SpanState[Watch],
+        step: Step,
+        ended: Bool[Array, ""],
+    ) -> tuple[Watch, Int[Array, ""]]:
         """What is watched from here on, and the outcome; `ended`: whether the span has.
 
         Other lanes may have asked: one that did not must stay as it is.
         """
 
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Whether the options keep their rules; for those only known when traced.
 
         **Raises:** `ValueError` for a span that cannot be told from rounding.
@@ -78,7 +97,7 @@ class AbstractSpans(AbstractFold):
         least = APART * eps * self.last_stop()
         if is_concrete(least) and not self.span >= least:
             raise ValueError(
-                f"Argument `{self.span_name}` must be at least {APART} units of "
+                f"Argument `length` must be at least {APART} units of "
                 f"rounding at the motion's end, {float(least):.3g}, but is "
                 f"{float(self.span):g}; take longer or fewer of them, or a shorter "
                 "`transient`."
@@ -95,7 +114,7 @@ class AbstractSpans(AbstractFold):
         """A time before which all spans are over, but for their rounding."""
         return self.transient + self.span * (self.most + 1)
 
-    def init(self, column, t0, y0):
+    def init(self, column: Column, t0: Traced, y0: Traced4) -> SpanState[Watch]:
         """Before the first step."""
         before = jnp.asarray(self.transient) > 0
         return SpanState(
@@ -105,7 +124,9 @@ class AbstractSpans(AbstractFold):
             jnp.asarray(OUTCOME.not_computed, jnp.int32),
         )
 
-    def step(self, column, state, step):
+    def step(
+        self, column: Column, state: SpanState[Watch], step: Step
+    ) -> tuple[SpanState[Watch], Scalar, Flag]:
         """Watch a step; where a span ends, or is asked to, judge and begin the next."""
         watch, asked, longest = self.watch(column, state, step)
         ended = step.t1 >= state.end
@@ -126,20 +147,13 @@ class AbstractSpans(AbstractFold):
         return after, stop, after.outcome != OUTCOME.not_computed
 
 
-def explicit_steps(solver: Any, rtol: Any, atol: Any, max_steps: Any) -> Method:
-    """An explicit method and its budget, validated; Tsit5 where none is named."""
-    rtol, atol = tolerances(rtol, atol)
-    limit = whole_number("max_steps", max_steps)
-    return Method(explicit_method(solver, Explicit()), rtol, atol, limit)
-
-
 def follow_spans(
     column: Column,
     start: State,
-    fold: AbstractSpans,
+    fold: AbstractSpans[Watch],
     method: Method,
     at_end: OUTCOME = OUTCOME.complete,
-) -> Run:
+) -> Run[SpanState[Watch]]:
     """The motion from `start` to its end."""
     y0 = float_state(start)
     good = keeps("positive", method.rtol, method.atol)
@@ -186,35 +200,42 @@ class Rest(eqx.Module):
     def watch(self, speeds: Speeds, step: Step) -> Speeds:
         """After a step."""
         if self.by_modes:
+            assert step.modes
             m1, m2 = step.modes
-            rate = jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0).astype(m1.dtype)
+            rate = jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0)
+            rate = rate.astype(cast(jax.Array, m1).dtype)
         else:
             rate = _fastest(step.y1)
         return speeds._replace(now=jnp.maximum(speeds.now, rate))
 
-    def sticks(self, step: Step) -> Any:
+    def sticks(self, step: Step) -> Flag:
         """Whether both joints stick from here on, where that is enough."""
         if not (self.by_modes and self.at_once):
             return False
+        assert step.event
         m1, m2 = step.event[1]
         return (m1 == 0) & (m2 == 0)
 
-    def reached(self, speeds: Speeds, step: Step, ended: Any) -> Any:
+    def reached(self, speeds: Speeds, step: Step, ended: Flag) -> Flag:
         """Whether it rests at the end of a step, with which a span may have ended."""
         if self.by_modes:
             return self.sticks(step) | (ended & (speeds.now < 0.5))
         # slow is not at rest where it grows: the span before tells
-        return ended & (speeds.now < self.rate_cut) & (speeds.now <= speeds.before)
+        return (
+            ended
+            & (speeds.now < cast(Scalar, self.rate_cut))
+            & (speeds.now <= speeds.before)
+        )
 
     def outcome(self, column: Column) -> OUTCOME:
         """What rest is called."""
         return OUTCOME.rest if column.friction is None else OUTCOME.stuck
 
-    def setting(self) -> Any:
+    def setting(self) -> Scalar | str:
         """The cut, for the record."""
         return "by modes" if self.rate_cut is None else self.rate_cut
 
-    def renewed(self, speeds: Speeds, step: Step, begins: Any) -> Speeds:
+    def renewed(self, speeds: Speeds, step: Step, begins: Flag) -> Speeds:
         """Where a span begins after a step."""
         new = Speeds(self.begin(step.y1).now, speeds.now)
         return tree_where(begins, new, speeds)
@@ -224,36 +245,34 @@ class WindowState(NamedTuple):
     """What is watched in a window."""
 
     observed: tuple  # one state per observer, the amplitude's first
-    previous: tuple  # the amplitudes of the window before
-    drift: Scalar
+    previous: Numbers  # the amplitudes of the window before
+    drift: Traced
     speeds: Speeds
 
 
-class Windows(AbstractSpans):
+class SettleFold(AbstractSpans[WindowState]):
     """A transient, then windows until two agree (see `settle`).
 
     `strict`: for a verdict alone: windows agree only if they draw nearer, as at a
     stable cycle.
     """
 
-    rtol_settle: Scalar
+    agreement: Scalar
     rest: Rest
     observers: tuple[AbstractObserver, ...]
     strict: bool = eqx.field(static=True, default=False)
 
-    span_name: ClassVar[str] = "window"
-
-    def valid(self) -> Any:
+    def valid(self) -> Flag:
         """Whether the options keep their rules; for those only known when traced."""
-        good = super().valid() & keeps("positive", self.rtol_settle, self.rest.rate_cut)
+        good = super().valid() & keeps("positive", self.agreement, self.rest.rate_cut)
         for observer in self.observers:
             good &= observer.valid()
         return good
 
-    def integrand(self, column: Column) -> Any:
+    def integrand(self, column: Column) -> Integrand | None:
         """The integrands of all observers, one after the other."""
 
-        def joint(y: Vector4) -> tuple:
+        def joint(y: Vector4) -> Numbers:
             return sum((o.integrand(column, y) for o in self.observers), ())
 
         zero = jax.ShapeDtypeStruct((), jnp.result_type(float))
@@ -291,12 +310,12 @@ class Windows(AbstractSpans):
         if self.most > 1:
             relative = _relative_change(amplitudes, watch.previous)
             drift = jnp.where(ended_window & (state.spans > 1), relative, drift)
-            agreed = ended_window & (drift <= self.rtol_settle)
+            agreed = ended_window & (drift <= self.agreement)
             if self.strict:
                 agreed &= (state.spans > 2) & (drift <= watch.drift)
         if not self.rest.by_modes:
             # at rest steps leave noise, and two windows of it may agree: no cycle
-            agreed &= speeds.now >= self.rest.rate_cut
+            agreed &= speeds.now >= cast(Scalar, self.rest.rate_cut)
         last = ended_window & (state.spans >= self.most)
         outcome = jnp.where(last, OUTCOME.unsettled, state.outcome)
         outcome = jnp.where(agreed, OUTCOME.cycle, outcome)
@@ -316,12 +335,12 @@ class Windows(AbstractSpans):
         return tuple(observer.init(column, t, y) for observer in self.observers)
 
 
-def _fastest(y: Vector4) -> Any:
+def _fastest(y: Vector4) -> Scalar:
     u1, u2 = joint_rates(y)
     return jnp.maximum(jnp.abs(u1), jnp.abs(u2))
 
 
-def _relative_change(new: tuple, old: tuple) -> Any:
+def _relative_change(new: Numbers, old: Numbers) -> Scalar:
     """The largest change of the amplitudes against the largest amplitude."""
     change = [jnp.abs(a - b) for a, b in zip(new, old, strict=True)]
     largest = jnp.maximum(jnp.maximum(new[0], new[1]), new[2])

@@ -12,15 +12,18 @@ slips), whether it slips, and how closely the limit is to be met.
 """
 
 import math
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 from jax import lax
 
 from .hermite import falling_root
 from .materialise import if_any_lane, materialise
+from .numbers import Flag, Flags, Scalar
 from .series import sum_of, value, value_and_slope
 
+# of a joint: see above
+Joint = tuple[Sequence[Scalar], Scalar, Flag, Scalar]
 IN_DOUBT, MORE_DOUBT = 2.0, 3.0
 # Halved so often, what may hide between coefficients, which goes with the square of the
 # time, is below rounding.
@@ -28,7 +31,9 @@ HALVINGS = 26
 NEWTON_STEPS, MOST_ROUNDS = 3, 20  # of them
 
 
-def _look(watched: list, limit: Any, slips: Any, tol: Any, s: Any) -> Any:
+def _look(
+    watched: Sequence[Scalar], limit: Scalar, slips: Flag, tol: Scalar, s: Scalar
+) -> Scalar:
     """Whether a joint's mode holds over the time s, by its Bernstein coefficients.
 
     **Returns:** 0 if it does. Else, with the sign of the side on which the torque
@@ -58,7 +63,9 @@ def _look(watched: list, limit: Any, slips: Any, tol: Any, s: Any) -> Any:
     return jnp.where(jnp.where(was, up, above), kind, -kind)
 
 
-def first_look(joints: list, s: Any, at: Any) -> tuple[Any, list]:
+def first_look(
+    joints: Sequence[Joint], s: Scalar, at: Scalar
+) -> tuple[Scalar, list[Scalar]]:
     """A time over which both joints' ends are plain, and which they are."""
 
     def look(s):
@@ -79,7 +86,9 @@ def first_look(joints: list, s: Any, at: Any) -> tuple[Any, list]:
     return s, [jnp.where(jnp.abs(e) > IN_DOUBT, 0.0, e) for e in ends]
 
 
-def first_event(joints: list, ends: list, s: Any, at: Any) -> Any:
+def first_event(
+    joints: Sequence[Joint], ends: list[Scalar], s: Scalar, at: Scalar
+) -> tuple[Scalar, Flags]:
     """When the first joint's mode ends, and which joint it is."""
     first, second = (e != 0 for e in ends)
 
@@ -98,25 +107,32 @@ def first_event(joints: list, ends: list, s: Any, at: Any) -> Any:
     which = second & (~first | (about2 < about1))
     about = jnp.where(asked, s * jnp.clip(jnp.where(which, about2, about1), 0, 1), 0.0)
     level = -0.5 * jnp.where(which, joints[1][3], joints[0][3])
-    found = _root(lambda: guard(which), level, about, s, asked, at)
+    root = _root(lambda: guard(which), level, about, s, asked, at)
 
     other = -0.5 * jnp.where(which, joints[0][3], joints[1][3])
 
     def late():
-        return first & second & (value(guard(~which), found) < 2 * other)
+        return first & second & (value(guard(~which), root) < 2 * other)
 
     sooner = materialise(at, late)
 
-    def correct(found):
-        new = _root(lambda: guard(~which), other, 0.5 * found, s, sooner, at)
-        return jnp.where(sooner, new, found)
+    def correct(root):
+        new = _root(lambda: guard(~which), other, 0.5 * root, s, sooner, at)
+        return jnp.where(sooner, new, root)
 
-    found = if_any_lane(sooner, correct, found)
+    root = if_any_lane(sooner, correct, root)
     which = which ^ sooner
-    return found, (first & asked & ~which, second & which)
+    return root, (first & asked & ~which, second & which)
 
 
-def _root(guard: Any, level: Any, about: Any, s: Any, asked: Any, at: Any) -> Any:
+def _root(
+    guard: Callable[[], Sequence[Scalar]],
+    level: Scalar,
+    about: Scalar,
+    s: Scalar,
+    asked: Flag,
+    at: Scalar,
+) -> Scalar:
     """Where a guard falls to a level within s: Newton's method, kept in a bracket."""
 
     def nearer(x, times):
@@ -146,7 +162,7 @@ def _root(guard: Any, level: Any, about: Any, s: Any, asked: Any, at: Any) -> An
     return x
 
 
-def ends_here(joint: Any, s: Any, mine: Any) -> Any:
+def ends_here(joint: Joint, s: Scalar, mine: Flag) -> Flag:
     """Whether a joint's mode ends at s: as found, or within its tolerance by chance."""
     watched, limit, slips, tol = joint
     now, slope = value_and_slope(watched, s)

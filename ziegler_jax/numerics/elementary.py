@@ -7,7 +7,7 @@ division each; the friction law evaluates four of them a stage, and they were ha
 step's time. Here one polynomial serves both, with few divisions.
 """
 
-from typing import Any
+from typing import overload
 
 import jax
 import jax.numpy as jnp
@@ -46,7 +46,13 @@ _COS = (
 )
 
 
-def sincos(x: Any) -> tuple[Any, Any]:
+@overload
+def sincos(x: Series) -> tuple[Series, Series]: ...
+@overload
+def sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]: ...
+def sincos(
+    x: Series | ArrayLike,
+) -> tuple[Series, Series] | tuple[jax.Array, jax.Array]:
     r"""$\sin x$ and $\cos x$.
 
     float64: the error is about 1 unit in the last place for $|x| \le 10^5$ (measured

@@ -6,10 +6,12 @@ is seen.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
+
+from .numbers import Flag, Flags, Pair, Scalar
 
 ITERATIONS = 4  # of a Newton method that is kept in a bracket
 INNER = 1e-3  # how near to a step's ends a third point may lie
@@ -21,24 +23,24 @@ class Quintic(NamedTuple):
     It has the values, slopes and second derivatives of both ends, a step the unit.
     """
 
-    g0: Any
-    v0: Any
-    a0: Any
-    g1: Any
-    v1: Any
-    a1: Any
+    g0: Scalar
+    v0: Scalar
+    a0: Scalar
+    g1: Scalar
+    v1: Scalar
+    a1: Scalar
 
-    def __call__(self, x: Any) -> Any:
+    def __call__(self, x: Scalar) -> Scalar:
         """The number at x: the cubic of values and slopes, and what bends it."""
         (c2, c3), rest = _cubic(self), 1 - x
         bent = rest * (self.a0 / 2 - c2) + x * (self.a1 / 2 - c2 - 3 * c3)
         return self.g0 + x * (self.v0 + x * (c2 + c3 * x) + x * rest * rest * bent)
 
-    def slope(self, x: Any) -> Any:
+    def slope(self, x: Scalar) -> Scalar:
         """The slope at x."""
         return self.slopes(x)[0]
 
-    def slopes(self, x: Any) -> tuple[Any, Any]:
+    def slopes(self, x: Scalar) -> Pair:
         """The slope at x, and the slope's."""
         rise = self.g1 - self.g0 - self.v0 - self.a0 / 2
         faster, more = self.v1 - self.v0 - self.a0, self.a1 - self.a0
@@ -48,7 +50,7 @@ class Quintic(NamedTuple):
         slope = self.v0 + x * (self.a0 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))
         return slope, self.a0 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))
 
-    def turning(self) -> tuple[Any, Any]:
+    def turning(self) -> tuple[Flag, Scalar]:
         """Whether the slope changes its sign between the ends, and where about.
 
         Between slopes of unlike sign the cubic has exactly one extremum, at the root
@@ -68,13 +70,13 @@ class Quintic(NamedTuple):
         turns = (v0 * self.v1 < 0) & (square > 0) & (jnp.abs(top) <= jnp.abs(bottom))
         return turns, jnp.where(turns, top / jnp.where(turns, bottom, 1.0), 1.0)
 
-    def largest(self) -> Any:
+    def largest(self) -> Scalar:
         """The largest size at the end and about where it turns."""
         turns, x = self.turning()
         end = jnp.abs(self.g1)
         return jnp.where(turns, jnp.maximum(end, jnp.abs(self(x))), end)
 
-    def extremum(self) -> Any:
+    def extremum(self) -> Scalar:
         """The number where it turns, else at the end.
 
         Where it turns it does not move to first order: the place, which is exact to
@@ -88,13 +90,13 @@ class Quintic(NamedTuple):
             x = jnp.where(turns, jnp.clip(moved, 0.0, 1.0), 1.0)
         return self(x)
 
-    def mean(self) -> Any:
+    def mean(self) -> Scalar:
         """Its mean over the step."""
         bent = (self.v0 - self.v1) / 10 + (self.a0 + self.a1) / 120
         return (self.g0 + self.g1) / 2 + bent
 
 
-class Course(NamedTuple):
+class HermiteQuartic(NamedTuple):
     r"""A number over a step, at x from 0 to 1: a cubic Hermite and what bends it.
 
     $$g(x) = g_0 + x\,(v_0 + x\,(c_2 + c_3 x)) + \beta x^2 (1 - x)^2$$
@@ -103,34 +105,36 @@ class Course(NamedTuple):
     interpolant, e.g. of order 4 for Tsit5; with $\beta = 0$ it is of order 3.
     """
 
-    g0: Any
-    g1: Any
-    v0: Any  # slopes per step
-    v1: Any
-    bend: Any
+    g0: Scalar
+    g1: Scalar
+    v0: Scalar  # slopes per step
+    v1: Scalar
+    bend: Scalar
 
-    def __call__(self, x: Any) -> Any:
+    def __call__(self, x: Scalar) -> Scalar:
         """The number at x; exact at both ends."""
         rest, rise = 1 - x, self.g1 - self.g0
         inner = rest * (self.v0 - rise) - x * (self.v1 - rise)
         inner = inner + self.bend * x * rest
         return rest * self.g0 + x * self.g1 + x * rest * inner
 
-    def slope(self, x: Any) -> Any:
+    def slope(self, x: Scalar) -> Scalar:
         """The slope at x, per step."""
         c2, c3 = _cubic(self)
         bends = 2 * self.bend * x * (1 - x) * (1 - 2 * x)
         return self.v0 + x * (2 * c2 + 3 * x * c3) + bends
 
 
-def through(g0: Any, v0: Any, x: Any, gx: Any, g1: Any) -> Course:
+def through(
+    g0: Scalar, v0: Scalar, x: Scalar, gx: Scalar, g1: Scalar
+) -> HermiteQuartic:
     """The cubic with this start and slope that passes gx at x and g1 at 1."""
     chord = g1 - g0 - v0
     c3 = (chord - (gx - g0 - v0 * x) / (x * x)) / (1 - x)
-    return Course(g0, g1, v0, v0 + 2 * chord + c3, jnp.zeros_like(g0))
+    return HermiteQuartic(g0, g1, v0, v0 + 2 * chord + c3, jnp.zeros_like(g0))
 
 
-def weak_point(g0: Any, v0: Any, g1: Any) -> tuple[Any, Any]:
+def probe_point(g0: Scalar, v0: Scalar, g1: Scalar) -> Pair:
     """Where to look into a step: where the parabola is zero or least, and that."""
     c2 = g1 - g0 - v0
     turns = (v0 < 0) & (2 * c2 > -v0)
@@ -141,7 +145,7 @@ def weak_point(g0: Any, v0: Any, g1: Any) -> tuple[Any, Any]:
     return jnp.clip(jnp.where(least < 0, zero, x), INNER, 1 - INNER), least
 
 
-def extrema(course: Course) -> tuple[Any, Any]:
+def extrema(course: HermiteQuartic) -> Pair:
     """Where in (0, 1) the cubic has its extrema, in order; 1 for one that is absent."""
     v0 = course.v0
     c2, c3 = _cubic(course)
@@ -158,7 +162,9 @@ def extrema(course: Course) -> tuple[Any, Any]:
     return jnp.minimum(x1, x2), jnp.maximum(x1, x2)
 
 
-def falls_below(course: Course, tol: Any, turns: Any) -> tuple[Any, Any, Any]:
+def falls_below(
+    course: HermiteQuartic, tol: Scalar, turns: Pair
+) -> tuple[Flag, Scalar, Scalar]:
     """Whether the guard falls below -tol, and the bracket of that.
 
     **Returns:** the verdict, and the two places in [0, 1] between which it falls.
@@ -170,7 +176,7 @@ def falls_below(course: Course, tol: Any, turns: Any) -> tuple[Any, Any, Any]:
     return below_a | below_b | (course.g1 < -tol), left, right
 
 
-def plainly_falls(course: Course, tol: Any) -> tuple[Any, Any]:
+def bezier_verdict(course: HermiteQuartic, tol: Scalar) -> Flags:
     """Whether the guard's Bezier polygon alone decides, and then whether it falls.
 
     A polynomial changes its sign no more often than its control polygon does: with at
@@ -180,10 +186,10 @@ def plainly_falls(course: Course, tol: Any) -> tuple[Any, Any]:
     b2 = (course.g0 + course.g1) / 2 + (course.v0 - course.v1 + course.bend) / 6
     low = [b < -tol for b in (b1, b2, b3, course.g1)]
     plain = (~low[0] | low[1]) & (~low[1] | low[2]) & (~low[2] | low[3])
-    return plain, low[3]
+    return cast(Flag, plain), low[3]
 
 
-def rough_place(course: Course | Quintic, left: Any, right: Any) -> Any:
+def chord_root(course: HermiteQuartic | Quintic, left: Scalar, right: Scalar) -> Scalar:
     """About where the course crosses zero in the bracket: on the chord."""
     at_left, at_right = course(left), course(right)
     drop = at_left - at_right
@@ -191,7 +197,13 @@ def rough_place(course: Course | Quintic, left: Any, right: Any) -> Any:
     return left + jnp.clip(share, 0.0, 1.0) * (right - left)
 
 
-def place(course: Course | Quintic, level: Any, x: Any, left: Any, right: Any) -> Any:
+def place(
+    course: HermiteQuartic | Quintic,
+    level: Scalar,
+    x: Scalar,
+    left: Scalar,
+    right: Scalar,
+) -> Scalar:
     """Where the course passes `level` in the bracket, from about x."""
 
     def above(x):
@@ -201,12 +213,12 @@ def place(course: Course | Quintic, level: Any, x: Any, left: Any, right: Any) -
 
 
 def falling_root(
-    function: Callable[[Any], tuple[Any, Any]],
-    x: Any,
-    left: Any,
-    right: Any,
+    function: Callable[[Scalar], Pair],
+    x: Scalar,
+    left: Scalar,
+    right: Scalar,
     times: int,
-) -> Any:
+) -> Scalar:
     """Where a number falls through zero, from about x: Newton's method in a bracket.
 
     **Arguments:** `function`: the number and its slope at x; `times`: how many steps.
@@ -221,13 +233,13 @@ def falling_root(
     return x
 
 
-def _cubic(course: Course | Quintic) -> tuple[Any, Any]:
+def _cubic(course: HermiteQuartic | Quintic) -> Pair:
     """c2, c3 of the cubic through the values and slopes of both ends."""
     rise, v0, v1 = course.g1 - course.g0, course.v0, course.v1
     return 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
 
 
-def _root(square: Any) -> Any:
+def _root(square: Scalar) -> Scalar:
     """The square root; where there is none zero, with a slope of zero."""
     there = square > 0
     return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)

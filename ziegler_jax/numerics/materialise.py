@@ -7,13 +7,19 @@ ends a fusion; `lax.optimization_barrier` does not, it is dropped before.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar, TypeVarTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 from jax.extend.core import jaxpr_as_fun
+
+from .numbers import Flag, Scalar
+
+Inputs = TypeVarTuple("Inputs")
+Output = TypeVar("Output")
+Tree = TypeVar("Tree")  # a pytree of numbers
 
 
 @custom_vmap
@@ -29,7 +35,9 @@ def _always_for_a_batch(axis_size, batched, x):
     return _always(x[0]), False
 
 
-def materialise(at: Any, function: Callable, *args: Any) -> Any:
+def materialise(
+    at: Scalar, function: Callable[[*Inputs], Output], *args: *Inputs
+) -> Output:
     """`function(*args)`, its results kept as arrays.
 
     **Arguments:**
@@ -55,7 +63,7 @@ def materialise(at: Any, function: Callable, *args: Any) -> Any:
     return jax.tree.unflatten(tree, lax.cond(predicate, always, never))
 
 
-def tree_where(flag: Any, new: Any, old: Any) -> Any:
+def tree_where(flag: Flag, new: Tree, old: Tree) -> Tree:
     """`new` where the flag is set, else `old`: of each number of two alike trees."""
     return jax.tree.map(lambda a, b: jnp.where(flag, a, b), new, old)
 
@@ -72,7 +80,7 @@ def _any_lane_of_a_batch(axis_size, batched, flag):
     return _any_lane(jnp.any(flag)), False
 
 
-def if_any_lane(flag: Any, function: Callable, state: Any) -> Any:
+def if_any_lane(flag: Flag, function: Callable[[Tree], Tree], state: Tree) -> Tree:
     """`function(state)` if some lane of the batch needs it, else `state`.
 
     For work that is rare but not worth a loop of its own. `function` must leave the

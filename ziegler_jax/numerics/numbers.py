@@ -8,29 +8,43 @@ be validated then: they are checked inside the program and end a lane as `invali
 
 import inspect
 import math
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
-Scalar = Any  # a number, shape ()
+# A number: of JAX (an array of shape (), a tracer), or concrete (Python's or NumPy's
+# float64, which is one).
+Scalar = Float[Array, ""] | float
+Flag = Bool[Array, ""] | bool  # yes or no, known now or traced
+Count = Int[Array, ""] | int  # a whole number, known now or traced
 Pair = tuple[Scalar, Scalar]  # one number a joint, or one a rod
+Flags = tuple[Flag, Flag]  # the same of yes and no
+OneOrTwo = Scalar | Pair  # one number for both joints, or one a joint
+Two = Sequence[Scalar] | Float[Array, " 2"]  # a pair, and either, as it may be given
+Joints = Scalar | Two
+Traced = Float[Array, ""]  # a number of JAX alone, and a state of such
+Traced4 = tuple[Traced, Traced, Traced, Traced]
+Numbers = tuple[Scalar, ...]  # any number of them, e.g. a state and differences
+Option = Scalar | str | None  # an option, as the record of a result has it
 Vector4 = tuple[Scalar, Scalar, Scalar, Scalar]  # phi1, phi2, omega1, omega2
 
 
-def is_concrete(x: Any) -> bool:
+def is_concrete(x: object) -> bool:
     """Whether the value of `x` is known now, without JAX."""
     return not isinstance(x, jax.Array)
 
 
-def equals(x: Any, value: float) -> bool:
+def equals(x: Scalar | None, value: float) -> bool:
     """Whether `x` is known now to be `value`: then a term can be left out."""
     return x is not None and is_concrete(x) and float(x) == value
 
 
-def number(name: str, x: Any, rule: str = "finite") -> Any:
+def number(name: str, x: object, rule: str = "finite") -> Scalar:
     """A scalar as a module keeps it: concrete ones as validated NumPy float64.
 
     **Arguments:**
@@ -68,10 +82,10 @@ def number(name: str, x: Any, rule: str = "finite") -> Any:
     if not good:
         rule = "finite" if rule == "finite" else f"finite and {rule}"
         raise ValueError(f"Argument `{name}` must be {rule}, but is {value:g}.")
-    return x
+    return cast(np.float64, x)
 
 
-def instance(name: str, x: Any, kind: type) -> None:
+def instance(name: str, x: object, kind: type) -> None:
     """Refuse what is not of a class."""
     if not isinstance(x, kind):
         raise ValueError(
@@ -79,15 +93,15 @@ def instance(name: str, x: Any, kind: type) -> None:
         )
 
 
-def choice(name: str, x: Any, known: Iterable[str]) -> None:
+def choice(name: str, x: object, known: Sequence[str]) -> None:
     """Refuse what is none of the known names."""
-    if x not in known:
+    if not isinstance(x, str) or x not in known:
         raise ValueError(
             f"Argument `{name}` must be one of {', '.join(known)}, but is {x!r}."
         )
 
 
-def whole_number(name: str, x: Any) -> int:
+def whole_number(name: str, x: int) -> int:
     """A count of at least one, validated."""
     whole = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
     if not whole or not 1 <= x < 2**31:  # steps are counted in 32 bits
@@ -98,12 +112,12 @@ def whole_number(name: str, x: Any) -> int:
     return int(x)
 
 
-def keeps(rule: str, *numbers: Any) -> Any:
+def keeps(rule: str, *numbers: Scalar | None) -> Flag:
     """Whether traced numbers keep a rule of `number`; concrete ones do, None is none.
 
     **Returns:** True, or a traced boolean.
     """
-    good: Any = True
+    good: Flag = True
     for x in numbers:
         if x is None or is_concrete(x):
             continue
@@ -111,7 +125,7 @@ def keeps(rule: str, *numbers: Any) -> Any:
     return good
 
 
-def checked(rules: Mapping[str, str], **values: Any) -> list[Any]:
+def checked(rules: Mapping[str, str], **values: Joints | None) -> list[Any]:
     """Numbers as a module keeps them, by a table of rules.
 
     **Arguments:** `rules`: for each name a rule of `number`, and what there may be
@@ -119,30 +133,30 @@ def checked(rules: Mapping[str, str], **values: Any) -> list[Any]:
 
     **Raises:** `ValueError` as `number`.
     """
-    kept = []
+    numbers = []
     for name, x in values.items():
         rule, beside = _read(rules, name)
         read = number_or_pair if "two" in beside else number
         absent = x is None and "none" in beside
-        kept.append(None if absent else read(name, x, rule))
-    return kept
+        numbers.append(None if absent else read(name, cast(Joints, x), rule))
+    return numbers
 
 
-def keeps_rules(rules: Mapping[str, str], owner: Any) -> Any:
+def keeps_rules(rules: Mapping[str, str], owner: eqx.Module) -> Flag:
     """Whether an object's numbers keep the same rules: those only known when traced.
 
     **Raises:** `ValueError` for a rule that is none.
     """
-    good: Any = True
+    good: Flag = True
     for name in rules:
         (rule, _), value = _read(rules, name), getattr(owner, name)
         for x in jax.tree.leaves(value):
-            kept = _holds(rule, jnp.asarray(x))
-            good &= jnp.all(kept) if kept.ndim else kept
+            holds = _holds(rule, jnp.asarray(x))
+            good &= jnp.all(holds) if holds.ndim else holds
     return good
 
 
-def _holds(rule: str, x: Any) -> Any:
+def _holds(rule: str, x: Scalar) -> Bool[Array, "..."]:
     """Whether JAX's numbers keep a rule."""
     if rule == "finite":
         return jnp.isfinite(x)
@@ -160,7 +174,7 @@ def _read(rules: Mapping[str, str], name: str) -> tuple[str, str]:
     return rule, beside
 
 
-def positive(**values: Any) -> list[Any]:
+def positive(**values: Scalar) -> list[Scalar]:
     """Positive numbers; NaN for a traced one that is not, so that its lane is invalid.
 
     Without it a negative mass could still make a positive definite inertia.
@@ -170,7 +184,9 @@ def positive(**values: Any) -> list[Any]:
 
 
 def check_options(
-    who: str, options: Mapping[str, Any], known: Callable | Iterable[str]
+    who: str,
+    options: Mapping[str, object],
+    known: Callable[..., object] | Iterable[str],
 ) -> None:
     """Raise `TypeError` for an option that is none of `who`.
 
@@ -187,7 +203,7 @@ def check_options(
             )
 
 
-def pair(name: str, x: Any, rule: str = "finite") -> Pair:
+def pair(name: str, x: Two, rule: str = "finite") -> Pair:
     """Two numbers, from a sequence or an array of length 2."""
     try:
         first, second = x
@@ -198,13 +214,13 @@ def pair(name: str, x: Any, rule: str = "finite") -> Pair:
     return number(f"{name}[0]", first, rule), number(f"{name}[1]", second, rule)
 
 
-def number_or_pair(name: str, x: Any, rule: str = "finite") -> Any:
+def number_or_pair(name: str, x: Joints, rule: str = "finite") -> OneOrTwo:
     """One number for both joints, or a tuple with one a joint."""
-    if isinstance(x, (tuple, list)) or np.ndim(x) == 1:
-        return pair(name, x, rule)
+    if isinstance(x, (tuple, list)) or np.ndim(cast(float, x)) == 1:
+        return pair(name, cast(Two, x), rule)
     return number(name, x, rule)
 
 
-def both(x: Any) -> Pair:
+def both(x: OneOrTwo) -> Pair:
     """A number or a pair, as a pair."""
     return x if isinstance(x, tuple) else (x, x)

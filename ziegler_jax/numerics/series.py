@@ -9,9 +9,10 @@ Jorba, M. Zou, Experimental Mathematics 14 (2005) 99-117).
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import cast
 
 from .materialise import materialise
+from .numbers import Scalar
 
 
 class Series:
@@ -30,27 +31,27 @@ class Series:
     """
 
     __array_ufunc__ = None  # numpy's numbers leave arithmetic to this class
-    factor: Any = None  # of a multiple of `parts[0]`
+    factor: Scalar | None = None  # of a multiple of `parts[0]`
 
     def __init__(
         self,
-        at: Any,
-        rule: Callable[[int], Any] | None = None,
+        at: Scalar,
+        rule: Callable[[int], Scalar | None] | None = None,
         parts: tuple["Series", ...] = (),
-        known: tuple = (),
+        known: tuple[Scalar, ...] = (),
     ):
         """A series whose coefficients are worked out on demand."""
         self.at, self.rule, self.parts = at, rule, parts
-        self.known, self.kept = list(known), rule is None
+        self.known, self.cached = list(known), rule is None
 
-    def __getitem__(self, order: int) -> Any:
+    def __getitem__(self, order: int) -> Scalar:
         """The coefficient; `ready` must have been called for its order."""
-        if self.kept:
+        if self.cached:
             return self.known[order]
         assert self.rule is not None
-        return self.rule(order)
+        return cast(Scalar, self.rule(order))
 
-    def append(self, coefficient: Any) -> None:
+    def append(self, coefficient: Scalar) -> None:
         """Tell the next coefficient."""
         self.known.append(coefficient)
 
@@ -61,20 +62,20 @@ class Series:
         """
         for part in self.parts:
             part.ready(order)
-        while self.kept and self.rule is not None and len(self.known) <= order:
+        while self.cached and self.rule is not None and len(self.known) <= order:
             k = len(self.known)
-            self.known.append(materialise(self.at, partial(self.rule, k)))
+            self.known.append(cast(Scalar, materialise(self.at, partial(self.rule, k))))
 
     def as_factor(self) -> "Series":
         """The same, its coefficients kept."""
-        self.kept = True
+        self.cached = True
         return self
 
     def derivative(self) -> "Series":
         """Its rate of change."""
         return Series(self.at, lambda k: (k + 1) * self[k + 1], (self,))
 
-    def integral(self, start: Any) -> "Series":
+    def integral(self, start: Scalar) -> "Series":
         """What changes at this rate, from `start` on."""
         return Series(self.at, lambda k: self[k - 1] / k if k > 0 else start, (self,))
 
@@ -82,7 +83,7 @@ class Series:
         """-x."""
         return self * -1.0
 
-    def __add__(self, other: Any) -> "Series":
+    def __add__(self, other: "Series | Scalar") -> "Series":
         """X + y."""
         if isinstance(other, Series):
             return Series(self.at, lambda k: self[k] + other[k], (self, other))
@@ -92,38 +93,38 @@ class Series:
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> "Series":
+    def __sub__(self, other: "Series | Scalar") -> "Series":
         """X - y."""
         if isinstance(other, Series):
             return Series(self.at, lambda k: self[k] - other[k], (self, other))
         return self + (-other)
 
-    def __rsub__(self, other: Any) -> "Series":
+    def __rsub__(self, other: "Series | Scalar") -> "Series":
         """Y - x."""
         return (-self) + other
 
-    def __mul__(self, other: Any) -> "Series":
+    def __mul__(self, other: "Series | Scalar") -> "Series":
         """X y, of which each coefficient is a sum of products."""
         if not isinstance(other, Series):
             multiple = Series(self.at, lambda k: self[k] * other, (self,))
             multiple.factor = other
             return multiple
         for x, y in ((self, other), (other, self)):
-            if x.factor is not None and not x.kept:
+            if x.factor is not None and not x.cached:
                 return (x.parts[0] * y) * x.factor
         parts = self.as_factor(), other.as_factor()
         return Series(self.at, lambda k: cauchy(self, other, k), parts)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> "Series":
+    def __truediv__(self, other: Scalar) -> "Series":
         """Over a number."""
         return self * (1 / other)
 
 
-def cauchy(x: Series, y: Series, order: int, first: int = 0) -> Any:
+def cauchy(x: Series, y: Series, order: int, first: int = 0) -> Scalar:
     r"""$\sum_j x_j y_{k-j}$ over j from `first` to k; at least one term."""
-    if x.factor is not None and not x.kept:  # once, not in each of the terms
+    if x.factor is not None and not x.cached:  # once, not in each of the terms
         return cauchy(x.parts[0], y, order, first) * x.factor
     pairs = [(x[j], y[order - j]) for j in range(first, order + 1)]
     if x is not y or first > 0:
@@ -147,7 +148,9 @@ class _Turned(Series):
             self.rule(len(self.known))
 
 
-def sincos_series(x: Series, sincos: Callable) -> tuple[Series, Series]:
+def sincos_series(
+    x: Series, sincos: Callable[[Scalar], tuple[Scalar, Scalar]]
+) -> tuple[Series, Series]:
     r"""Sine and cosine of a series.
 
     $$(k + 1) s_{k+1} = \sum_j \dot x_j c_{k-j}, \qquad
@@ -171,12 +174,12 @@ def sincos_series(x: Series, sincos: Callable) -> tuple[Series, Series]:
     return sine.as_factor(), cosine.as_factor()
 
 
-def sum_of(terms: list) -> Any:
+def sum_of(terms: Sequence[Scalar]) -> Scalar:
     """Their sum, without a zero to begin with."""
     return sum(terms[1:], terms[0])
 
 
-def value(coefficients: Sequence[Any], x: Any) -> Any:
+def value(coefficients: Sequence[Scalar], x: Scalar) -> Scalar:
     """The polynomial at x, by Horner's rule."""
     result = coefficients[-1]
     for c in reversed(coefficients[:-1]):
@@ -184,10 +187,10 @@ def value(coefficients: Sequence[Any], x: Any) -> Any:
     return result
 
 
-def value_and_slope(coefficients: list, x: Any) -> tuple[Any, Any]:
+def value_and_slope(coefficients: Sequence[Scalar], x: Scalar) -> tuple[Scalar, Scalar]:
     """The polynomial at x and its slope."""
     result, slope = coefficients[-1], None
     for c in reversed(coefficients[:-1]):
         slope = result if slope is None else result + x * slope
         result = c + x * result
-    return result, slope
+    return result, cast(Scalar, slope)

@@ -1,10 +1,12 @@
 """Pictures of linear results."""
 
-from typing import Any
+from typing import cast
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.container import BarContainer
 
 from .style import BLUE, VERMILLION
 
@@ -22,7 +24,7 @@ _SYMBOLS = {
 }
 
 
-def sensitivity(table: xr.Dataset, ax: Any = None) -> Any:
+def sensitivity(table: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Bars of the elasticities, the largest on top.
 
     **Arguments:** `table`: what `sensitivity` returned; `ax`: matplotlib axes, made if
@@ -39,7 +41,7 @@ def sensitivity(table: xr.Dataset, ax: Any = None) -> Any:
     ax.barh(names, np.nan_to_num(bars), color=np.where(bars >= 0, BLUE, VERMILLION))
     ax.set_yticks(range(len(names)), [_SYMBOLS.get(n, n) for n in names])
     ax.bar_label(
-        ax.containers[-1],
+        cast(BarContainer, ax.containers[-1]),
         ["undefined" if np.isnan(x) else f"{x:+.2f}" for x in bars],
         padding=3,
     )

@@ -17,6 +17,7 @@ from matplotlib.axis import Axis
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
+from matplotlib.typing import ColorType
 
 from ..numerics.numbers import choice
 from ..results import OUTCOME
@@ -34,6 +35,8 @@ from .style import (
     unit_label,
 )
 
+Edges = tuple[np.ndarray, np.ndarray]  # of the cells, along x and y
+
 
 def map(
     dataset: xr.Dataset,
@@ -44,7 +47,7 @@ def map(
     ax: Axes | None = None,
     colorbar: bool = True,
     legend: bool = True,
-    colours: Mapping[int, Any] | None = None,
+    colours: Mapping[int, ColorType] | None = None,
     **style: Any,
 ) -> Axes:
     """Colour the points of a plane by a variable, one cell a point.
@@ -172,7 +175,7 @@ def bifurcation_diagram(
     return ax
 
 
-def _variable(dataset: Any, variable: str, dims: dict[str, str]) -> xr.DataArray:
+def _variable(dataset: xr.Dataset, variable: str, dims: dict[str, str]) -> xr.DataArray:
     """The variable, if it spans these dimensions and no others."""
     if not isinstance(dataset, xr.Dataset):
         raise ValueError(
@@ -239,7 +242,7 @@ def _failed(outcome: np.ndarray) -> np.ndarray:
     return (outcome < OUTCOME.unsettled) & (outcome != OUTCOME.not_computed)
 
 
-def _outcomes(ax: Axes, edges: Any, outcome: np.ndarray) -> list[Patch]:
+def _outcomes(ax: Axes, edges: Edges, outcome: np.ndarray) -> list[Patch]:
     """Cells that say how the motion ended; returns what a legend needs."""
     layers = (
         ("stuck", np.isin(outcome, AT_REST), REST_COLOUR, None, "none"),
@@ -264,7 +267,7 @@ def _outcomes(ax: Axes, edges: Any, outcome: np.ndarray) -> list[Patch]:
     return handles
 
 
-def _rectangles(edges: Any, here: np.ndarray) -> list[np.ndarray]:
+def _rectangles(edges: Edges, here: np.ndarray) -> list[np.ndarray]:
     """The corners of each of the cells `here` (y, x)."""
     row, column = np.nonzero(here)
     left, right = edges[0][column], edges[0][column + 1]
@@ -274,7 +277,11 @@ def _rectangles(edges: Any, here: np.ndarray) -> list[np.ndarray]:
 
 
 def _codes(
-    ax: Axes, edges: Any, values: xr.DataArray, colours: Mapping[int, Any], **style: Any
+    ax: Axes,
+    edges: Edges,
+    values: xr.DataArray,
+    colours: Mapping[int, ColorType],
+    **style: Any,
 ) -> list[Patch]:
     """One colour a code of a CF flag variable, blank where nothing was computed."""
     codes = np.asarray(values)

@@ -1,16 +1,24 @@
 """Pictures of motions."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import cast
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 
+from ..motion.trajectory import Trajectory
 from ..results import OUTCOME
 from ..units import SI
 from .style import PHI1, PHI2, unit_label
 
 
-def time_history(motion: Any, *, ax: Any = None, units: SI | None = None) -> np.ndarray:
+def time_history(
+    motion: Trajectory,
+    *,
+    ax: Sequence[Axes] | np.ndarray | None = None,
+    units: SI | None = None,
+) -> np.ndarray:
     r"""Draw a motion: $\phi_1, \phi_2$ over time, and beside it the phase plane.
 
     **Arguments:**
@@ -28,7 +36,7 @@ def time_history(motion: Any, *, ax: Any = None, units: SI | None = None) -> np.
     """
     time, rate = unit_label("sqrt(m l^2/k)"), unit_label("sqrt(k/(m l^2))")
     if units is not None:
-        motion, time, rate = units.restore(motion), "s", "s$^{-1}$"
+        motion, time, rate = cast(Trajectory, units.restore(motion)), "s", "s$^{-1}$"
     ts, phi, omega = (np.asarray(a) for a in (motion.ts, motion.phi, motion.omega))
     if ts.ndim != 1 or phi.shape != (ts.size, 2):
         raise ValueError(

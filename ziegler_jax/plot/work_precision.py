@@ -1,7 +1,5 @@
 """The picture of error against run time."""
 
-from typing import Any
-
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
@@ -55,7 +53,7 @@ def work_precision(
     return ax
 
 
-def _label(values: xr.DataArray) -> Any:
+def _label(values: xr.DataArray) -> str:
     units = values.attrs["units"]
     text = values.attrs["long_name"]
     return text if units == "1" else f"{text} ({units})"

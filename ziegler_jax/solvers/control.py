@@ -5,15 +5,16 @@ E^2 = \tfrac14 \sum_i \Bigl(\frac{e_i}{atol + rtol \max(|y_{0,i}|, |y_{1,i}|)}
 \Bigr)^2$$
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 import optimistix as optx
 
+from ..model.column import Column
 from ..numerics.materialise import materialise
-from ..numerics.numbers import Scalar
+from ..numerics.numbers import Count, Flag, Numbers, Pair, Scalar, Vector4
 
 # On motions with smoothed friction (q = 2..4, Tsit5) 0.8 needs 4 to 6 % fewer steps
 # than 0.9 at tolerances from 1e-4 to 1e-6, and errs by about a third less: fewer steps
@@ -34,20 +35,22 @@ class Signals(eqx.Module):
     not flags, because diffrax looks for NaN in it.
     """
 
-    error: Any
+    error: Numbers
     stop: Scalar  # a time on which a step must end; infinity for none
     done: Scalar  # 1 to end the lane after this step, if it is accepted; else 0
-    reached: Any = None  # the time of y1 where the step was cut; None: not to be cut
+    reached: Scalar | None = (
+        None  # the time of y1 where the step was cut; None: not to be cut
+    )
 
 
 class ControlState(NamedTuple):
     """What the controller remembers between steps."""
 
-    t: Any  # where the lane is
-    stop: Any  # a time on which a step must end
-    t_next: Any  # where the next step ends, if nothing clips it
-    left: Any  # how many more steps may be attempted
-    h: Any  # the length that the error estimate allows
+    t: Scalar  # where the lane is
+    stop: Scalar  # a time on which a step must end
+    t_next: Scalar  # where the next step ends, if nothing clips it
+    left: Count  # how many more steps may be attempted
+    h: Scalar  # the length that the error estimate allows
 
 
 class StepControl(dfx.AbstractAdaptiveStepSizeController):
@@ -70,8 +73,8 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         tolerances, by its estimate less than one). None: there is none.
     """
 
-    rtol: Scalar
-    atol: Scalar
+    rtol: Scalar  # pyright: ignore[reportIncompatibleVariableOverride]
+    atol: Scalar  # pyright: ignore[reportIncompatibleVariableOverride]
     layer: Scalar | None = None
 
     @property
@@ -84,7 +87,9 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         del direction
         return self
 
-    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
+    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, terms, t0: Scalar, t1, y0, dt0: Scalar | None, args, func, error_order
+    ):
         """Start with `dt0`, which must be given."""
         del terms, t1, y0, args, func, error_order
         if dt0 is None:
@@ -92,7 +97,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         state = self.start(t0, dt0, jnp.inf)
         return state.t_next, state
 
-    def start(self, t0: Any, dt0: Any, stop: Any) -> ControlState:
+    def start(self, t0: Scalar, dt0: Scalar, stop: Scalar) -> ControlState:
         """The state before the first step, with a first time to stop on."""
         dtype = jnp.result_type(t0)
         stop, t0 = jnp.asarray(stop, dtype), jnp.asarray(t0, dtype)
@@ -100,24 +105,32 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         left = jnp.asarray(NO_LIMIT, jnp.int32)
         return ControlState(t0, stop, towards(stop, t0, h), left, h)
 
-    def ending(self, pause: Any, vanished: Any) -> dfx.RESULTS:
+    def ending(self, pause: Flag, vanished: Flag) -> dfx.RESULTS:
         """What diffrax is told: to go on, to pause, or that there is no next step."""
         okay, paused = dfx.RESULTS.successful, dfx.RESULTS.event_occurred
         result = dfx.RESULTS.where(pause, paused, okay)
         return dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
 
-    def adapt_step_size(
-        self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state
+    def adapt_step_size(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        t0: Scalar,
+        t1: Scalar,
+        y0: Vector4,
+        y1_candidate: Vector4,
+        args: Column,
+        y_error: Signals | Numbers,
+        error_order: Scalar,
+        controller_state: ControlState,
     ):
         """Accept or reject the step, and choose the next one."""
         del args
         signals = y_error if isinstance(y_error, Signals) else None
-        error: Any = y_error if signals is None else signals.error
+        error = cast(Numbers, y_error) if signals is None else signals.error
         stop, left = controller_state.stop, controller_state.left - 1
 
         # each number that a lane carries asks whether its step was accepted
         tols = self.rtol, self.atol
-        cut: Any = None if signals is None else signals.reached
+        cut = None if signals is None else signals.reached
         whole = cut is None  # steps are never cut
         reached = t1 if whole else cut
         tried, allowed = t1 - t0, controller_state.h
@@ -160,7 +173,7 @@ class GoingOn(dfx.AbstractStepSizeController):
     is called slowly, and jaxlib 0.10 does not keep it in its compilation cache.
     """
 
-    control: Any
+    control: dfx.AbstractStepSizeController
     t_next: Scalar
 
     def wrap(self, direction):
@@ -180,12 +193,12 @@ class GoingOn(dfx.AbstractStepSizeController):
 def judge(
     rtol: Scalar,
     atol: Scalar,
-    y0: Any,
-    y1: Any,
-    error: Any,
-    error_order: Any,
+    y0: Numbers,
+    y1: Numbers,
+    error: Numbers,
+    error_order: Scalar,
     layer: Scalar | None = None,
-) -> tuple[Any, Any]:
+) -> Pair:
     """The error's square, within tolerance up to 1, and the next step over this one."""
     square = jnp.zeros_like(y0[0])
     for e, a, b in zip(error, y0, y1, strict=True):
@@ -208,7 +221,7 @@ def judge(
     return square, factor.astype(square.dtype)
 
 
-def towards(stop: Any, t: Any, h: Any) -> Any:
+def towards(stop: Scalar, t: Scalar, h: Scalar) -> Scalar:
     """The end of a step of about h: on `stop` if it is near, and no crumb before it."""
     left = stop - t
     shorter = jnp.where(left < 2 * h, 0.5 * left, h)

@@ -5,27 +5,30 @@ tolerances, and what is left out is then within about one.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float
 
 from ..model.column import Column, joint_balance
-from ..model.set_valued import Balance
+from ..model.set_valued import Dynamics, FrozenCoulomb
 from ..numerics.materialise import materialise
-from ..numerics.numbers import Scalar, Vector4
+from ..numerics.numbers import Pair, Scalar, Vector4
 from ..numerics.series import Series, cauchy
 
 LAST_TERMS = 6.0  # tolerances that each of the last two terms may come to
+
+Coefficients = list[Scalar]  # by order
 
 
 class Motion(NamedTuple):
     """The series of a motion in frozen modes: lists of coefficients."""
 
-    y: tuple[list, list, list, list]
-    accelerations: tuple[list, list]
+    y: tuple[Coefficients, Coefficients, Coefficients, Coefficients]
+    accelerations: tuple[Coefficients, Coefficients]
     # of each joint: its rate in its direction where it slides, its torque where not
-    watched: tuple[list, list]
+    watched: tuple[Coefficients, Coefficients]
 
 
 def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:
@@ -33,17 +36,18 @@ def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:
     w1, w2 = Series(at, known=(y[2],)), Series(at, known=(y[3],))
     phi1, phi2 = w1.integral(y[0]), w2.integral(y[1])
     a1, a2 = w1.derivative(), w2.derivative()
-    law: Any = column.friction
+    law = cast(FrozenCoulomb, column.friction)
+    assert law.modes is not None
     # the forces of each order rest on the motion up to that order
-    forces = joint_balance(column, (phi1, phi2, w1, w2))
-    h, r1, r2 = forces.h, forces.r1, forces.r2
+    forces = joint_balance(column, cast(Vector4, (phi1, phi2, w1, w2)))
+    h, r1, r2 = cast("tuple[Series, ...]", (forces.h, forces.r1, forces.r2))
     for x in (h, r1, r2):
         x.ready(0)
-    still = Balance(forces.a, h[0], forces.d, r1[0], r2[0])
-    mobility = materialise(at, law.mobility, still)
-    watched: tuple[list, list] = [], []
+    still = Dynamics(forces.a, h[0], forces.d, r1[0], r2[0])
+    inverse_inertia = materialise(at, law.inverse_inertia, still)
+    watched: tuple[Coefficients, Coefficients] = [], []
     for k in range(order + 1):
-        held: Any = (0.0, 0.0)
+        constraint: Pair = (0.0, 0.0)
         rates = w1[k], w2[k] - w1[k]
         if k < order:
             for x in (h, r1, r2):
@@ -53,20 +57,20 @@ def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:
                 """The forces of this order, but for the accelerations of this order."""
                 if k > 0:
                     return r1[k] - cauchy(h, a2, k, 1), r2[k] - cauchy(h, a1, k, 1)
-                (m1, m2), (k1, k2) = law.modes, law.kinetic
+                (m1, m2), (k1, k2) = cast(Pair, law.modes), law.kinetic
                 return r1[0] - m1 * k1 + m2 * k2, r2[0] - m2 * k2
 
             left1, left2 = materialise(at, driven)
             now = still._replace(r1=left1, r2=left2)
 
             def move(k=k, now=now):
-                moved = law.moved(now, 0.0, 0.0, mobility)
-                return tuple(a / (k + 1) for a in moved)
+                accelerations = law.accelerations_under(now, 0.0, 0.0, inverse_inertia)
+                return tuple(a / (k + 1) for a in accelerations)
 
             for w, new in zip((w1, w2), materialise(at, move), strict=True):
                 w.append(new)
-            held = law.carried(now, a1[k], a2[k])
-        rows = zip(watched, law.modes, rates, held, strict=True)
+            constraint = law.constraint_torques(now, a1[k], a2[k])
+        rows = zip(watched, law.modes, rates, constraint, strict=True)
         for row, m, u, torque in rows:
             row.append(jnp.where(m == 0, torque, m * u))
     states = tuple([x[k] for k in range(order + 1)] for x in (phi1, phi2, w1, w2))
@@ -74,7 +78,7 @@ def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:
     return Motion(states, rates, watched)  # pyright: ignore
 
 
-def allowed(motion: Motion, rtol: Scalar, atol: Scalar) -> Any:
+def allowed(motion: Motion, rtol: Scalar, atol: Scalar) -> Scalar:
     """How long a step may be by the last two terms of its series."""
     order = len(motion.y[0]) - 1
     # one digit would do, and a float32's reciprocal is cheap
@@ -93,7 +97,7 @@ def allowed(motion: Motion, rtol: Scalar, atol: Scalar) -> Any:
     return lax.stop_gradient(h.astype(shortest.dtype))
 
 
-def _log2(x: Any) -> Any:
+def _log2(x: Float[Array, ""]) -> Float[Array, ""]:
     """Within 0.09, by a float's bits: the line through the powers of two on each side.
 
     However large the number is, which float32's log could not say.

@@ -10,27 +10,33 @@ y_1 = y_0 + h \sum_i b_i k_i,$$
 zeros of the tableau are left out, and each stage is kept as an array.
 """
 
-from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import ClassVar, NamedTuple, TypeVar, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..model.column import Column
 from ..numerics.materialise import materialise
-from ..numerics.numbers import Vector4
+from ..numerics.numbers import Flag, Numbers, Scalar, Traced, Traced4, Vector4
 
 _Row = tuple[float, ...]
+State = TypeVar("State", bound=Numbers)
+# functions of the state to be integrated along the motion
+Integrand = Callable[[Vector4], Numbers]
 
 
 class Explicit(dfx.AbstractSolver):
-    """Any explicit `diffrax.ButcherTableau`, for states that are tuples of scalars.
+    """Any explicit Runge-Kutta method, for states that are tuples of scalars.
 
     **Arguments:**
 
-    - `tableau`: e.g. `diffrax.Tsit5.tableau` (the default) or
-        `diffrax.Dopri8.tableau`; `Explicit(*CALVO7)` of `solvers.tableaus`.
-    - `order`, `name`: known for these, else the order must be given.
+    - `tableau`: a `diffrax.ButcherTableau`, or a solver of diffrax that has one, e.g.
+        `diffrax.Dopri8()`; Tsit5 by default; `Explicit(*CALVO7)` of
+        `solvers.tableaus`.
+    - `order`, `name`: those of the solver where one is given; known for Tsit5's and
+        Dopri8's tableau, else the order must be given.
 
     **Raises:** `ValueError` if it is no tableau, or implicit, or its order is not
     known.
@@ -40,32 +46,34 @@ class Explicit(dfx.AbstractSolver):
     a: tuple[_Row, ...] = eqx.field(static=True)
     b: _Row = eqx.field(static=True)
     b_error: _Row = eqx.field(static=True)
-    bend: _Row | None = eqx.field(static=True)  # the interpolant's: see `Course`
+    bend: _Row | None = eqx.field(
+        static=True
+    )  # the interpolant's: see `HermiteQuartic`
     c: _Row = eqx.field(static=True)
     last_stage_is_next_first: bool = eqx.field(static=True)
     method_order: int = eqx.field(static=True)
     name: str = eqx.field(static=True)
 
     term_structure: ClassVar = dfx.AbstractTerm
-    interpolation_cls: ClassVar[Callable[..., Any]] = (
+    interpolation_cls: ClassVar[Callable[..., dfx.AbstractLocalInterpolation]] = (
         dfx.ThirdOrderHermitePolynomialInterpolation
     )
 
     def __init__(
         self,
-        tableau: dfx.ButcherTableau = dfx.Tsit5.tableau,
+        tableau: dfx.ButcherTableau | dfx.AbstractERK = dfx.Tsit5.tableau,
         order: int | None = None,
         name: str | None = None,
     ):
         """Turn the tableau into numbers of the program."""
+        if isinstance(tableau, dfx.AbstractERK):
+            order = tableau.order(None) if order is None else order  # pyright: ignore
+            name = type(tableau).__name__ if name is None else name
+            tableau = cast(dfx.ButcherTableau, tableau.tableau)
         if not isinstance(tableau, dfx.ButcherTableau):
-            cure = ""
-            if isinstance(getattr(tableau, "tableau", None), dfx.ButcherTableau):
-                method = tableau if isinstance(tableau, type) else type(tableau)
-                cure = f"; write `diffrax.{method.__name__}.tableau`"
             raise ValueError(
-                "Argument `tableau` must be a `diffrax.ButcherTableau`, but is "
-                f"{tableau!r}{cure}."
+                "Argument `tableau` must be a `diffrax.ButcherTableau` or an explicit "
+                f"solver of diffrax, but is {tableau!r}."
             )
         if tableau.implicit:
             raise ValueError("Argument `tableau` must be explicit, but is implicit.")
@@ -85,16 +93,22 @@ class Explicit(dfx.AbstractSolver):
         self.method_order = order
         self.name = usual if name is None else name
 
-    def order(self, terms: Any) -> int:
+    def __repr__(self) -> str:
+        """Its name: the tableau is long."""
+        return f"Explicit({self.name})"
+
+    def order(self, terms: dfx.AbstractTerm) -> int:
         """The order of convergence."""
         del terms
         return self.method_order
 
-    def error_order(self, terms: Any) -> int:
+    def error_order(self, terms: dfx.AbstractTerm) -> int:
         """The power of h that the error estimate falls with."""
         return self.order(terms)
 
-    def init(self, terms, t0, t1, y0, args):
+    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
+    ) -> Traced4:
         """The first stage of the first step."""
         del t1
         return self.func(terms, t0, y0, args)
@@ -105,14 +119,14 @@ class Explicit(dfx.AbstractSolver):
 
     def advance(
         self,
-        terms: Any,
-        t0: Any,
-        t1: Any,
-        y0: Vector4,
-        args: Any,
-        first: Vector4,
-        integrand: Callable | None = None,
-    ) -> tuple[Vector4, Vector4, Vector4, tuple, "Stages"]:
+        terms: dfx.AbstractTerm,
+        t0: Scalar,
+        t1: Scalar,
+        y0: State,
+        args: Column,
+        first: State,
+        integrand: Integrand | None = None,
+    ) -> tuple[State, State, State, Numbers, "Stages"]:
         r"""One step from y0, where the right-hand side is `first`.
 
         **Returns:** y1, the error estimate, the right-hand side at y1, the integrals
@@ -122,7 +136,7 @@ class Explicit(dfx.AbstractSolver):
         """
         h = t1 - t0
         stages = [first]
-        kept = [] if integrand is None else [integrand(y0)]
+        integrands = [] if integrand is None else [integrand(cast(Vector4, y0))]
 
         def stage(t, y):
             k = terms.vf(t, y, args)
@@ -133,7 +147,7 @@ class Explicit(dfx.AbstractSolver):
             y = _increment(y0, h, row, stages)
             y, k, more = materialise(t0, stage, t0 + c * h, y)
             stages.append(k)
-            kept.append(more)
+            integrands.append(more)
         if self.last_stage_is_next_first:
             y1, last = y, stages[-1]
         else:
@@ -145,16 +159,25 @@ class Explicit(dfx.AbstractSolver):
         )
         integrals = ()
         if integrand is not None:
-            parts = range(len(kept[0]))
-            integrals = tuple(h * _dot(self.b, kept, i) for i in parts)
-        return y1, error, last, integrals, Stages(stages, kept)
+            parts = range(len(integrands[0]))
+            integrals = tuple(h * _dot(self.b, integrands, i) for i in parts)
+        return y1, cast(State, error), last, integrals, Stages(stages, integrands)
 
-    def bends(self, h: Any, stages: list[tuple]) -> tuple:
+    def bends(self, h: Scalar, stages: Sequence[Numbers]) -> Numbers:
         r"""What bends the interpolant of each number, $h \sum_i d_i k_i$."""
         assert self.bend is not None
         return tuple(h * _dot(self.bend, stages, i) for i in range(len(stages[0])))
 
-    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        terms: dfx.AbstractTerm,
+        t0: Traced,
+        t1: Traced,
+        y0: Traced4,
+        args: Column,
+        solver_state: Traced4,
+        made_jump: Flag,
+    ):
         """One step, as diffrax asks for it."""
         del made_jump
         y1, error, last, *_ = self.advance(terms, t0, t1, y0, args, solver_state)
@@ -177,11 +200,13 @@ OKAY = dfx.RESULTS.successful
 class Stages(NamedTuple):
     """The right-hand sides and the integrands at a step's stages."""
 
-    slopes: list
-    integrands: list
+    slopes: Sequence[Numbers]
+    integrands: Sequence[Numbers]
 
 
-def dense(t0, t1, y0, y1, first, last) -> dict[str, Any]:
+def dense(
+    t0: Scalar, t1: Scalar, y0: Vector4, y1: Vector4, first: Vector4, last: Vector4
+) -> dict[str, Numbers]:
     """What diffrax's cubic Hermite interpolation needs of a step."""
     h = t1 - t0
     k0 = tuple(h * x for x in first)
@@ -189,10 +214,11 @@ def dense(t0, t1, y0, y1, first, last) -> dict[str, Any]:
     return {"y0": y0, "y1": y1, "k0": k0, "k1": k1}
 
 
-def _dot(row: _Row, stages: list[tuple], i: int) -> Any:
+def _dot(row: _Row, stages: Sequence[Numbers], i: int) -> Scalar:
     terms = [w * k[i] for w, k in zip(row, stages, strict=False) if w != 0.0]
     return sum(terms[1:], terms[0]) if terms else jnp.zeros_like(stages[0][i])
 
 
-def _increment(y0: tuple, h: Any, row: _Row, stages: list[tuple]) -> tuple:
-    return tuple(y + h * _dot(row, stages, i) for i, y in enumerate(y0))
+def _increment(y0: State, h: Scalar, row: _Row, stages: Sequence[Numbers]) -> State:
+    moved = tuple(y + h * _dot(row, stages, i) for i, y in enumerate(y0))
+    return cast(State, moved)

@@ -6,36 +6,54 @@ not turn into one kernel.
 """
 
 import abc
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
-from ..numerics.numbers import Scalar, Vector4
+from ..model.column import Column
+from ..numerics.numbers import Count, Flag, Pair, Scalar, Traced, Traced4
 from .control import Signals
-from .explicit import OKAY, Explicit, dense
+from .explicit import OKAY, Explicit, Integrand, dense
 from .rosenbrock import Rosenbrock
+
+State = TypeVar("State")  # of a fold: its running numbers
+Where = TypeVar("Where")  # of a solve: where it is
 
 
 class Step(NamedTuple):
     """One step: both ends, the derivatives there, and the integrals over it."""
 
-    t0: Scalar
-    t1: Scalar
-    y0: Vector4
-    y1: Vector4
-    f0: Vector4
-    f1: Vector4
-    integrals: tuple
-    modes: Any = ()  # with set-valued friction: -1., 0. or 1. for each joint
-    event: Any = ()  # and on which joint it ended (0 none, 3 both), and the new modes
+    t0: Traced
+    t1: Traced
+    y0: Traced4
+    y1: Traced4
+    f0: Traced4
+    f1: Traced4
+    integrals: tuple  # what the fold's `advance` returned
+    modes: (
+        Pair | tuple[()]
+    ) = ()  # with set-valued friction: -1., 0. or 1. for each joint
+    event: (
+        tuple[Count, Pair] | tuple[()]
+    ) = ()  # and on which joint it ended (0 none, 3 both), and the new modes
 
 
-class AbstractFold(eqx.Module):
+class Ending(Protocol):
+    """Running numbers that say how the motion ended."""
+
+    @property
+    def outcome(self) -> Int[Array, ""]:
+        """A code of `OUTCOME`."""
+        ...
+
+
+class AbstractFold(eqx.Module, Generic[State]):
     """What is kept while a lane runs."""
 
-    def integrand(self, column: Any) -> Any:
+    def integrand(self, column: Column) -> Integrand | None:
         """A function of y that returns a tuple to be integrated over steps, or None."""
         del column
 
@@ -49,33 +67,54 @@ class AbstractFold(eqx.Module):
         return solver.advance(terms, t0, t1, y0, column, first, self.integrand(column))
 
     @abc.abstractmethod
-    def init(self, column: Any, t0: Scalar, y0: Vector4) -> Any:
+    def init(self, column: Column, t0: Traced, y0: Traced4) -> State:
         """The running numbers at the start."""
 
     @abc.abstractmethod
-    def step(self, column: Any, state: Any, step: Step) -> tuple[Any, Any, Any]:
+    def step(
+        self, column: Column, state: State, step: Step
+    ) -> tuple[State, Scalar, Flag]:
         """The running numbers after a step, the next time to stop on, and whether done.
 
         The step may still be rejected: then all three are forgotten.
         """
 
-    def outcome(self, state: Any) -> Any:
+    def outcome(self, state: State) -> Int[Array, ""]:
         """How the fold has ended the motion; `not_computed`, 0, while it has not."""
-        return state.outcome
+        return cast(Ending, state).outcome
 
 
-class ObservedState(NamedTuple):
+class ObservedState(NamedTuple, Generic[State]):
     """Where an observed solve is."""
 
-    y: Vector4
-    slope: Vector4  # the right-hand side at y
-    folded: Any
+    y: Traced4
+    slope: Traced4  # the right-hand side at y
+    folded: State
 
 
-class AbstractObserved(dfx.AbstractSolver):
+class OneStep(Protocol):
+    """What an observing solver asks of its method."""
+
+    def order(self, terms: dfx.AbstractTerm) -> int:
+        """The order of convergence."""
+        ...
+
+    def error_order(self, terms: dfx.AbstractTerm) -> int:
+        """The power of h that the error estimate falls with."""
+        ...
+
+    def func(self, terms, t0, y0, args):
+        """The right-hand side."""
+        ...
+
+
+Inner = TypeVar("Inner", bound=OneStep)
+
+
+class AbstractObserved(dfx.AbstractSolver[Where], Generic[Where, Inner]):
     """What a solver with a fold leaves to the method that it runs."""
 
-    solver: eqx.AbstractVar[Any]
+    solver: eqx.AbstractVar[Inner]
 
     term_structure: ClassVar = dfx.AbstractTerm
     interpolation_cls: ClassVar = dfx.ThirdOrderHermitePolynomialInterpolation
@@ -92,13 +131,13 @@ class AbstractObserved(dfx.AbstractSolver):
         """The right-hand side."""
         return self.solver.func(terms, t0, y0, args)
 
-    def chatters(self, state: Any) -> Any:
+    def chatters(self, state: Where) -> Flag:
         """Whether the lane cannot go on, because events follow without time between."""
         del state
         return False  # there are none
 
 
-class Observed(AbstractObserved):
+class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
     """A one-step method with a fold over its accepted steps.
 
     Read its `ObservedState` back with `SaveAt(solver_state=True)`. That holds y too:
@@ -109,20 +148,31 @@ class Observed(AbstractObserved):
     solver: Explicit | Rosenbrock
     fold: AbstractFold
 
-    def init(self, terms, t0, t1, y0, args):
+    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
+    ) -> ObservedState:
         """The solver's first stage and the fold's start."""
         first = self.solver.init(terms, t0, t1, y0, args)
         return ObservedState(y0, first, self.fold.init(args, t0, y0))
 
-    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        terms: dfx.AbstractTerm,
+        t0: Traced,
+        t1: Traced,
+        y0: Traced4,
+        args: Column,
+        solver_state: ObservedState,
+        made_jump: Flag,
+    ):
         """One step, seen by the fold."""
         del made_jump
         _, f0, folded = solver_state
         y1, error, f1, integrals, *_ = self.fold.advance(
             self.solver, terms, t0, t1, y0, args, f0, folded
         )
-        seen = Step(t0, t1, y0, y1, f0, f1, integrals)
-        folded, stop, done = self.fold.step(args, folded, seen)
+        step = Step(t0, t1, y0, y1, f0, f1, integrals)
+        folded, stop, done = self.fold.step(args, folded, step)
         done = jnp.asarray(done, jnp.result_type(t1))
         signals = Signals(error, stop, done)
         after = ObservedState(y1, f1, folded)

@@ -15,16 +15,17 @@ $$\bigl(I - g Q - g^2 P\bigr)\, u_\omega = g\,(r_\omega + g P r_\phi), \qquad
 and a 2 x 2 matrix, inverted once a step, is all that is left to solve.
 """
 
-from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import ClassVar, NamedTuple, cast
 
 import diffrax as dfx
 import jax
 import jax.numpy as jnp
 
+from ..model.column import Column
 from ..numerics.materialise import materialise
-from ..numerics.numbers import Vector4
-from .explicit import OKAY, dense
+from ..numerics.numbers import Flag, Numbers, Pair, Scalar, Traced, Traced4, Vector4
+from .explicit import OKAY, Integrand, State, dense
 
 # Rodas5P: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical
 # benchmarks within the Julia Differential Equations package, BIT Numerical Mathematics
@@ -126,13 +127,15 @@ H = (
 # h times the extension's slope at the step's end
 _END = tuple(m - sum(column) for m, column in zip(M, zip(*H, strict=True), strict=True))
 
+Rows = tuple[Pair, Pair]  # of a 2 x 2 matrix
+
 
 class Linearised(NamedTuple):
     """The field at a step's start, and the matrices of the step."""
 
     field: Vector4
-    p: tuple  # g P, row by row
-    inverse: tuple  # of I - g Q - g^2 P
+    p: Rows  # g P, row by row
+    inverse: Rows  # of I - g Q - g^2 P
 
 
 class Rosenbrock(dfx.AbstractSolver):
@@ -153,20 +156,22 @@ class Rosenbrock(dfx.AbstractSolver):
 
     name: ClassVar[str] = "Rodas5P"
     term_structure: ClassVar = dfx.AbstractTerm
-    interpolation_cls: ClassVar[Callable[..., Any]] = (
+    interpolation_cls: ClassVar[Callable[..., dfx.AbstractLocalInterpolation]] = (
         dfx.ThirdOrderHermitePolynomialInterpolation
     )
 
-    def order(self, terms: Any) -> int:
+    def order(self, terms: dfx.AbstractTerm) -> int:
         """The order of convergence."""
         del terms
         return 5
 
-    def error_order(self, terms: Any) -> int:
+    def error_order(self, terms: dfx.AbstractTerm) -> int:
         """The power of h that the error estimate falls with."""
         return self.order(terms)
 
-    def init(self, terms, t0, t1, y0, args):
+    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
+    ) -> Traced4:
         """The slope at the start."""
         del t1
         return self.func(terms, t0, y0, args)
@@ -177,14 +182,14 @@ class Rosenbrock(dfx.AbstractSolver):
 
     def advance(
         self,
-        terms: Any,
-        t0: Any,
-        t1: Any,
+        terms: dfx.AbstractTerm,
+        t0: Scalar,
+        t1: Scalar,
         y0: Vector4,
-        args: Any,
+        args: Column,
         first: Vector4,
-        integrand: Callable | None = None,
-    ) -> tuple[Vector4, Vector4, Vector4, tuple]:
+        integrand: Integrand | None = None,
+    ) -> tuple[Vector4, Vector4, Vector4, Numbers]:
         r"""One step from y0.
 
         **Returns:** y1, the error estimate, the slope at y1, and the integrals
@@ -199,8 +204,8 @@ class Rosenbrock(dfx.AbstractSolver):
         start = materialise(
             t0, lambda: _linearised(lambda y: terms.vf(t0, y, args), y0, g)
         )
-        seen = (lambda y: ()) if integrand is None else integrand
-        first_parts, along = jax.linearize(seen, y0)
+        quantities = (lambda y: ()) if integrand is None else integrand
+        first_parts, along = jax.linearize(quantities, y0)
 
         def solved(field, push):
             r1, r2 = field[0] + push[0], field[1] + push[1]
@@ -213,7 +218,7 @@ class Rosenbrock(dfx.AbstractSolver):
 
         def stage(y, push):
             u = solved(terms.vf(t0, y, args), push)
-            return u, _sums(seen(y), along(u))
+            return u, _sums(quantities(y), along(u))
 
         def first_stage():
             u = solved(start.field, (0.0,) * 4)
@@ -245,16 +250,28 @@ class Rosenbrock(dfx.AbstractSolver):
 
         error = materialise(t0, errors)
         integrals = tuple(_dot(M, works, i) for i in range(len(works[0])))
-        return y1, error, (y1[2], y1[3], *slopes), integrals
+        last = cast(Vector4, (y1[2], y1[3], *slopes))
+        return cast(Vector4, y1), cast(Vector4, error), last, integrals
 
-    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        terms: dfx.AbstractTerm,
+        t0: Traced,
+        t1: Traced,
+        y0: Traced4,
+        args: Column,
+        solver_state: Traced4,
+        made_jump: Flag,
+    ):
         """One step, as diffrax asks for it."""
         del made_jump
         y1, error, last, _ = self.advance(terms, t0, t1, y0, args, solver_state)
         return y1, error, dense(t0, t1, y0, y1, solver_state, last), last, OKAY
 
 
-def _linearised(function: Callable, y0: Vector4, g: Any) -> Linearised:
+def _linearised(
+    function: Callable[[Vector4], Vector4], y0: Vector4, g: Scalar
+) -> Linearised:
     """The field at y0, and what its Jacobian makes of the step's linear systems."""
     field, along = jax.linearize(function, y0)
     zero, one = jnp.zeros_like(y0[0]), jnp.ones_like(y0[0])
@@ -270,13 +287,14 @@ def _linearised(function: Callable, y0: Vector4, g: Any) -> Linearised:
     )
     over = 1.0 / (m11 * m22 - m12 * m21)
     inverse = ((m22 * over, -m12 * over), (-m21 * over, m11 * over))
-    return Linearised(field, p, inverse)
+    return Linearised(field, cast(Rows, p), inverse)
 
 
-def _sums(values: tuple, changes: tuple) -> tuple:
-    return tuple(v + c for v, c in zip(values, changes, strict=True))
+def _sums(values: State, changes: Numbers) -> State:
+    sums = tuple(v + c for v, c in zip(values, changes, strict=True))
+    return cast(State, sums)
 
 
-def _dot(row: tuple[float, ...], stages: list[tuple], i: int) -> Any:
+def _dot(row: tuple[float, ...], stages: Sequence[Numbers], i: int) -> Scalar:
     terms = [w * u[i] for w, u in zip(row, stages, strict=False)]
     return sum(terms[1:], terms[0])

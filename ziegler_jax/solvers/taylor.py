@@ -8,22 +8,33 @@ first end of a mode. There a joint that slid is at rest, the friction law choose
 modes, and the motion goes on.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Generic, NamedTuple, cast
 
+import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..model.column import joint_balance
-from ..model.set_valued import in_modes
+from ..model.column import Column, joint_balance
+from ..model.set_valued import FrozenCoulomb, in_modes
 from ..numerics.bernstein import ends_here, first_event, first_look
 from ..numerics.materialise import if_any_lane, materialise
-from ..numerics.numbers import Pair, Scalar, Vector4
+from ..numerics.numbers import (
+    Flag,
+    Flags,
+    Numbers,
+    Pair,
+    Scalar,
+    Traced,
+    Traced4,
+    Vector4,
+)
 from ..numerics.series import value
 from .control import ControlState, Signals, StepControl
-from .expansion import allowed, expand
-from .explicit import OKAY, dense
-from .fold import AbstractFold, AbstractObserved, Step
+from .expansion import Coefficients, allowed, expand
+from .explicit import OKAY, Integrand, dense
+from .fold import AbstractFold, AbstractObserved, State, Step
 from .stickslip import (
     FINEST,
     SAME_TIME,
@@ -71,12 +82,12 @@ class Taylor(eqx.Module):
         """For the record."""
         return f"Taylor{self.degree}"
 
-    def order(self, terms: Any) -> int:
+    def order(self, terms: dfx.AbstractTerm) -> int:
         """The order of convergence."""
         del terms
         return self.degree
 
-    def error_order(self, terms: Any) -> int:
+    def error_order(self, terms: dfx.AbstractTerm) -> int:
         """The power of h that the error falls with."""
         return self.order(terms)
 
@@ -85,17 +96,17 @@ class Taylor(eqx.Module):
         return terms.vf(t0, y0, args)
 
 
-class TaylorState(NamedTuple):
+class TaylorState(NamedTuple, Generic[State]):
     """Where a solve is."""
 
-    y: Vector4
-    folded: Any
+    y: Traced4
+    folded: State
     modes: Pair
     last_event: Scalar
     at_once: Scalar  # how many ends have followed each other without time between
 
     @property
-    def slope(self) -> Vector4:
+    def slope(self) -> Traced4:
         """What is not finite where the motion is not: here the state itself."""
         return self.y
 
@@ -106,17 +117,26 @@ class Reached(StepControl):
     A lane whose step is NaN ends with `dt_min_reached`.
     """
 
-    def start(self, t0: Any, dt0: Any, stop: Any) -> ControlState:
+    def start(self, t0: Scalar, dt0: Scalar, stop: Scalar) -> ControlState:
         """The state before the first step, which may be as long as it likes."""
         del dt0
         return super().start(t0, jnp.inf, stop)
 
-    def adapt_step_size(
-        self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state
+    def adapt_step_size(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        t0: Scalar,
+        t1: Scalar,
+        y0: Vector4,
+        y1_candidate: Vector4,
+        args: Column,
+        y_error: Signals,
+        error_order: Scalar,
+        controller_state: ControlState,
     ):
         """Go on from where the step ended."""
         del t1, y0, y1_candidate, args, error_order
         signals, left = y_error, controller_state.left - 1
+        assert signals.reached is not None  # steps may be cut
         # diffrax puts infinity in place of NaN
         keep = (signals.reached > t0) & jnp.isfinite(signals.reached)
         t = jnp.where(keep, signals.reached, t0)
@@ -126,11 +146,11 @@ class Reached(StepControl):
         return keep, t, stop, False, state, result
 
 
-class TaylorSlip(AbstractObserved):
+class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
     """Taylor's method for set-valued friction, with a fold over the steps.
 
     Needs `Reached`. The column among diffrax's `args` must have been prepared: its
-    friction is `Torques` without `JointReaction`.
+    friction is `FrozenCoulomb` without `JointReaction`.
 
     **Arguments:** `solver`; `fold`; `rtol`, `atol`: of a step; events are met when the
     guard is within a hundredth of `atol`.
@@ -141,7 +161,9 @@ class TaylorSlip(AbstractObserved):
     rtol: Scalar
     atol: Scalar
 
-    def init(self, terms, t0, t1, y0, args):
+    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
+    ) -> TaylorState:
         """The modes of the start, and the fold's."""
         del terms, t1
         y, modes = begun(args, y0, event_tolerance(self.atol, y0[0]))
@@ -149,16 +171,28 @@ class TaylorSlip(AbstractObserved):
         folded = self.fold.init(in_modes(args, modes), t0, y)
         return TaylorState(y, folded, modes, t0 - 1.0 + zero, zero)
 
-    def chatters(self, state: TaylorState) -> Any:
+    def chatters(self, state: TaylorState) -> Flag:
         """Whether the lane cannot go on, because events follow without time between."""
         return chattering(state.at_once)
 
-    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        terms: dfx.AbstractTerm,
+        t0: Traced,
+        t1: Traced,
+        y0: Traced4,
+        args: Column,
+        solver_state: TaylorState,
+        made_jump: Flag,
+    ):
         """One step in frozen modes, to the first event, and the change of modes."""
         del terms, made_jump
         modes, folded = solver_state.modes, solver_state.folded
         column = in_modes(args, modes)
-        law, eps = column.friction, jnp.finfo(jnp.result_type(t0)).eps
+        law, eps = (
+            cast(FrozenCoulomb, column.friction),
+            jnp.finfo(jnp.result_type(t0)).eps,
+        )
         tol = event_tolerance(self.atol, t0)
         motion = expand(column, y0, self.solver.degree, t0)
 
@@ -174,13 +208,13 @@ class TaylorSlip(AbstractObserved):
         tols = tuple(tol + FINEST * eps * limit for limit in limits)
         joints = list(zip(motion.watched, limits, slips, tols, strict=True))
         s, ends = first_look(joints, whole, t0)
-        found, mine = first_event(joints, ends, s, t0)
+        event_time, mine = first_event(joints, ends, s, t0)
         cut = mine[0] | mine[1]
 
         def span():
             """The step's length and end: an event is no earlier than can be told."""
             soonest = 16 * eps * jnp.maximum(jnp.abs(t0), eps)
-            length = jnp.where(cut, jnp.maximum(found, soonest), s)
+            length = jnp.where(cut, jnp.maximum(event_time, soonest), s)
             entire = length >= t1 - t0  # not so where the series is not finite
             length = jnp.where(entire, t1 - t0, length)
             return length, jnp.where(entire, t1, t0 + length)
@@ -189,7 +223,7 @@ class TaylorSlip(AbstractObserved):
 
         def ending():
             p1, p2, w1, w2 = (value(c, length) for c in motion.y)
-            return (p1, p2, *law.hold(w1, w2)), [
+            return cast(Traced4, (p1, p2, *law.hold(w1, w2))), [
                 value(c, length) for c in motion.accelerations
             ]
 
@@ -203,16 +237,17 @@ class TaylorSlip(AbstractObserved):
         )
         y, rest = materialise(t0, lambda: _arrival(end, ended, slips, cut, tol))
 
-        f0 = (y0[2], y0[3], motion.accelerations[0][0], motion.accelerations[1][0])
-        f_end = (y[2], y[3], *rates)
+        rates0 = motion.accelerations[0][0], motion.accelerations[1][0]
+        f0 = cast(Traced4, (y0[2], y0[3], *rates0))
+        f_end = cast(Traced4, (y[2], y[3], *rates))
 
         asked = ended[0] | ended[1]
 
         def change(modes):
             balance = joint_balance(column, y)
-            new = chosen(law, balance, rest, ended, tols)
+            new = chosen(law, balance, rest, cast(Flags, ended), cast(Pair, tols))
             pairs = zip(new, modes, strict=True)
-            return tuple(jnp.where(asked, a, b) for a, b in pairs)
+            return cast(Pair, tuple(jnp.where(asked, a, b) for a, b in pairs))
 
         after = if_any_lane(asked, change, modes)
         # the state itself has the last word on a torque, whose series is the shortest
@@ -224,8 +259,8 @@ class TaylorSlip(AbstractObserved):
         last_event = jnp.where(asked, t_end, last_event)
         joint = jnp.where(ended[0], 1, 0) + jnp.where(ended[1], 2, 0)
         integrals = _integrals(self.fold.integrand(column), motion.y, length, t0)
-        seen = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, after))
-        folded, stop, done = self.fold.step(column, folded, seen)
+        step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, after))
+        folded, stop, done = self.fold.step(column, folded, step)
         state = TaylorState(y, folded, after, last_event, at_once)
         done = done | self.chatters(state)
         dtype = jnp.result_type(t1)
@@ -233,14 +268,18 @@ class TaylorSlip(AbstractObserved):
         return y, signals, dense(t0, t_end, y0, y, f0, f_end), state, OKAY
 
 
-def _arrival(y: Vector4, ended: Any, slips: Any, cut: Any, tol: Any) -> Any:
+def _arrival(
+    y: Traced4, ended: Sequence[Flag], slips: Sequence[Flag], cut: Flag, tol: Scalar
+) -> tuple[Traced4, Flags]:
     """The step's end: the state, and which joints are at rest there."""
     rows = zip((y[2], y[3] - y[2]), ended, slips, strict=True)
     rest = [~m | e | (cut & (jnp.abs(u) <= tol)) for u, e, m in rows]
-    return at_rest(y, tuple(rest)), tuple(rest)
+    return at_rest(y, cast(Flags, tuple(rest))), cast(Flags, tuple(rest))
 
 
-def _integrals(integrand: Any, y: tuple, s: Any, at: Any) -> tuple:
+def _integrals(
+    integrand: Integrand | None, y: tuple[Coefficients, ...], s: Scalar, at: Scalar
+) -> Numbers:
     """The integrals of a function of the state over the step, by Gauss' rule."""
     if integrand is None:
         return ()
@@ -248,7 +287,7 @@ def _integrals(integrand: Any, y: tuple, s: Any, at: Any) -> tuple:
     for x, weight in zip(*np.polynomial.legendre.leggauss(NODES), strict=True):
 
         def node(share=float(1 + x) / 2):
-            return integrand(tuple(value(c, share * s) for c in y))
+            return integrand(cast(Vector4, tuple(value(c, share * s) for c in y)))
 
         parts.append([float(weight) / 2 * s * p for p in materialise(at, node)])
     return tuple(sum(row[1:], row[0]) for row in zip(*parts, strict=True))

@@ -1,18 +1,34 @@
-"""The axes of a sweep, and the rules that its names and values keep."""
+"""The axes of a sweep, what its points return, and the rules that both keep."""
 
 import difflib
 import inspect
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from typing import NamedTuple, cast
 
+import jax
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
+from ..results import REGIME, AbstractResult, Variable, checked
+
+# what is an option of `Lanes` or `Store`
+_OF_LANES = {
+    name: f"lanes=zj.Lanes({name}=...)"
+    for name in ("batch_size", "threads", "precision")
+} | {"overwrite": "store=zj.Store(path, overwrite=True)"}
+# what a `point` returns: an entry, or a dict of entries
+Number = jax.typing.ArrayLike | Variable
+Entry = Number | AbstractResult
+Returned = Entry | Mapping[str, Entry]
 LONGEST_NAME = 60  # characters: a file system allows names of 255 bytes
 
 
 def checked_axes(
-    point: Callable, extra: Any, named: Mapping[str, Any], options: Iterable[str]
+    point: Callable[..., Returned],
+    extra: Mapping[str, ArrayLike] | None,
+    named: Mapping[str, ArrayLike],
+    options: Iterable[str],
 ) -> dict[str, np.ndarray]:
     """The axes by name, checked against the function and the rules.
 
@@ -41,7 +57,7 @@ def checked_axes(
     return {name: _values(name, values) for name, values in given.items()}
 
 
-def check_name(what: str, name: Any) -> None:
+def check_name(what: str, name: object) -> None:
     """The one rule for names of axes and results, which become names of files.
 
     **Raises:** `ValueError`.
@@ -54,7 +70,7 @@ def check_name(what: str, name: Any) -> None:
         )
 
 
-def _values(name: str, values: Any) -> np.ndarray:
+def _values(name: str, values: ArrayLike) -> np.ndarray:
     """The values of an axis."""
     try:
         kind = np.asarray(values).dtype.kind
@@ -91,9 +107,9 @@ def _values(name: str, values: Any) -> np.ndarray:
     return values
 
 
-def _check_dimensions(given: Mapping[str, Any]) -> None:
+def _check_dimensions(given: Mapping[str, ArrayLike]) -> None:
     """Refuse DataArrays that share a dimension: they would be taken as a product."""
-    owner: dict[Any, str] = {}
+    owner: dict[Hashable, str] = {}
     for name, values in given.items():
         for dim in values.dims if isinstance(values, xr.DataArray) else ():
             if dim in owner:
@@ -107,7 +123,10 @@ def _check_dimensions(given: Mapping[str, Any]) -> None:
 
 
 def check_signature(
-    function: Callable, names: list[str], what: str, options: Iterable[str] = ()
+    function: Callable[..., object],
+    names: list[str],
+    what: str,
+    options: Iterable[str] = (),
 ) -> None:
     """Refuse axes that a function does not take, and parameters that are no axes."""
     try:
@@ -122,8 +141,9 @@ def check_signature(
     for name in names:
         if name in known or takes_any:
             continue
-        close = difflib.get_close_matches(name, [*known, *options], 1)
-        meant = f"; did you mean `{close[0]}`?" if close else "."
+        close = difflib.get_close_matches(name, [*known, *options, *_OF_LANES], 1)
+        cure = [_OF_LANES.get(meant, meant) for meant in close]
+        meant = f"; did you mean `{cure[0]}`?" if cure else "."
         raise ValueError(
             f"Axis `{name}` must be a parameter of `{what}`, which takes "
             f"{', '.join(sorted(known)) or 'no parameters by name'}{meant}"
@@ -134,3 +154,107 @@ def check_signature(
                 f"Parameter `{p.name}` of `{what}` must be an axis of the sweep, whose "
                 f"axes are {', '.join(names) or 'none'}."
             )
+
+
+# Names that scenes give codes which come without a result: flag variables.
+FLAGS = {"regime": REGIME}
+
+
+class Labelled(NamedTuple):
+    """What a point returned: all that a dataset of it holds."""
+
+    variables: dict[str, Variable]
+    coordinates: dict[str, Sequence[object]]
+    attributes: dict[str, object]
+
+
+def labelled(result: Returned) -> Labelled:
+    """What a `point` returned, as named variables.
+
+    **Arguments:** `result`: a scalar (its name is `value`), a result of the library, or
+    a dict of scalars, `Variable`s and results, whose names then go before those of
+    their numbers: `{"up": settle(...)}` gives `up_outcome`.
+
+    **Raises:** `ValueError` that names the entry which is none of these.
+    """
+    if isinstance(result, AbstractResult):
+        named = checked(
+            f"`variables()` of `{type(result).__name__}`", result.variables()
+        )
+        return Labelled(named, result.coordinates(), result.attributes())
+    entries = result if isinstance(result, dict) else {"value": result}
+    if not entries:
+        raise ValueError("`point` must return something, but returns an empty dict.")
+    union = Labelled({}, {}, {})
+    for key, value in entries.items():
+        if isinstance(value, AbstractResult):
+            part = labelled(value)
+            new = {f"{key}_{name}": v for name, v in part.variables.items()}
+            attributes = {f"{key}_{name}": v for name, v in part.attributes.items()}
+            _agree(union.coordinates, part.coordinates)
+            union.coordinates.update(part.coordinates)
+            union.attributes.update(attributes)
+        else:
+            new = {str(key): _variable(str(key), cast(Number, value))}
+        twice = union.variables.keys() & new.keys()
+        if twice:
+            raise ValueError(
+                f"`point` must return one number of each name, but returns two "
+                f"`{twice.pop()}`."
+            )
+        union.variables.update(new)
+    return union
+
+
+def _variable(name: str, value: Number) -> Variable:
+    """An entry of a dict."""
+    given = value if isinstance(value, Variable) else Variable(value, name)
+    shape = getattr(given.value, "shape", None)
+    if isinstance(given.value, (bool, int, float)):
+        shape = ()
+    if shape is None:
+        raise ValueError(
+            "`point` must return a scalar, a result of the library, or a dict of "
+            "scalars, `Variable`s and results, but "
+            f"`{name}` is a `{type(given.value).__name__}`; return numbers of it, e.g. "
+            '`{"phi1": state.phi[0]}`.'
+        )
+    dims = given.dims
+    if not isinstance(dims, tuple) or len(set(dims)) < len(dims):
+        raise ValueError(
+            f"The dimensions of `{name}` must be a tuple of names unlike each other, "
+            f"but are {dims!r}."
+        )
+    for dim in dims:
+        check_name("Dimension", dim)
+    if len(shape) != len(given.dims):
+        raise ValueError(
+            f"`point` must name the dimensions of an array, but `{name}` has shape "
+            f"{tuple(shape)} and the dimensions {given.dims}; write "
+            f'`zj.Variable({name}, "what it is", dims=("...",))`.'
+        )
+    codes = FLAGS.get(name) if given.codes is None else given.codes
+    return given._replace(codes=codes)
+
+
+def _agree(one: Mapping[str, object], other: Mapping[str, object]) -> None:
+    """Refuse one dimension with two sets of values."""
+    for dim in one.keys() & other.keys():
+        if one[dim] != other[dim]:
+            raise ValueError(
+                f"Results of `point` must agree in the dimension `{dim}`, but have "
+                "other values along it; return numbers of them instead."
+            )
+
+
+def empty(variable: Variable, shape: tuple[int, ...]) -> np.ndarray:
+    """A variable over a grid: NaN for numbers, 0 (`not_computed`) for codes.
+
+    One number in memory, however large the shape: copy it to write to it.
+    """
+    value = cast(jax.ShapeDtypeStruct, variable.value)
+    dtype = np.dtype(value.dtype)
+    if dtype.kind in "biu" and variable.codes is None:
+        dtype = np.dtype(np.float64)  # so that a missing point can be told from 0
+    fill = np.array(np.nan if dtype.kind in "fc" else 0, dtype)
+    return np.broadcast_to(fill, shape + tuple(value.shape))

@@ -28,16 +28,59 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, TypedDict, Unpack
 from uuid import uuid4
 
+import numpy as np
+
 from ..runtime import compiles_whole_loops, configure_cpu
-from .partition import Block, Blocks, Desk, Tally
+from .partition import Block, BlockAssembler, Blocks, Tally
 from .program import Program, Scene, compiled, traced
 from .scheduler import Effort, run_lanes, warn_of
-from .store import Store
+from .store import SweepStore
 
 _TASKS_A_THREAD = 3  # on their way, so that no worker waits for the next
+
+
+Arrays = dict[str, np.ndarray]  # of a block, by the variables' names
+# what a task gave: its block, the arrays if it did not store them, and what it cost
+Ran = tuple[int, Arrays | None, Tally, Effort]
+
+
+class Client(Protocol):
+    """What is asked of a `dask.distributed.Client`."""
+
+    @property
+    def status(self) -> str:
+        """`running` until it is closed."""
+        ...
+
+    def submit(self, *task, **options):
+        """Have a function run by a worker."""
+        ...
+
+    def nthreads(self) -> Mapping[str, int]:
+        """Each worker's threads."""
+        ...
+
+    def cancel(self, futures: list) -> None:
+        """Give tasks up."""
+        ...
+
+
+class Task(Protocol):
+    """A `dask.distributed.Future` of a task."""
+
+    def result(self) -> Ran:
+        """What it gave."""
+        ...
+
+
+class Means(TypedDict):
+    """How a sweep's blocks are computed and kept."""
+
+    threads: int
+    store: str | None
 
 
 class Recipe(NamedTuple):
@@ -54,7 +97,7 @@ class Recipe(NamedTuple):
     token: str  # this sweep's: a store may have been replaced since the last
 
     @staticmethod
-    def of(scene: Scene, **parts: Any) -> "Recipe":
+    def of(scene: Scene, **parts: Unpack[Means]) -> "Recipe":
         """What there is to know.
 
         **Raises:** `ValueError` if `point` cannot be sent.
@@ -81,7 +124,7 @@ class Recipe(NamedTuple):
         )
 
 
-def check_client(client: Any) -> None:
+def check_client(client: Client) -> None:
     """Refuse what is no client, or one that is closed.
 
     **Raises:** `ValueError`.
@@ -99,17 +142,17 @@ def check_client(client: Any) -> None:
 
 
 def run_blocks(
-    client: Any,
+    client: Client,
     recipe: Recipe,
     blocks: Blocks,
     missing: Mapping[int, int],
-    keep: Callable[[Block, Any, Tally], None],
+    write_block: Callable[[Block, Arrays | None, Tally], None],
     on_batch: Callable[[int, float], None],
 ) -> Effort:
     """Compute the missing blocks on the cluster of `client`.
 
-    **Arguments:** `keep`: told each block, its arrays (None if the worker has written
-    them) and its tally.
+    **Arguments:** `write_block`: given each block, its arrays (None if the worker has
+    written them) and its tally.
     """
     from distributed import as_completed
 
@@ -131,7 +174,7 @@ def run_blocks(
         submit()
         for future in flying:
             number, arrays, tally, effort = _result(future)
-            keep(blocks.block(number), arrays, tally)
+            write_block(blocks.block(number), arrays, tally)
             done += 1
             own, ran = own + effort.own_steps, ran + effort.all_steps
             checks += effort.canary_checks
@@ -153,7 +196,7 @@ def run_blocks(
     return Effort(seconds, own, ran, checks, mismatches)
 
 
-def _result(future: Any) -> Any:
+def _result(future: Task) -> Ran:
     """What a task gave.
 
     **Raises:** `RuntimeError` if it was cancelled or the cluster is gone.
@@ -171,7 +214,7 @@ def _result(future: Any) -> Any:
         ) from error
 
 
-def _compute(recipe: Recipe, block: Block) -> tuple[int, Any, Tally, Effort]:
+def _compute(recipe: Recipe, block: Block) -> Ran:
     """A task."""
     with _PREPARING:
         scene, program = _program(*recipe[:6])
@@ -181,19 +224,21 @@ def _compute(recipe: Recipe, block: Block) -> tuple[int, Any, Tally, Effort]:
         return block.number, None, Tally(0, 0.0, 0, {}), Effort(0.0, 0, 0, 0, 0)
     whole: list[Any] = []
     part = Blocks(block.axes, block.chosen, points_a_block=block.chosen.size)
-    desk = Desk(part, scene.variables, lambda *found: whole.extend(found))
+    assembler = BlockAssembler(
+        part, scene.variables, lambda *fields: whole.extend(fields)
+    )
     effort = run_lanes(
         program,
         block.axes,
-        desk.hand_out([part.block(0)]),
-        desk.put,
+        assembler.points_of([part.block(0)]),
+        assembler.put,
         threads=recipe.threads,
         on_batch=lambda *_: None,
     )
     _, arrays, tally = whole
     if store is None:
         return block.number, arrays, tally, effort
-    store.keep(block, arrays, tally)
+    store.write_block(block, arrays, tally)
     return block.number, None, tally, effort
 
 
@@ -229,6 +274,6 @@ def _program(
 
 
 @lru_cache(maxsize=8)
-def _store(path: str, token: str) -> Store:
+def _store(path: str, token: str) -> SweepStore:
     del token
-    return Store(Path(path))
+    return SweepStore(Path(path))

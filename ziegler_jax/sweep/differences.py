@@ -1,7 +1,5 @@
 """How far two computations of the same points are apart, as quantiles."""
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 
@@ -9,17 +7,17 @@ QUANTILES = (0.5, 0.95, 1.0)
 SEED = 0  # the same points in every run
 
 
-def drawn(valid: np.ndarray, count: int, seed: int = SEED) -> np.ndarray:
+def drawn(valid: np.ndarray, count: int) -> np.ndarray:
     """At random `count` (at least one, at most all) of the valid points, as a mask."""
     among = np.flatnonzero(valid)
     count = min(max(count, 1), among.size)
-    chosen = np.random.default_rng(seed).choice(among, count, replace=False)
+    chosen = np.random.default_rng(SEED).choice(among, count, replace=False)
     mask = np.zeros(valid.shape, bool)
     mask.flat[chosen] = True
     return mask
 
 
-def checked_share(audit: Any) -> float:
+def checked_share(audit: float) -> float:
     """A share above 0 and up to 1, or a `ValueError`."""
     number = isinstance(audit, (int, float, np.number)) and not isinstance(audit, bool)
     if not number or not 0 < audit <= 1:
@@ -29,7 +27,9 @@ def checked_share(audit: Any) -> float:
     return float(audit)
 
 
-def differences(one: xr.DataArray, other: xr.DataArray, sample: np.ndarray) -> Any:
+def differences(
+    one: xr.DataArray, other: xr.DataArray, sample: np.ndarray
+) -> np.ndarray:
     """The sizes of the differences at the sampled points; NaN where one has none."""
     apart = np.abs(np.asarray(one, float) - np.asarray(other, float))
     return apart[sample].ravel()
@@ -62,11 +62,13 @@ def measured(dataset: xr.Dataset) -> list[str]:
     return [str(n) for n in dataset.data_vars if n not in leave]
 
 
-def audit_attributes(found: xr.Dataset, finer: xr.Dataset, sample: np.ndarray) -> None:
-    """Write what the audit found into the attributes of `found`."""
-    for name in measured(found):
-        apart = differences(found[name], finer[name], sample)
-        found[name].attrs["audit_quantiles"] = list(QUANTILES)
-        found[name].attrs["audit_differences"] = quantiles(apart)
-    found.attrs["audit_points"] = int(sample.sum())
-    found.attrs["audit_changed_outcomes"] = round(changed(found, finer, sample), 6)
+def audit_attributes(
+    dataset: xr.Dataset, finer: xr.Dataset, sample: np.ndarray
+) -> None:
+    """Write what the audit found into the attributes of `dataset`."""
+    for name in measured(dataset):
+        apart = differences(dataset[name], finer[name], sample)
+        dataset[name].attrs["audit_quantiles"] = list(QUANTILES)
+        dataset[name].attrs["audit_differences"] = quantiles(apart)
+    dataset.attrs["audit_points"] = int(sample.sum())
+    dataset.attrs["audit_changed_outcomes"] = round(changed(dataset, finer, sample), 6)

@@ -4,11 +4,13 @@ import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol, TypeVar, TypeVarTuple
 
 import jax
 import numpy as np
 
+from ..numerics.numbers import choice, whole_number
 from ..runtime import own_flags
 from .stages import Stage
 
@@ -57,7 +59,35 @@ class Queue:
             self.closed = True
 
 
-class Lanes(NamedTuple):
+@dataclass(frozen=True)
+class Lanes:
+    """How the lanes of a sweep run.
+
+    **Arguments:**
+
+    - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
+        else 128, or 384 where `configure_cpu()` was needed and not called. A lane's
+        result does not depend on its batch mates; another batch size is another
+        program, equal to rounding.
+    - `threads`: None uses every core that the process may use.
+    - `precision`: of the computation, whatever JAX's own setting.
+
+    **Raises:** `ValueError` for what breaks a rule.
+    """
+
+    batch_size: int | None = None
+    threads: int | None = None
+    precision: Literal["float64", "float32"] = "float64"
+
+    def __post_init__(self):
+        """Check them."""
+        for name in ("batch_size", "threads"):
+            if getattr(self, name) is not None:
+                whole_number(name, getattr(self, name))
+        choice("precision", self.precision, ("float64", "float32"))
+
+
+class OpenLanes(NamedTuple):
     """Lanes between two stages; they stand behind in `rows`."""
 
     points: np.ndarray  # places in the grid
@@ -65,19 +95,34 @@ class Lanes(NamedTuple):
     here: np.ndarray  # of them in the present loop
     rows: tuple[np.ndarray, ...]  # the next stage's fixed and state arrays
 
-    def at(self, lanes: Any) -> "Lanes":
+    def at(self, lanes: np.ndarray | slice) -> "OpenLanes":
         """These of the lanes."""
         rows = tuple(row[:, lanes] for row in self.rows)
-        return Lanes(self.points[lanes], self.steps[lanes], self.here[lanes], rows)
+        return OpenLanes(self.points[lanes], self.steps[lanes], self.here[lanes], rows)
 
 
-def _joined(parts: list[Lanes]) -> Lanes:
+def _joined(parts: list[OpenLanes]) -> OpenLanes:
     if len(parts) == 1:
         return parts[0]
     *counts, rows = zip(*parts, strict=True)
     rows = tuple(np.concatenate(r, axis=-1) for r in zip(*rows, strict=True))
     points, steps, here = map(np.concatenate, counts)
-    return Lanes(points, steps, here, rows)
+    return OpenLanes(points, steps, here, rows)
+
+
+class Batch(Protocol):
+    """Lanes at a loop, as `scheduler` runs them."""
+
+    loop: int
+    busy: np.ndarray  # which of its places hold a lane
+
+    def lanes(self, chosen: np.ndarray) -> OpenLanes:
+        """These lanes as they are."""
+        ...
+
+
+Inputs = TypeVarTuple("Inputs")
+Output = TypeVar("Output")
 
 
 class Work:
@@ -91,8 +136,8 @@ class Work:
         self.shape = tuple(axis.size for axis in self.axes)
         self.dtype = np.float64 if program.wide else np.float32
         self.lock = threading.Lock()
-        self.waiting: list[list[Lanes]] = [[] for _ in self.stages]
-        self.batches: set[Any] = set()  # that run at a loop
+        self.waiting: list[list[OpenLanes]] = [[] for _ in self.stages]
+        self.batches: set[Batch] = set()  # that run at a loop
         self.led = 0  # segments that are running: their lanes wait nowhere
         self.finished = self.reported = 0
         self.handed_over = time.monotonic()
@@ -101,19 +146,19 @@ class Work:
 
     # Lanes between stages -------------------------------------------------------------
 
-    def give(self, number: int, lanes: Lanes) -> None:
+    def give(self, number: int, lanes: OpenLanes) -> None:
         """Let lanes wait before a stage."""
         if lanes.points.size:
             with self.lock:
                 self.waiting[number].append(lanes)
 
-    def take(self, number: int, count: int) -> Lanes | None:
+    def take(self, number: int, count: int) -> OpenLanes | None:
         """At most so many of the lanes that wait before a stage; None if none does."""
         if number == 0:
             points = self.queue.take(count)
             rows = (np.stack(self.values(points)),)
             none = np.zeros_like(points)
-            lanes = Lanes(points, none, none, rows)
+            lanes = OpenLanes(points, none, none, rows)
             return lanes if points.size else None
         with self.lock:
             if not self.waiting[number]:
@@ -134,12 +179,12 @@ class Work:
         """How many lanes could begin a loop."""
         return self.count(loop) + self.count(loop - 1)
 
-    def change(self, old: Any, new: Any) -> None:
+    def change(self, old: Batch | None, new: Batch) -> None:
         """One batch less and one more."""
         with self.lock:
             self.batches = (self.batches - {old}) | {new}
 
-    def leave(self, batch: Any) -> bool:
+    def leave(self, batch: Batch | None) -> bool:
         """Whether a thread without lanes may end: not if more may come its way."""
         with self.lock:
             ends = not self.led and not any(self.waiting[1:-1])
@@ -149,7 +194,7 @@ class Work:
             time.sleep(PAUSE)
         return ends
 
-    def join(self, batch: Any) -> bool:
+    def join(self, batch: Batch) -> bool:
         """Leave the last lanes to a fuller batch at their loop, if one has room."""
         mine = np.count_nonzero(batch.busy)
         if not mine or self.led:
@@ -163,7 +208,7 @@ class Work:
                     return True
         return False
 
-    def supply(self, loop: int, count: int) -> Lanes | None:
+    def supply(self, loop: int, count: int) -> OpenLanes | None:
         """At most so many lanes to begin a loop, led there if they are not yet."""
         while self.count(loop) < count and self.segment(loop - 1):
             pass
@@ -219,7 +264,12 @@ class Work:
         pairs = zip(self.axes, places, strict=True)
         return [axis[place].astype(self.dtype) for axis, place in pairs]
 
-    def call(self, points: np.ndarray, function: Callable, *arguments: Any) -> Any:
+    def call(
+        self,
+        points: np.ndarray,
+        function: Callable[[*Inputs], Output],
+        *arguments: *Inputs,
+    ) -> Output:
         """Run a program and wait for it; now and then a second time, to compare."""
         after = self._run(points, function, *arguments)
         with self.lock:
@@ -231,7 +281,12 @@ class Work:
                 self.mismatches += not same
         return after
 
-    def _run(self, points: np.ndarray, function: Callable, *arguments: Any) -> Any:
+    def _run(
+        self,
+        points: np.ndarray,
+        function: Callable[[*Inputs], Output],
+        *arguments: *Inputs,
+    ) -> Output:
         """One call; what it raises says at which points."""
         try:
             with own_flags(), jax.enable_x64(self.program.wide):  # a thread's own
@@ -264,12 +319,14 @@ class Work:
             return since
 
 
-def split(stage: Stage, rows: Any) -> tuple[tuple, tuple]:
+def split(
+    stage: Stage, rows: tuple[np.ndarray, ...]
+) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """A stage's fixed arrays and its state."""
     count = len(stage.fixed.used)
     return tuple(rows[:count]), tuple(rows[count:])
 
 
-def _same_bits(one: Any, other: Any) -> bool:
+def _same_bits(one: Output, other: Output) -> bool:
     pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
     return all(np.asarray(a).tobytes() == np.asarray(b).tobytes() for a, b in pairs)

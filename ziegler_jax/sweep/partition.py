@@ -11,13 +11,15 @@ import hashlib
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
-from ..results import OUTCOME, Variable, empty
+from ..results import OUTCOME, Variable
 from ..runtime import free_memory
+from .axes import empty
 
 # Writing a block costs some 10 ms, computing one seconds; its arrays are about 1 MB.
 POINTS_A_BLOCK = 16_384
@@ -48,7 +50,7 @@ class Blocks:
     def __init__(
         self,
         grid: dict[str, np.ndarray],
-        where: Callable[..., Any] | np.ndarray | None = None,
+        where: Callable[..., ArrayLike] | np.ndarray | None = None,
         points_a_block: int | None = None,
     ):
         """Cut the grid; ask `where` about every block, unless it is the answer.
@@ -95,7 +97,8 @@ class Blocks:
         block = self.block(int(self.sizes.argmax()))
         for end in (0, -1):
             alone = {name: values[[end]] for name, values in block.axes.items()}
-            if asked(self.where, alone).item() != block.chosen.flat[end]:
+            where = cast(Callable[..., ArrayLike], self.where)
+            if evaluate_where(where, alone).item() != block.chosen.flat[end]:
                 values = ", ".join(f"{name} = {v[0]:g}" for name, v in alone.items())
                 raise ValueError(
                     "Argument `where` must judge each point by its own values, but "
@@ -118,7 +121,7 @@ class Blocks:
         if self.where is None:
             chosen = np.ones(tuple(values.size for values in axes.values()), bool)
         elif callable(self.where):
-            chosen = asked(self.where, axes)
+            chosen = evaluate_where(self.where, axes)
         else:
             chosen = self.where[region]
         return Block(number, region, axes, chosen)
@@ -127,7 +130,11 @@ class Blocks:
         """Which points of the whole grid are to be computed."""
         if self.where is None:
             return np.ones(self.shape, bool)
-        return asked(self.where, self.grid) if callable(self.where) else self.where
+        return (
+            evaluate_where(self.where, self.grid)
+            if callable(self.where)
+            else self.where
+        )
 
     def first(self, number: int) -> int:
         """The place of the block's first point in the grid, in C order."""
@@ -152,7 +159,9 @@ def _cut(shape: Sequence[int], points: int) -> tuple[int, tuple[int, ...]]:
     raise AssertionError("a grid has an axis")
 
 
-def asked(where: Any, box: dict[str, np.ndarray]) -> np.ndarray:
+def evaluate_where(
+    where: Callable[..., ArrayLike], box: dict[str, np.ndarray]
+) -> np.ndarray:
     """Which points of a box `where` chooses.
 
     **Raises:** `ValueError` if it breaks its rules.
@@ -191,31 +200,33 @@ class Tally(NamedTuple):
         return sum(self.outcomes.get(code.name, 0) for code in failed)
 
 
-class Desk:
+class BlockAssembler:
     """The open blocks: results lie here until their block is whole."""
 
     def __init__(
         self,
         blocks: Blocks,
         variables: dict[str, Variable],
-        keep: Callable[[Block, dict[str, np.ndarray], Tally], None],
+        write_block: Callable[[Block, dict[str, np.ndarray], Tally], None],
     ):
-        """`keep` is told a whole block, its arrays and its tally, by any thread."""
-        self.blocks, self.variables, self.keep = blocks, variables, keep
-        self.open: dict[int, _Open] = {}
+        """`write_block` gets a whole block, its arrays and its tally, in any thread."""
+        self.blocks, self.variables, self.write_block = blocks, variables, write_block
+        self.open: dict[int, OpenBlock] = {}
         self.lock = threading.Lock()
 
-    def hand_out(self, blocks: Iterable[Block]) -> Iterator[np.ndarray]:
+    def points_of(self, blocks: Iterable[Block]) -> Iterator[np.ndarray]:
         """The points to compute, as places in the grid, a block at a time."""
         for block in blocks:
             points = np.flatnonzero(block.chosen)
             shape = block.chosen.shape
             arrays = {n: empty(v, shape).copy() for n, v in self.variables.items()}
             with self.lock:
-                self.open[block.number] = _Open(block, points, arrays)
+                self.open[block.number] = OpenBlock(block, points, arrays)
             yield points + self.blocks.first(block.number)
 
-    def put(self, points: np.ndarray, found: list[Any], steps: np.ndarray) -> None:
+    def put(
+        self, points: np.ndarray, results: list[np.ndarray], steps: np.ndarray
+    ) -> None:
         """Take the results of these points, lanes behind."""
         numbers = self.blocks.number(points)
         several = (numbers != numbers[0]).any()
@@ -223,7 +234,7 @@ class Desk:
             mine = numbers == number if several else slice(None)
             opened = self.open[number]
             places = points[mine] - self.blocks.first(number)
-            for target, result in zip(opened.flat, found, strict=True):
+            for target, result in zip(opened.flat, results, strict=True):
                 target[..., places] = result[..., mine]
             with self.lock:
                 opened.left -= places.size
@@ -233,13 +244,14 @@ class Desk:
                     del self.open[number]
             if whole:
                 tally = opened.tally(self.variables)
-                self.keep(opened.block, opened.arrays, tally)
+                self.write_block(opened.block, opened.arrays, tally)
 
 
-class _Open:
+class OpenBlock:
     """A block that is being filled."""
 
-    def __init__(self, block: Block, points: np.ndarray, arrays: dict[str, Any]):
+    def __init__(self, block: Block, points: np.ndarray, arrays: dict[str, np.ndarray]):
+        """Nothing of the block has a result."""
         self.block, self.points, self.left = block, points, points.size
         self.arrays, ndim = arrays, len(block.region)
         self.flat = [
@@ -248,6 +260,7 @@ class _Open:
         self.steps, self.began = 0, time.perf_counter()
 
     def tally(self, variables: dict[str, Variable]) -> Tally:
+        """What the block cost and how its points ended."""
         outcomes: dict[str, int] = {}
         for variable, values in zip(variables.values(), self.flat, strict=True):
             if variable.codes is OUTCOME:
@@ -290,7 +303,7 @@ class Memory:
         """Nothing to open."""
         return self
 
-    def __exit__(self, *_: Any) -> None:
+    def __exit__(self, *_: object) -> None:
         """Nothing to close."""
 
     def release(self) -> None:
@@ -307,13 +320,15 @@ class Memory:
     def mend(self, axes: Mapping[str, np.ndarray]) -> None:
         """Nothing to mend."""
 
-    def keep(self, block: Block, arrays: Mapping[str, Any], tally: Tally) -> None:
+    def write_block(
+        self, block: Block, arrays: Mapping[str, np.ndarray], tally: Tally
+    ) -> None:
         """Take a whole block."""
         del tally
         for name, values in arrays.items():
             self.arrays[name][block.region] = values
 
-    def dataset(self, attributes: Mapping[str, Any]) -> xr.Dataset:
+    def dataset(self, attributes: Mapping[str, object]) -> xr.Dataset:
         """The sweep's result."""
         data = {
             n: (v.dims, self.arrays[str(n)], v.attrs)

@@ -12,27 +12,30 @@ import sysconfig
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import repeat
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.extend.core import Jaxpr
+from jax.stages import Lowered
 
 from ..context import Cuts, may_cut, of_its_own, within
-from ..results import DIMENSIONS, Variable, empty, named_variables
+from ..results import DIMENSIONS, Variable
 from ..runtime import all_cores, compiles_whole_loops, held_interrupts, own_flags
+from .axes import Returned, empty, labelled
 from .stages import Packing, Stage, stages
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.
 BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 384
 BATCH_WITHOUT = 8192
-KEPT = 96  # compiled stages
+CACHED_STAGES = 96
 SEGMENTS = 8  # batches of lanes that a segment between loops takes at once
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
@@ -51,8 +54,8 @@ class LoweredStage(NamedTuple):
     """A stage for a batch of lanes, not yet compiled."""
 
     stage: Stage
-    run: Any  # the jitted function
-    lowered: Any
+    run: Callable[..., tuple]  # the jitted function
+    lowered: Lowered
     callbacks: tuple  # host functions, which the program's text does not show
 
     @property
@@ -66,12 +69,12 @@ class LoweredStage(NamedTuple):
 class Scene(NamedTuple):
     """A point, traced, cut into stages, and lowered for a batch of lanes."""
 
-    point: Callable
+    point: Callable[..., Returned]
     names: tuple[str, ...]
     wide: bool  # float64
     variables: dict[str, Variable]  # values are shapes and dtypes
-    attributes: dict[str, Any]
-    coordinates: dict[str, Any]  # of the dimensions of results
+    attributes: dict[str, object]
+    coordinates: dict[str, Sequence[object]]  # of the dimensions of results
     batch_size: int
     stages: tuple[LoweredStage, ...]
     digests: tuple[str, ...]  # of the stages
@@ -85,8 +88,8 @@ class Scene(NamedTuple):
     @property
     def bytes_a_point(self) -> int:
         """What the results of a point take in a dataset."""
-        held = [empty(variable, ()) for variable in self.variables.values()]
-        return sum(array.dtype.itemsize * array.size for array in held)
+        arrays = [empty(variable, ()) for variable in self.variables.values()]
+        return sum(array.dtype.itemsize * array.size for array in arrays)
 
 
 class Program(NamedTuple):
@@ -101,7 +104,10 @@ class Program(NamedTuple):
 
 @held_interrupts()
 def traced(
-    point: Callable, names: tuple[str, ...], wide: bool, batch_size: int | None
+    point: Callable[..., Returned],
+    names: tuple[str, ...],
+    wide: bool,
+    batch_size: int | None,
 ) -> Scene:
     """Trace and lower `point`: what has been lowered is what will be compiled.
 
@@ -117,12 +123,11 @@ def traced(
         cuts = Cuts()
         with within(context), may_cut(cuts):
             result = point(**dict(zip(names, values, strict=True)))
-            variables = named_variables(result)
+            variables, coordinates, attributes = labelled(result)
             arrays = [jnp.asarray(v.value) for v in variables.values()]
         described["cuts"] = cuts
-        described["attributes"] = getattr(result, "attributes", dict)()
-        own = getattr(result, "coordinates", dict)()
-        described["coordinates"] = {**DIMENSIONS, **own}
+        described["attributes"] = attributes
+        described["coordinates"] = {**DIMENSIONS, **coordinates}
         described["variables"] = {
             name: v._replace(value=jax.ShapeDtypeStruct(a.shape, a.dtype))
             for (name, v), a in zip(variables.items(), arrays, strict=True)
@@ -224,7 +229,7 @@ def _untraceable(error: BaseException, names: tuple[str, ...]) -> str:
     )
 
 
-def _callbacks(jaxpr: Any) -> Iterator[Any]:
+def _callbacks(jaxpr: Jaxpr) -> Iterator[Callable]:
     """The host functions that a program calls."""
     for equation in jaxpr.eqns:
         for name, value in equation.params.items():
@@ -236,7 +241,7 @@ def _callbacks(jaxpr: Any) -> Iterator[Any]:
                     yield from _callbacks(inner)
 
 
-_kept: OrderedDict[Any, Callable] = OrderedDict()
+_cache: OrderedDict[tuple, Callable] = OrderedDict()
 _kept_lock = threading.Lock()
 
 
@@ -256,7 +261,9 @@ def compiled(scene: Scene) -> Program:
             lowered.stage._replace(function=run)
             for (run, _), lowered in zip(runs, scene.stages, strict=True)
         ),
-        results=Packing(v.value for v in scene.variables.values()),
+        results=Packing(
+            cast(jax.ShapeDtypeStruct, v.value) for v in scene.variables.values()
+        ),
         batch_size=scene.batch_size,
         wide=scene.wide,
         compile_seconds=seconds if any(new for _, new in runs) else 0.0,
@@ -267,9 +274,9 @@ def _compiled(lowered: LoweredStage, key: tuple, wide: bool) -> tuple[Callable, 
     """The stage's program, and whether it was compiled just now."""
     key = *key, wide
     with _kept_lock:
-        if key in _kept:
-            _kept.move_to_end(key)
-            return _kept[key], False
+        if key in _cache:
+            _cache.move_to_end(key)
+            return _cache[key], False
     with own_flags(), jax.enable_x64(wide):
         if lowered.stage.is_loop:
             # a call of a jitted function costs half of its compiled form's
@@ -278,7 +285,7 @@ def _compiled(lowered: LoweredStage, key: tuple, wide: bool) -> tuple[Callable, 
         else:  # not run: what it would do with these numbers is not known
             run = lowered.lowered.compile()
     with _kept_lock:
-        _kept[key] = run
-        while len(_kept) > KEPT:
-            _kept.popitem(last=False)
+        _cache[key] = run
+        while len(_cache) > CACHED_STAGES:
+            _cache.popitem(last=False)
     return run, True

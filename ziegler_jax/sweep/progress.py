@@ -3,7 +3,7 @@
 import json
 import os
 import threading
-from typing import Any
+from typing import TextIO
 
 import numpy as np
 from tqdm import tqdm
@@ -24,7 +24,9 @@ class Progress:
         self, done: int, total: int, show: bool | None, log: str | os.PathLike | None
     ):
         """Open both."""
-        self._log: Any = None if log is None else open(log, "a", encoding="utf-8")
+        self._log: TextIO | None = (
+            None if log is None else open(log, "a", encoding="utf-8")
+        )
         self._lock = threading.Lock()
         self._bar = tqdm(
             initial=done,
@@ -40,7 +42,7 @@ class Progress:
         """Nothing else: both are open."""
         return self
 
-    def __exit__(self, *_: Any) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close both."""
         self._bar.close()
         if self._log is not None:

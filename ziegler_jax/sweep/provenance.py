@@ -15,16 +15,16 @@ import platform
 from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata
 from types import FunctionType, SimpleNamespace
-from typing import Any
+from typing import Any, TypeAlias, cast
 
 import jax
 import numpy as np
 import xarray as xr
 from jax.core import Tracer
 
-from ..results import AXES, empty, labels
+from ..results import AXES, labels
 from ..runtime import compiles_whole_loops
-from .axes import check_name
+from .axes import check_name, empty
 from .partition import Blocks
 from .program import Scene, is_the_users
 
@@ -46,7 +46,8 @@ def identity(scene: Scene, blocks: Blocks) -> dict[str, Any]:
         "batch_size": scene.batch_size,
         "loops": "whole" if compiles_whole_loops() else "in parts",
         "results": {
-            name: [v.value.dtype.name, *v.dims] for name, v in scene.variables.items()
+            name: [cast(jax.ShapeDtypeStruct, v.value).dtype.name, *v.dims]
+            for name, v in scene.variables.items()
         },
         "scene": scene.digest,
     }
@@ -100,6 +101,8 @@ def digest_of(values: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(values, "<f8").tobytes()).hexdigest()
 
 
+# a number, text or table as JSON has it
+Plain: TypeAlias = bool | int | float | str | list["Plain"] | dict[str, "Plain"]
 LONGEST_TABLE = 100  # values of an array that are recorded; of longer ones the ends
 
 
@@ -124,14 +127,15 @@ def template(
     grid: Mapping[str, np.ndarray],
     scene: Scene,
     shape: tuple[int, ...],
-    attributes: Mapping[str, Any],
+    attributes: Mapping[str, object],
 ) -> xr.Dataset:
     """The dataset with nothing computed."""
     data, used, coords = {}, {}, {}
     for name, variable in scene.variables.items():
         dims, values = tuple(grid) + variable.dims, empty(variable, shape)
         data[name] = (dims, values, labels(variable))
-        used |= {dim: scene.coordinates[dim] for dim in variable.dims}
+        known = scene.coordinates
+        used |= {dim: known[dim] for dim in variable.dims if dim in known}
     for name, values in {**used, **grid}.items():
         if name in used and name not in AXES:  # rods, joints, branches
             coords[name] = list(values)
@@ -142,7 +146,7 @@ def template(
     return xr.Dataset(data, coords, attributes)
 
 
-def provenance(scene: Scene, points: int) -> dict[str, Any]:
+def provenance(scene: Scene, points: int) -> dict[str, object]:
     """Where a sweep's numbers come from."""
     try:
         source = inspect.getsource(scene.point)
@@ -166,32 +170,34 @@ def _versions() -> dict[str, str]:
     return {**versions, "python_version": platform.python_version()}
 
 
-def constants(point: Callable) -> dict[str, Any]:
+def constants(point: Callable[..., object]) -> dict[str, Plain]:
     """The numbers that a point takes from around it, for the record.
 
     By the names they go by in its code: globals, enclosed variables, defaults, those of
     the helpers that it calls (`helper.factor`) and of objects (`cfg.c`). It is a record
     and no more: whether a scene has changed is seen from its lowered program.
     """
-    found: dict[str, Any] = {}
-    _record(found, "", point, set())
-    return found
+    numbers: dict[str, Plain] = {}
+    _record(numbers, "", point, set())
+    return numbers
 
 
-def _record(found: dict[str, Any], prefix: str, value: Any, seen: set[int]) -> None:
-    if id(value) in seen or len(seen) > 1000:
+def _record(
+    numbers: dict[str, Plain], prefix: str, value: object, visited: set[int]
+) -> None:
+    if id(value) in visited or len(visited) > 1000:
         return
-    seen.add(id(value))
+    visited.add(id(value))
     for name, inner in _around(value):
         path = f"{prefix}{name}"
         plain = _plain(inner)
         if plain is not None:
-            found[path] = plain
+            numbers[path] = plain
         else:
-            _record(found, f"{path}.", inner, seen)
+            _record(numbers, f"{path}.", inner, visited)
 
 
-def _around(value: Any) -> Iterator[tuple[str, Any]]:
+def _around(value: object) -> Iterator[tuple[str, object]]:
     """What a function, a partial or an object refers to, by name."""
     if isinstance(value, functools.partial):
         yield from _around(value.func)
@@ -223,7 +229,7 @@ def _is_of_the_users(kind: type) -> bool:
         return kind.__module__ == "__main__"
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Plain | None:
     """A number, text or table as JSON has it; None for anything else."""
     if isinstance(value, bool | int | float | str):
         return value
@@ -240,8 +246,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         plain = {k: _plain(v) for k, v in value.items() if isinstance(k, str)}
         whole = len(plain) == len(value) and None not in plain.values()
-        return plain if whole else None
+        return cast(Plain, plain) if whole else None
     if isinstance(value, list | tuple):
         items = [_plain(v) for v in value]
-        return None if None in items else items
+        return None if None in items else cast(Plain, items)
     return None

@@ -9,11 +9,11 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import Lanes, Queue, Work
+from .lanes import OpenLanes, Queue, Work
 from .program import Program
 
 # Chunk length trades the cost of a call, about that of so many steps of a batch,
@@ -50,7 +50,7 @@ def run_lanes(
     program: Program,
     axes: Mapping[str, np.ndarray],
     points: Iterator[np.ndarray],
-    put: Callable[[np.ndarray, list[Any], np.ndarray], None],
+    put: Callable[[np.ndarray, list[np.ndarray], np.ndarray], None],
     *,
     threads: int,
     on_batch: Callable[[int, float], None],
@@ -150,15 +150,15 @@ class _Batch:
         self.busy, self.wants = np.zeros(size, bool), True
         self.points, self.total = np.zeros((2, size), np.int64)
         self.steps, self.stalled = np.zeros((2, size), np.int64)
-        self.fixed: tuple = self.stage.fixed.empty(size)
-        self.state: tuple = self.stage.state.empty(size)
+        self.fixed: tuple[np.ndarray, ...] = self.stage.fixed.empty(size)
+        self.state: tuple[np.ndarray, ...] = self.stage.state.empty(size)
         self.max_steps = FIRST_CHUNK
 
-    def lanes(self, chosen: np.ndarray) -> Lanes:
+    def lanes(self, chosen: np.ndarray) -> OpenLanes:
         """These lanes as they are."""
         places = np.flatnonzero(chosen)
         rows = (*self.fixed, *(np.asarray(row) for row in self.state))
-        return Lanes(self.points, self.total, self.steps, rows).at(places)
+        return OpenLanes(self.points, self.total, self.steps, rows).at(places)
 
     def refill(self) -> None:
         """New lanes in idle places, if it is time for them."""

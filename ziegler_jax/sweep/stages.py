@@ -8,9 +8,10 @@ is not taken along but computed in each stage that reads it, at each of its call
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar, cast
 
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import (
@@ -24,11 +25,13 @@ from jax.extend.core import (
 
 from ..context import resumable_loop
 
+Packed = TypeVar("Packed", jax.Array, np.ndarray)
+
 
 class Packing:
     """Many small arrays a lane as one array a dtype: a call then has few arguments."""
 
-    def __init__(self, shapes: Iterable[Any]):
+    def __init__(self, shapes: Iterable[jax.ShapeDtypeStruct | jax.core.ShapedArray]):
         """Lay out leaves of these shapes and dtypes."""
         self.shapes = [(tuple(s.shape), np.dtype(s.dtype)) for s in shapes]
         self.dtypes = sorted({dtype for _, dtype in self.shapes}, key=str)
@@ -40,7 +43,7 @@ class Packing:
             self.places.append((which, slice(first, used[which])))
         self.used = used
 
-    def pack(self, leaves: Sequence[Any]) -> tuple[jax.Array, ...]:
+    def pack(self, leaves: Sequence[jax.Array]) -> tuple[jax.Array, ...]:
         """One vector a dtype."""
         pairs = list(zip(leaves, self.shapes, strict=True))
         return tuple(
@@ -48,7 +51,7 @@ class Packing:
             for dtype in self.dtypes
         )
 
-    def unpack(self, packed: Sequence[Any]) -> list[Any]:
+    def unpack(self, packed: Sequence[Packed]) -> list[Packed]:
         """The leaves again; lanes, if any, stand behind, and stay there."""
         pairs = zip(self.shapes, self.places, strict=True)
         return [
@@ -70,7 +73,7 @@ class Stage(NamedTuple):
     are tuples of packed arrays.
     """
 
-    function: Callable[..., Any]
+    function: Callable[..., tuple]
     fixed: Packing
     state: Packing
     is_loop: bool
@@ -202,5 +205,5 @@ def _any_of(variables, among) -> bool:
     return any(v in among for v in variables)
 
 
-def _avals(variables):
-    return [v.aval for v in variables]
+def _avals(variables) -> list[jax.core.ShapedArray]:
+    return cast(list[jax.core.ShapedArray], [v.aval for v in variables])

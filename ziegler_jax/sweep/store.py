@@ -17,12 +17,14 @@ import os
 import warnings
 import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict, cast
 
 import numpy as np
 import xarray as xr
 import zarr
+from zarr.abc.buffer import Buffer
 from zarr.storage import LocalStore, MemoryStore
 
 from .partition import Block, Blocks, Tally
@@ -45,13 +47,36 @@ from .store_files import (
 )
 
 
+@dataclass(frozen=True)
+class Store:
+    """Where a sweep keeps its results.
+
+    **Arguments:** `path`: a folder, e.g. `"map.zarr"`; `overwrite`: whether the sweep
+    that is in it is replaced.
+
+    **Raises:** `ValueError` for what breaks a rule.
+    """
+
+    path: str | os.PathLike
+    overwrite: bool = False
+
+    def __post_init__(self):
+        """Check them."""
+        place(self.path)
+        if not isinstance(self.overwrite, bool):
+            raise ValueError(
+                "Argument `overwrite` must be True or False, but is "
+                f"{self.overwrite!r}."
+            )
+
+
 def prepared(
     path: str | os.PathLike,
     template: xr.Dataset,
     blocks: Blocks,
-    identity: Mapping[str, Any],
+    identity: Mapping[str, object],
     overwrite: bool,
-) -> "Store":
+) -> "SweepStore":
     """The store to go on with, made if need be.
 
     **Arguments:** `template`: the Dataset with nothing computed.
@@ -64,13 +89,13 @@ def prepared(
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         made, lock = create(path, template, blocks, identity)
         if made:
-            return Store(path, lock)
-    store = Store(path)  # made by another, now or long ago
+            return SweepStore(path, lock)
+    store = SweepStore(path)  # made by another, now or long ago
     other = difference(store.record["identity"], identity)
     if other is not None:
         raise ValueError(
             f"Argument `store` must be this sweep's, but {str(path)!r} {other}. "
-            "`overwrite=True` replaces it."
+            "`zj.Store(path, overwrite=True)` replaces it."
         )
     return store
 
@@ -92,10 +117,10 @@ def open_sweep(path: str | os.PathLike) -> xr.Dataset:
     **Raises:** `ValueError` if the folder is no sweep's store, or a file that it cannot
     be read without is damaged. It warns of blocks whose chunks are gone or too short.
     """
-    return opened(Store(place(path)))
+    return opened(SweepStore(place(path)))
 
 
-def opened(store: "Store") -> xr.Dataset:
+def opened(store: "SweepStore") -> xr.Dataset:
     """The Dataset of a store."""
     damaged = store.damaged_metadata() or store.damaged_coordinates()
     if damaged:
@@ -128,7 +153,16 @@ def opened(store: "Store") -> xr.Dataset:
     return ds.assign_attrs({**run, **progress})
 
 
-class Store:
+class Mark(TypedDict):
+    """What a finished block's marker says, beside its tally."""
+
+    block: int
+    run: str
+    points: int
+    chunks: dict[str, tuple[int, int, int]]  # length, checksum, end
+
+
+class SweepStore:
     """Keeps blocks on a disk."""
 
     def __init__(self, path: Path, lock: int | None = None):
@@ -142,14 +176,14 @@ class Store:
         except BaseException:
             self.release()
             raise
-        self._encoders: dict[str, tuple[Any, dict]] = {}
+        self._encoders: dict[str, tuple[zarr.Array, dict[str, Buffer]]] = {}
 
-    def __enter__(self) -> "Store":
+    def __enter__(self) -> "SweepStore":
         """Write to it."""
         self.claim()
         return self
 
-    def __exit__(self, *_: Any) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let others write to it."""
         self.release()
 
@@ -187,7 +221,7 @@ class Store:
         damaged = []
         for name, digest in self._coordinates().items():
             try:
-                array: Any = zarr.open_array(LocalStore(self.path / name), mode="r")
+                array = zarr.open_array(LocalStore(self.path / name), mode="r")
                 whole = digest_of(np.asarray(array[:])) == digest
             except Exception:  # Zarr's, of many kinds: each of them is damage
                 whole = False
@@ -237,14 +271,16 @@ class Store:
         mark = self._mark(block.number)
         return mark is not None and self._intact(mark)
 
-    def marks(self) -> dict[int, dict[str, Any]]:
+    def marks(self) -> dict[int, "Mark"]:
         """The commit markers, by block; damaged and foreign ones do not count."""
         names = [path.name for path in listed(self.folder / "blocks")]
         numbers = [int(name) for name in names if name.isascii() and name.isdigit()]
-        found = ((number, self._mark(number)) for number in numbers)
-        return {number: mark for number, mark in found if mark is not None}
+        marks = ((number, self._mark(number)) for number in numbers)
+        return {number: mark for number, mark in marks if mark is not None}
 
-    def keep(self, block: Block, arrays: Mapping[str, Any], tally: Tally) -> None:
+    def write_block(
+        self, block: Block, arrays: Mapping[str, np.ndarray], tally: Tally
+    ) -> None:
         """Write a whole block: its chunks, then its marker.
 
         **Raises:** `ValueError` if the store has been replaced: a worker may still be
@@ -270,13 +306,13 @@ class Store:
             )
             raise
 
-    def dataset(self, attributes: Mapping[str, Any]) -> xr.Dataset:
+    def dataset(self, attributes: Mapping[str, object]) -> xr.Dataset:
         """The sweep's result."""
         if self.lock is not None:
             self._write(self.folder / "run.json", dict(attributes))
         return opened(self)
 
-    def _write(self, path: Path, record: Mapping[str, Any]) -> None:
+    def _write(self, path: Path, record: Mapping[str, object]) -> None:
         write_record(path, record, self.folder / "parts")
 
     def _check_that_it_is_ours(self) -> None:
@@ -294,20 +330,20 @@ class Store:
     def _coordinates(self) -> dict[str, str]:
         """The coordinates that Zarr holds, with hashes of their values."""
         axes = self.record["identity"]["axes"].items()
-        found = {name: digest for name, (*_, digest) in axes}
+        digests = {name: digest for name, (*_, digest) in axes}
         for name, values in self.record["labels"].items():
             if f"{name}/zarr.json" in self.record["metadata"]:
-                found[name] = digest_of(np.asarray(values, np.float64))
-        return found
+                digests[name] = digest_of(np.asarray(values, np.float64))
+        return digests
 
-    def _mark(self, number: int) -> dict[str, Any] | None:
+    def _mark(self, number: int) -> "Mark | None":
         """The marker of a block; None: it has none that counts."""
         mark = read_or_none(self.folder / "blocks" / str(number))
         if mark is None or mark.get("run") != self.record["run"]:
             return None
-        return mark if mark.get("block") == number else None
+        return cast(Mark, mark) if mark.get("block") == number else None
 
-    def _intact(self, mark: Mapping[str, Any]) -> bool:
+    def _intact(self, mark: "Mark") -> bool:
         """Whether a block's chunks are those that were written."""
         try:
             return all(
@@ -317,7 +353,7 @@ class Store:
         except OSError:
             return False
 
-    def seems_intact(self, mark: Mapping[str, Any]) -> bool:
+    def seems_intact(self, mark: "Mark") -> bool:
         """Whether a block's chunks are there, by their length and their own checksum.
 
         That stands at a chunk's end, where Zarr compares it with the rest as it reads.
@@ -334,11 +370,13 @@ class Store:
         """The variables, so that where there is an outcome, there are its numbers."""
         return sorted(self.record["names"], key=lambda n: n in self.record["codes"])
 
-    def _encoded(self, name: str, region: tuple, values: Any) -> dict[str, bytes]:
+    def _encoded(
+        self, name: str, region: tuple[slice, ...], values: np.ndarray
+    ) -> dict[str, bytes]:
         """The chunk files that hold these values, by their keys: Zarr's own bytes."""
         if name not in self._encoders:
-            like: Any = zarr.open_array(LocalStore(self.path / name), mode="r")
-            files: dict[str, Any] = {}
+            like = zarr.open_array(LocalStore(self.path / name), mode="r")
+            files: dict[str, Buffer] = {}
             array = zarr.create_array(
                 MemoryStore(files),
                 shape=like.shape,

@@ -45,13 +45,13 @@ def place(path: str | os.PathLike) -> Path:
             f"Argument `store` must be a folder of this machine, but is {text!r}: "
             "sweep into a folder and copy it there."
         )
-    found = Path(text).resolve()
-    if found == Path.cwd() or found in Path.cwd().parents:
+    folder = Path(text).resolve()
+    if folder == Path.cwd() or folder in Path.cwd().parents:
         raise ValueError(
             "Argument `store` must be a folder of its own, but is "
             f"{text!r}, which holds the current one: give it a name, e.g. 'map.zarr'."
         )
-    return found
+    return folder
 
 
 def create(

@@ -10,10 +10,14 @@ import shutil
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict
 from uuid import uuid4
 
+from zarr.abc.codec import BytesBytesCodec
 from zarr.codecs import Crc32cCodec, ZstdCodec
+
+if TYPE_CHECKING:  # Zarr's own, of no public name
+    from zarr.core.array_spec import ArrayConfigParams
 
 
 class DamagedFile(ValueError):
@@ -68,7 +72,7 @@ def sync_tree(path: Path) -> None:
         sync_folder(Path(folder))
 
 
-def write_record(path: Path, record: Mapping[str, Any], parts: Path) -> None:
+def write_record(path: Path, record: Mapping[str, object], parts: Path) -> None:
     """Write a JSON object with a checksum of what it says."""
     content = json.dumps({"sha256": _digest(record), **record})
     write(path, content.encode(), parts)
@@ -89,7 +93,7 @@ def read_record(path: Path) -> dict[str, Any]:
     return record
 
 
-def _digest(record: Mapping[str, Any]) -> str:
+def _digest(record: Mapping[str, object]) -> str:
     return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
 
 
@@ -116,7 +120,16 @@ RECORD = "sweep-record"  # no variable's name: names have no hyphen
 RECORDS = "sweep.json", "sweep.copy.json"
 
 
-def layout(chunks: tuple[int, ...], fill: Any) -> dict[str, Any]:
+class Layout(TypedDict):
+    """What Zarr is told of it."""
+
+    chunks: tuple[int, ...]
+    fill_value: float
+    compressors: tuple[BytesBytesCodec, ...]
+    config: "ArrayConfigParams"
+
+
+def layout(chunks: tuple[int, ...], fill: float) -> Layout:
     """How arrays are laid out: with checksums, and no chunk left out as empty."""
     return {
         "chunks": chunks,
@@ -146,12 +159,13 @@ def recorded(path: Path) -> dict[str, Any]:
     if damage is not None:
         raise ValueError(
             f"Argument `store` must be a sweep's store, but {damage}, and so is its "
-            "copy. `overwrite=True` replaces the store."
+            "copy. `zj.Store(path, overwrite=True)` replaces it."
         )
     if is_store(path):
         raise ValueError(
             f"Argument `store` must be a store of this version, but {str(path)!r} was "
-            "written by another version of ziegler_jax. `overwrite=True` replaces it."
+            "written by another version of ziegler_jax. "
+            "`zj.Store(path, overwrite=True)` replaces it."
         )
     raise ValueError(
         f"Argument `store` must be a sweep's store, but {str(path)!r} is none."

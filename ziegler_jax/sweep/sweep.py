@@ -4,41 +4,48 @@ import inspect
 import math
 import os
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import NamedTuple
 
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from ..context import Context, is_traced, within
-from ..numerics.numbers import whole_number
+from ..numerics.numbers import instance
 from ..runtime import all_cores
-from .axes import check_signature, checked_axes
-from .cluster import Recipe, check_client, run_blocks
+from .axes import Returned, check_signature, checked_axes
+from .cluster import Arrays, Client, Recipe, check_client, run_blocks
 from .differences import audit_attributes, checked_share, drawn
-from .partition import Block, Blocks, Desk, Memory, Tally, asked, check_room
+from .lanes import Lanes
+from .partition import (
+    Block,
+    BlockAssembler,
+    Blocks,
+    Memory,
+    Tally,
+    check_room,
+    evaluate_where,
+)
 from .program import Scene, compiled, traced
 from .progress import Progress
 from .provenance import check_names, identity, provenance, template
 from .scheduler import Effort, run_lanes
-from .store import Store, prepared
+from .store import Store, SweepStore, prepared
 
 FINER = 0.01  # the audit's tolerances, against the point's own
 
 
 def sweep(
-    point: Callable[..., Any],
+    point: Callable[..., Returned],
     *,
-    where: Callable[..., Any] | None = None,
-    batch_size: int | None = None,
-    threads: int | None = None,
-    progress: bool | None = None,
-    precision: Literal["float64", "float32"] = "float64",
+    where: Callable[..., ArrayLike] | None = None,
+    lanes: Lanes = Lanes(),  # noqa: B008, a value
+    store: str | os.PathLike | Store | None = None,
+    client: Client | None = None,
     audit: float | None = None,
-    axes: Mapping[str, Any] | None = None,
-    store: str | os.PathLike | None = None,
-    overwrite: bool = False,
-    client: Any = None,
+    progress: bool | None = None,
     log: str | os.PathLike | None = None,
-    **named_axes: Any,
+    axes: Mapping[str, ArrayLike] | None = None,
+    **named_axes: ArrayLike,
 ) -> xr.Dataset:
     """Compute `point` at every combination of the axes' values.
 
@@ -54,31 +61,25 @@ def sweep(
     **Arguments:**
 
     - `point`: a function of named scalars that JAX can trace. It returns a scalar, a
-        dict of scalars, or a result of the library, which knows its dimensions and
-        units. It is traced anew at each sweep, so that whatever it reads is read
-        again, but compiled only if that changed its program. (A function that you give
-        to `jax.jit` yourself and call on plain numbers is JAX's to remember.) The
-        motions that it follows one after the other (`settle`, `periodic_orbit`,
-        `verdict`, ...) run in chunks of steps, each in batches of its own, in which a
-        lane makes room for the next one as soon as its motion has ended. Motions
-        inside a transformation of your own (`vmap`, `jvp`, `jit`) run whole.
+        result of the library, which knows its dimensions and units, or a dict of
+        scalars, `Variable`s (arrays with named dimensions) and results. It is traced
+        anew at each sweep, so that whatever it reads is read again, but compiled only
+        if that changed its program. (A function that you give to `jax.jit` yourself and
+        call on plain numbers is JAX's to remember.) The motions that it follows one
+        after the other (`settle`, `periodic_orbit`, `verdict`, ...) run in chunks of
+        steps, each in batches of its own, in which a lane makes room for the next one
+        as soon as its motion has ended. Motions inside a transformation of your own
+        (`vmap`, `jvp`, `jit`) run whole.
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
-    - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
-        else 128, or 384 where `configure_cpu()` was needed and not called. A lane's
-        result does not depend on its batch mates; another batch size is another
-        program, equal to rounding.
-    - `threads`: None uses every core that the process may use.
-    - `progress`: a bar with points per second; None shows it on a terminal only.
-    - `precision`: of the computation, whatever JAX's own setting.
-    - `audit`: a share of the points, e.g. 0.01 (at least one, drawn at random), that
-        is computed a second time in float64 with `rtol` and `atol` of its `settle` and
-        `trajectory` a hundred times finer. Each variable's attributes then hold
-        `audit_differences`, the `audit_quantiles` of the differences of its values;
-        the dataset's hold `audit_points` and `audit_changed_outcomes`, the share of
-        these whose outcome changed. It tells the error of the steps, not that of
-        `rtol_settle`. Not with `store` or `client`.
+    - `lanes`: how they run, see `Lanes`.
+    - `audit`: a share of the points, e.g. 0.01 (at least one, drawn at random), that is
+        computed a second time in float64 with tolerances a hundred times finer. Each
+        variable's attributes then hold `audit_differences`, the `audit_quantiles` of
+        the differences of its values; the dataset's hold `audit_points` and
+        `audit_changed_outcomes`, the share of these whose outcome changed. It tells the
+        error of the steps, not that of `agreement`. Not with `store` or `client`.
     - `store`: a folder, e.g. `"map.zarr"`, into which every block of about 16 000
         points goes as soon as it is finished; in memory are the blocks that are not.
         The same sweep with the same store computes only what is missing or damaged,
@@ -86,11 +87,11 @@ def sweep(
         same kind of processor). A store of another scene, other axes, tolerances,
         precision or versions is refused. The scene is known by its lowered program,
         which does not show what a host callback does. `open_sweep` reads the store at
-        any time.
-    - `overwrite`: replace the sweep that is in the store.
+        any time; `Store(path, overwrite=True)` replaces the sweep that is in it.
     - `client`: a `dask.distributed.Client`: blocks become tasks of its cluster, one a
         worker's thread at a time. Its workers must be able to import the package and
         what `point` needs, and to write to `store` where there is one.
+    - `progress`: a bar with points per second; None shows it on a terminal only.
     - `log`: a file to which a line of JSON is added for every finished block: where
         it lies, its points, seconds, steps and outcomes.
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
@@ -123,59 +124,53 @@ def sweep(
         if not callable(where):
             raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
         check_signature(where, list(grid), "where")
-    batch_size = None if batch_size is None else whole_number("batch_size", batch_size)
-    threads = None if threads is None else whole_number("threads", threads)
-    if precision not in ("float64", "float32"):
-        raise ValueError(
-            f"Argument `precision` must be float64 or float32, but is {precision!r}."
-        )
+    instance("lanes", lanes, Lanes)
+    if store is not None and not isinstance(store, Store):
+        store = Store(store)
     share = None if audit is None else checked_share(audit)
     if share is not None and (store is not None or client is not None):
         raise ValueError(
             "Argument `audit` must be left out with `store` or `client`, but is "
             f"{audit!r}: audit a smaller sweep of the same scene in memory."
         )
-    if overwrite and store is None:
-        raise ValueError(
-            "Argument `overwrite` must come with `store`, but that is None."
-        )
     if client is not None:
         check_client(client)
     size = math.prod(values.size for values in grid.values())
     if where is not None and store is None:
         check_room(f"which of {size} points `where` chooses", size)
-        blocks = Blocks(grid, asked(where, grid))
+        blocks = Blocks(grid, evaluate_where(where, grid))
     else:
         if store is None:
             check_room(f"one number at each of {size} points", 8 * size)
         blocks = Blocks(grid, where)
-    scene = traced(point, tuple(grid), precision == "float64", batch_size)
+    scene = traced(point, tuple(grid), lanes.precision == "float64", lanes.batch_size)
     check_names(scene)
     if store is None:
         check_room(f"the results of {size} points", scene.bytes_a_point * size)
-    if threads is None:  # a cluster's worker runs as many blocks as it has threads
-        threads = all_cores() if client is None else 1
+    # a cluster's worker runs as many blocks as it has threads
+    threads = lanes.threads or (all_cores() if client is None else 1)
     run = _Run(scene, blocks, threads, client, store)
     origin = provenance(scene, blocks.points)
     nothing = template(grid, scene, blocks.shape, origin)
     if store is None:
-        shelf: Memory | Store = Memory(nothing)
+        backend: Memory | SweepStore = Memory(nothing)
     else:
-        shelf = prepared(store, nothing, blocks, identity(scene, blocks), overwrite)
-    found = _filled(run, shelf, progress, log)
+        backend = prepared(
+            store.path, nothing, blocks, identity(scene, blocks), store.overwrite
+        )
+    dataset = _filled(run, backend, progress, log)
     if share is not None:
         sample = drawn(blocks.chosen(), round(share * blocks.points))
         with within(Context(factor=FINER)):
             finer = sweep(
                 point,
                 where=lambda **_: sample,
-                batch_size=batch_size,
-                threads=threads,
+                lanes=Lanes(lanes.batch_size, threads),
                 progress=progress,
                 axes=grid,
             )
-        audit_attributes(found, finer, sample)
-    return found
+        audit_attributes(dataset, finer, sample)
+    return dataset
 
 
 class _Run(NamedTuple):
@@ -184,51 +179,56 @@ class _Run(NamedTuple):
     scene: Scene
     blocks: Blocks
     threads: int
-    client: Any
-    store: str | os.PathLike | None
+    client: Client | None
+    store: Store | None
 
 
-def _filled(run: _Run, shelf: Any, show: bool | None, log: Any) -> xr.Dataset:
+def _filled(
+    run: _Run,
+    backend: Memory | SweepStore,
+    show: bool | None,
+    log: str | os.PathLike | None,
+) -> xr.Dataset:
     """The dataset, after what is missing of it has been computed."""
     scene, blocks = run.scene, run.blocks
     try:
-        missing = shelf.missing(blocks)
-        if not missing and not shelf.damaged():
-            return shelf.dataset({})
+        missing = backend.missing(blocks)
+        if not missing and not backend.damaged():
+            return backend.dataset({})
     except BaseException:
-        shelf.release()  # one that was just made holds its lock
+        backend.release()  # one that was just made holds its lock
         raise
     left = sum(missing.values())
     seconds = scene.seconds
-    with shelf, Progress(blocks.points - left, blocks.points, show, log) as progress:
+    with backend, Progress(blocks.points - left, blocks.points, show, log) as progress:
 
-        def keep(block: Block, arrays: Any, tally: Tally) -> None:
+        def write_block(block: Block, arrays: Arrays | None, tally: Tally) -> None:
             if arrays is not None:  # else a worker has written them
-                shelf.keep(block, arrays, tally)
+                backend.write_block(block, arrays, tally)
             progress.finished(block, tally)
 
-        shelf.mend(blocks.grid)
+        backend.mend(blocks.grid)
         if not missing:
-            return shelf.dataset({})
+            return backend.dataset({})
         if run.client is None:
             program = compiled(scene)
             seconds += program.compile_seconds
-            desk = Desk(blocks, scene.variables, keep)
+            assembler = BlockAssembler(blocks, scene.variables, write_block)
             effort = run_lanes(
                 program,
                 blocks.grid,
-                desk.hand_out(map(blocks.block, missing)),
-                desk.put,
+                assembler.points_of(map(blocks.block, missing)),
+                assembler.put,
                 threads=run.threads,
                 on_batch=progress.advance,
             )
         else:
-            place = None if run.store is None else os.path.realpath(run.store)
+            place = None if run.store is None else os.path.realpath(run.store.path)
             recipe = Recipe.of(scene, threads=run.threads, store=place)
             effort = run_blocks(
-                run.client, recipe, blocks, missing, keep, progress.advance
+                run.client, recipe, blocks, missing, write_block, progress.advance
             )
-        return shelf.dataset({**_cost(effort, left, seconds), "threads": run.threads})
+        return backend.dataset({**_cost(effort, left, seconds), "threads": run.threads})
 
 
 def _cost(effort: Effort, points: int, seconds: float) -> dict[str, float]:

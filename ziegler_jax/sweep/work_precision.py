@@ -7,36 +7,36 @@ $$e = |x(\text{solver}, \text{tolerance}) - x(\text{reference})|.$$
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import diffrax as dfx
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from ..context import Context, within
-from ..numerics.numbers import whole_number
+from ..motion.options import Method, Solver, solver_of
+from ..numerics.numbers import instance, whole_number
 from ..solvers import Explicit
+from .axes import Returned
 from .differences import QUANTILES, changed, differences, drawn, measured, quantiles
+from .lanes import Lanes
 from .sweep import sweep
 
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-FINEST = 1e-12  # against rounding, 2e-16 of each of some thousand steps
 
 
 def work_precision(
-    point: Callable[..., Any],
+    point: Callable[..., Returned],
     *,
-    tolerances: Any = TOLERANCES,
-    solvers: Mapping[str, Any] | None = None,
+    tolerances: ArrayLike = TOLERANCES,
+    solvers: Mapping[str, Solver | dfx.AbstractERK] | None = None,
+    reference: Method = Method(dfx.Dopri8(), rtol=1e-12),  # noqa: B008, a value
     sample: int = 256,
     repeats: int = 3,
-    reference: Any = None,
-    reference_tolerance: float = FINEST,
-    where: Callable[..., Any] | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    axes: Mapping[str, Any] | None = None,
-    **named_axes: Any,
+    where: Callable[..., ArrayLike] | None = None,
+    lanes: Lanes = Lanes(),  # noqa: B008
+    axes: Mapping[str, ArrayLike] | None = None,
+    **named_axes: ArrayLike,
 ) -> xr.Dataset:
     """What each tolerance and solver costs on a map of one's own, and how wrong it is.
 
@@ -47,20 +47,20 @@ def work_precision(
 
     The tolerances and solvers replace those that `point` gives to `settle` or
     `trajectory`: rtol is the tolerance, atol keeps its ratio to rtol. Everything else
-    (windows, `rtol_settle`) stays: where another tolerance ends a lane in another
+    (windows, their agreement) stays: where another tolerance ends a lane in another
     window, that is a part of the error. Each pair of solver and tolerance is compiled
     for itself, some seconds each.
 
     **Arguments:**
 
-    - `point`, `where`, `threads`, `axes`, `named_axes`: as in `sweep`.
+    - `point`, `where`, `lanes`, `axes`, `named_axes`: as in `sweep`.
     - `tolerances`: positive numbers.
     - `solvers`: names and solvers; None is Tsit5 and Dopri8. With set-valued friction
         name them, e.g. `{"Taylor8": Taylor()}`, and the reference.
-    - `sample`: how many of the map's points, drawn at random with `seed`.
+    - `sample`: how many of the map's points, drawn at random, the same ones each time.
     - `repeats`: how often each run is timed, solvers in turns; the median counts.
-    - `reference`, `reference_tolerance`: the solver and tolerance that errors are held
-        against; None is Dopri8.
+    - `reference`: the method that errors are measured against: its solver and `rtol`.
+        At 1e-12 rounding, 2e-16 of each of some thousand steps, is as large.
 
     **Returns:** a Dataset over `solver`, `rtol` and `quantile` (0.5, 0.95 and 1):
     for each variable `<variable>_error`, over the points at which both runs have a
@@ -72,7 +72,14 @@ def work_precision(
     **Raises:** `ValueError` as `sweep`, and for an argument that breaks a rule.
     """
     tols = _tolerances(tolerances)
-    finest = float(_tolerances([reference_tolerance], "reference_tolerance")[0])
+    instance("reference", reference, Method)
+    solver, rtol = reference.solver, reference.rtol
+    rest = reference.atol, reference.max_steps
+    if solver is None or rtol is None or rest != (None, None):
+        raise ValueError(
+            "Argument `reference` must name its solver and its rtol, and nothing else, "
+            f"but is {reference!r}."
+        )
     for name, number in (("sample", sample), ("repeats", repeats)):
         whole_number(name, number)
     if solvers is None:
@@ -81,30 +88,30 @@ def work_precision(
         raise ValueError(
             f"Argument `solvers` must map names to solvers, but is {solvers!r}."
         )
-    reference = Explicit(dfx.Dopri8.tableau) if reference is None else reference
+    solvers = {name: solver_of(solver) for name, solver in solvers.items()}
     chosen: dict[str, np.ndarray] = {}
 
-    def some(**mesh: Any) -> np.ndarray:
+    def some(**mesh: np.ndarray) -> np.ndarray:
         """The sample, the same in every run."""
         if not chosen:
             shape = np.broadcast_shapes(*(np.shape(m) for m in mesh.values()))
             valid = np.ones(shape, bool)
             if where is not None:
                 valid &= np.asarray(where(**mesh))
-            chosen["mask"] = drawn(valid, sample, seed)
+            chosen["mask"] = drawn(valid, sample)
         return chosen["mask"]
 
-    def run(solver: Any, tolerance: float) -> xr.Dataset:
+    def run(solver: Solver, tolerance: float) -> xr.Dataset:
         with within(Context(tolerance=tolerance, solver=solver)):
             return sweep(
                 point,
                 where=some,
-                threads=threads,
+                lanes=lanes,
                 progress=False,
                 axes={**dict(axes or {}), **named_axes},
             )
 
-    exact = run(reference, finest)
+    exact = run(solver, float(rtol))
     mask, names = chosen["mask"], measured(exact)
     shape = (len(solvers), tols.size)
     errors = {name: np.full((*shape, len(QUANTILES)), np.nan) for name in names}
@@ -118,30 +125,30 @@ def work_precision(
     for j, tolerance in enumerate(tols):
         for turn in range(repeats):
             for i, solver in enumerate(solvers.values()):
-                found = run(solver, float(tolerance))
-                seconds[turn, i, j] = found.attrs["run_seconds"]
+                dataset = run(solver, float(tolerance))
+                seconds[turn, i, j] = dataset.attrs["run_seconds"]
                 if turn:
                     continue
                 for name in names:
-                    apart = differences(found[name], exact[name], mask)
+                    apart = differences(dataset[name], exact[name], mask)
                     errors[name][i, j] = quantiles(apart)
-                cost["compile_seconds"][i, j] = found.attrs["compile_seconds"]
-                cost["changed_outcomes"][i, j] = changed(found, exact, mask)
+                cost["compile_seconds"][i, j] = dataset.attrs["compile_seconds"]
+                cost["changed_outcomes"][i, j] = changed(dataset, exact, mask)
                 if "steps" in cost:
-                    cost["steps"][i, j] = np.nanmean(found["steps"].values[mask])
+                    cost["steps"][i, j] = np.nanmean(dataset["steps"].values[mask])
     count = int(mask.sum())
     cost["seconds_a_point"] = np.median(seconds, axis=0) / count
     return _dataset(exact, errors, cost, list(solvers), tols, count)
 
 
-def _tolerances(tolerances: Any, name: str = "tolerances") -> np.ndarray:
+def _tolerances(tolerances: ArrayLike) -> np.ndarray:
     try:
         tols = np.asarray(tolerances, float)
     except (TypeError, ValueError):
         tols = np.empty(0)
     if tols.ndim != 1 or not tols.size or not np.all((tols > 0) & np.isfinite(tols)):
         raise ValueError(
-            f"Argument `{name}` must be positive and finite, but is {tolerances!r}."
+            f"Argument `tolerances` must be positive and finite, but is {tolerances!r}."
         )
     return tols
 
@@ -157,7 +164,7 @@ _COSTS = {
 def _dataset(exact, errors, cost, solvers, tols, count) -> xr.Dataset:
     """Labels for the numbers."""
     dims = ("solver", "rtol")
-    data: dict[str, Any] = {}
+    data: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {}
     for name, error in errors.items():
         attrs = exact[name].attrs
         about = {"long_name": f"error of {attrs['long_name']}", "units": attrs["units"]}
@@ -170,8 +177,8 @@ def _dataset(exact, errors, cost, solvers, tols, count) -> xr.Dataset:
         "rtol": ("rtol", tols, {"long_name": "tolerance of a step", "units": "1"}),
         "quantile": list(QUANTILES),
     }
-    kept = ("jax_version", "jaxlib_version", "diffrax_version", "threads", "scene")
-    attributes = {name: exact.attrs[name] for name in kept}
+    labels = ("jax_version", "jaxlib_version", "diffrax_version", "threads", "scene")
+    attributes = {name: exact.attrs[name] for name in labels}
     reference = {
         f"reference_{name}": exact.attrs[name]
         for name in ("solver", "rtol", "atol")

@@ -1,0 +1,229 @@
+"""Every block of code in a docstring runs as it stands, and does what is said of it."""
+
+import re
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import ziegler_jax as zj
+
+PACKAGE = Path(zj.__file__).parent
+BLOCK = re.compile(r"^( *)```python\n(.*?)^ *```$", re.M | re.S)
+KICK, HARD = zj.State(omega=(0.0, 0.3)), zj.State(omega=(0.0, 1.0))
+
+
+def blocks():
+    """The code of all docstrings, by file and number."""
+    code_of = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for i, match in enumerate(BLOCK.finditer(path.read_text())):
+            indent, code = match.groups()
+            name = f"{path.relative_to(PACKAGE).as_posix()} {i}"
+            code_of[name] = re.sub(f"^{indent}", "", code, flags=re.M)
+    return code_of
+
+
+BLOCKS = blocks()
+
+
+def make_column(q):
+    law = zj.SetValuedCoulomb(0.026, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+    return zj.uniform_rods(q, friction=law)
+
+
+def column(q, v):
+    law = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=v)
+    return zj.uniform_rods(q, friction=law)
+
+
+def cell(q, mu):
+    law = zj.SmoothCoulomb(mu + 0.01, pin_radius=0.1, v_smooth=0.05)
+    windows = zj.Windows(transient=5.0, length=5.0, max_windows=1)
+    return zj.settle(zj.uniform_rods(q, friction=law), KICK, windows=windows)
+
+
+def small_map():
+    def point(q, mu_s, mu_k):
+        law = zj.SmoothCoulomb(
+            mu_s, mu_k, pin_radius=0.1, v_smooth=0.05, v_stribeck=0.1
+        )
+        windows = zj.Windows(transient=5.0, length=5.0, max_windows=1)
+        return zj.settle(zj.uniform_rods(q, friction=law), KICK, windows=windows)
+
+    mu = np.array([0.1, 0.12])
+    return zj.sweep(point, q=[1.0, 2.0, 3.0], mu_s=mu, mu_k=mu, progress=False)
+
+
+def run(name, **given):
+    names = {"zj": zj, "np": np, "jnp": jnp, **given}
+    exec(compile(BLOCKS[name], name, "exec"), names)  # noqa: S102
+    return names
+
+
+def of_a_sweep(names):
+    assert names["ds"].sizes == {"q": 64, "mu": 32, "joint": 2, "rod": 2}
+    assert (names["ds"].outcome == zj.OUTCOME.cycle).any()
+
+
+def of_a_variable(names):
+    ds = zj.sweep(names["point"], q=[1.0, 2.6], progress=False)
+    assert ds.growth.dims == ("q", "mode") and ds.growth.sel(q=2.6).max() > 0.2
+
+
+def of_units(names):
+    assert names["end"].period.attrs["units"] == "s"
+    assert float(names["motion"].ts[-1]) == pytest.approx(3.0)
+
+
+def of_a_kick(names):
+    ds = zj.sweep(names["point"], q=[2.0], tau=[0.03], progress=False)
+    assert ds.outcome.item() == zj.ONSET.found
+
+
+def of_a_branch(names):
+    branch = names["branch"]
+    assert branch.points.parameter[0] == 2.0 and branch.points.parameter[1] < 2.0
+
+
+def of_stiff_lanes(names):
+    assert names["stiff"].values.any() and not names["stiff"].values.all()
+    assert names["ds"].outcome.notnull().all()
+
+
+CASES = {
+    "sweep/sweep.py 0": ({}, of_a_sweep),
+    "results.py 0": ({}, of_a_variable),
+    "units.py 0": ({"ts": np.linspace(0, 3, 7)}, of_units),
+    "plot/maps.py 0": ({"ds": small_map}, None),
+    "plot/maps.py 1": ({"ds": small_map}, None),
+    "analysis/onset.py 0": ({}, of_a_kick),
+    "motion/stiffness.py 0": (
+        {
+            "column": column,
+            "start": KICK,
+            "axes": {"q": [2.0, 2.6], "v": [1e-5, 0.1], "progress": False},
+        },
+        of_stiff_lanes,
+    ),
+    "analysis/continuation.py 0": (
+        {
+            "make_column": make_column,
+            "settled": lambda: zj.settle(make_column(2.0), HARD),
+        },
+        of_a_branch,
+    ),
+    "analysis/hysteresis.py 0": (
+        {"mu": np.array([0.1, 0.12])},
+        lambda names: names["ds"].outcome.dims == ("mu_s", "mu_k", "branch", "q"),
+    ),
+    "sweep/work_precision.py 0": (
+        {"point": cell},
+        lambda names: bool(names["ds"].joint_amplitude_error.notnull().all()),
+    ),
+}
+SLOW = ("continuation", "hysteresis", "work_precision", "stiffness", "onset")
+LAWS = ("model/damping.py 0", "model/friction.py 0", "motion/observers.py 0")
+
+
+def test_no_block_is_left_out():
+    assert set(BLOCKS) == {*CASES, *LAWS}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=[pytest.mark.slow] if any(s in n for s in SLOW) else [])
+        for n in CASES
+    ],
+)
+@pytest.mark.usefixtures("unoptimised")
+def test_a_block_runs_as_it_stands(name):
+    given, check = CASES[name]
+    made = ("ds", "settled")
+    names = run(name, **{k: v() if k in made else v for k, v in given.items()})
+    if check is not None:
+        assert check(names) in (None, True)
+
+
+# Laws of one's own, against equations written out here --------------------------------
+
+MASS = np.array([[4 / 3, 1 / 2], [1 / 2, 1 / 3]])
+
+
+def written_out(q, damping, ts):
+    """Uniform rods with joint torques -damping(u1, u2), by scipy."""
+
+    def field(_, y):
+        phi, w = y[:2], y[2:]
+        d = phi[0] - phi[1]
+        mass = MASS.copy()
+        mass[0, 1] = mass[1, 0] = MASS[0, 1] * np.cos(d)
+        g1, g2 = damping(w[0], w[1] - w[0])
+        gyro = MASS[0, 1] * np.sin(d)
+        right = [
+            q * np.sin(d) - phi[0] - d - gyro * w[1] ** 2 - g1 + g2,
+            d + gyro * w[0] ** 2 - g2,
+        ]
+        return np.concatenate([w, np.linalg.solve(mass, right)])
+
+    start = [0.0, 0.0, 0.0, 0.3]
+    return solve_ivp(
+        field, (0, ts[-1]), start, "DOP853", ts, rtol=1e-12, atol=1e-12
+    ).y.T
+
+
+TS = np.linspace(0, 20, 5)
+
+
+def end_of(column):
+    found = zj.trajectory(column, KICK, TS, method=zj.Method(rtol=1e-10))
+    return np.hstack([found.phi, found.omega])
+
+
+def test_quadratic_damping_moves_the_column_as_its_torques_say():
+    column = run("model/damping.py 0")["column"]
+    exact = written_out(
+        2.6, lambda u1, u2: (0.1 * abs(u1) * u1, 0.1 * abs(u2) * u2), TS
+    )
+    # measured 3.2e-9
+    np.testing.assert_allclose(end_of(column), exact, rtol=0, atol=3e-8)
+    # at rest it has no damping: the linear column does not know it
+    assert float(zj.critical_load(column).q_cr) == float(
+        zj.critical_load(zj.uniform_rods()).q_cr
+    )
+    found = zj.settle(column, KICK, observers=(zj.EnergyBalance(),))
+    assert float(found.damping_power) > 0
+    # measured 2.1e-6 of it, at 1e-6
+    assert abs(found.energy_imbalance) < 2e-5 * abs(found.damping_power)
+
+
+def test_a_friction_law_of_ones_own_moves_the_column_and_runs_in_a_sweep():
+    names = run("model/friction.py 0")
+    column = zj.uniform_rods(2.6, friction=names["Root"](0.1, 0.01))
+    torque = lambda u: 2.6 * 0.1 * 0.1 * u / np.sqrt(u * u + 1e-4)  # noqa: E731
+    exact = written_out(2.6, lambda u1, u2: (torque(u1), torque(u2)), TS)
+    # measured 6.2e-11
+    np.testing.assert_allclose(end_of(column), exact, rtol=0, atol=1e-9)
+    codes = names["ds"].outcome.values
+    assert (codes >= zj.OUTCOME.unsettled).all() and len(np.unique(codes)) > 1
+    bad = zj.sweep(names["point"], q=[2.6], mu=[-0.1], progress=False)
+    assert bad.outcome.item() == zj.OUTCOME.invalid
+
+
+def test_an_observer_of_ones_own_finds_what_the_motion_shows():
+    names = run("motion/observers.py 0")
+    ds, q = names["ds"], 2.6
+    assert ds.peak_rate.dims == ("q", "joint")
+    assert ds.peak_rate.attrs["units"] == "sqrt(k/(m l^2))"
+    friction = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.05)
+    column = zj.uniform_rods(q, friction=friction)
+    end = float(ds.time.sel(q=q))
+    ts = np.concatenate([[0.0], np.linspace(end - 40, end, 4001)])
+    motion = zj.trajectory(column, KICK, ts)
+    w1, w2 = np.asarray(motion.omega[1:]).T
+    peaks = np.abs([w1, w2 - w1]).max(axis=1)
+    # a step ends beside the peak: measured 3e-4
+    np.testing.assert_allclose(ds.peak_rate.sel(q=q), peaks, rtol=3e-3)

@@ -1,0 +1,164 @@
+"""Options are values: what is not named is the question's own, and is recorded."""
+
+import jax
+import numpy as np
+import pytest
+from options import options_of
+
+import ziegler_jax as zj
+
+KICK = zj.State(omega=(0.0, 0.3))
+SLIDING = zj.SetValuedCoulomb(0.026, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+
+
+SMOOTH = zj.SmoothCoulomb(0.026, pin_radius=1.0, v_smooth=0.1)
+
+
+def column(q=2.6, friction=SLIDING):
+    return zj.uniform_rods(q, friction=friction)
+
+
+def smooth(q=2.6):
+    return column(q, SMOOTH)
+
+
+def orbit():
+    return zj.periodic_orbit(column(), KICK)
+
+
+QUESTIONS = {
+    zj.settle: (column(), KICK),
+    zj.trajectory: (column(), KICK, np.array([0.0, 1.0])),
+    zj.sweep_up_down: (column, [1.0, 2.0]),
+    zj.flutter_onset: (column, KICK, (1.0, 2.0)),
+    zj.critical_kick: (column(), KICK, (0.0, 1.0)),
+    zj.periodic_orbit: (column(), KICK),
+    zj.continue_cycle: (column, orbit, 2.6),
+    zj.cycle_fold: (column, orbit, 2.6),
+    zj.lyapunov_exponents: (column(), KICK),
+    zj.verdict: (column(), KICK),
+    zj.poincare: (column(), KICK),
+    zj.regularisation_error: (column(), KICK, 0.1),
+}
+TOLD = {question.__name__: question for question in QUESTIONS}
+NEEDED = {zj.sweep_up_down: {"kick": KICK}}
+
+
+def record_of(question, smoothed=False, **fields):
+    """What a question records; it is traced, and not computed."""
+
+    def asked():
+        scene = [x() if x is orbit else x for x in QUESTIONS[question]]
+        if smoothed:
+            scene[0] = smooth if scene[0] is column else smooth()
+        more = NEEDED.get(question, {}) | options_of(question, **fields)
+        return question(*scene, **more)
+
+    record = dict(jax.eval_shape(asked).settings)
+    if question is zj.regularisation_error:
+        part = "set_valued_"
+        record = {k[len(part) :]: v for k, v in record.items() if k.startswith(part)}
+    return record
+
+
+def table(value):
+    """The table of a docstring: question, column, entry."""
+    rows = [
+        [cell.strip() for cell in line.strip().strip("|").split("|")]
+        for line in value.__doc__.split("\n")
+        if line.strip().startswith("|") and "---" not in line
+    ]
+    head, *rows = rows
+    for names, *cells in rows:
+        for name in names.split(","):
+            for what, cell in zip(head[1:], cells, strict=True):
+                yield name.strip(" `"), what, cell
+
+
+RECORDED = {
+    zj.Method: {name: name for name in ("solver", "rtol", "max_steps")},
+    zj.Windows: {"length": "window_length"},
+    zj.Spans: {"length": "span_length", "count": "span_count"},
+}
+
+
+@pytest.mark.parametrize("value", RECORDED, ids=lambda v: v.__name__)
+def test_the_tables_say_what_each_question_does_on_its_own(value):
+    records, rows = {}, 0
+    for name, what, cell in table(value):
+        question = TOLD[name]
+        record = records.setdefault(name, record_of(question))
+        said = record[RECORDED[value].get(what, what)]
+        if what == "solver":
+            assert said == cell.split()[-1]  # with set-valued friction
+            if question is not zj.regularisation_error:
+                usual = record_of(question, smoothed=True)["solver"]
+                assert usual == cell.split(",")[0], name
+        else:
+            exact = np.pi if cell == "pi" else float(cell.split()[0])
+            assert said == exact, (name, what)
+        rows += 1
+    assert rows >= 4 and len(records) == len({name for name, *_ in table(value)})
+
+
+@pytest.mark.parametrize(
+    "value, part",
+    [
+        (zj.Method, {"rtol": 1e-5}),
+        (zj.Windows, {"length": 5.0}),
+        (zj.Spans, {"length": 5.0}),
+        (zj.Search, {"halvings": 3}),
+        (zj.Arc, {"points": 7}),
+        (zj.SectionPlane, {"level": 0.1}),
+    ],
+    ids=lambda x: getattr(x, "__name__", ""),
+)
+def test_a_partial_value_leaves_the_rest_to_the_question(value, part):
+    """To each question that takes such a value."""
+    asked = 0
+    for question in QUESTIONS:
+        (keyword, options), *_ = options_of(question, **part).items()
+        if not isinstance(options, value):
+            continue
+        before, after = record_of(question), record_of(question, **part)
+        changed = {name for name in before if before[name] != after[name]}
+        (name,) = part
+        expected = {RECORDED.get(value, {}).get(name, name)}
+        assert changed == expected | ({"atol"} if name == "rtol" else set()), keyword
+        asked += 1
+    assert asked == {zj.Method: 12, zj.Windows: 5}.get(value, 2)
+
+
+def test_the_absolute_tolerance_is_the_relative_one_unless_it_is_named():
+    assert record_of(zj.settle, rtol=1e-3)["atol"] == 1e-3
+    assert record_of(zj.settle, atol=1e-3)["rtol"] == 1e-6
+    assert record_of(zj.settle)["atol"] == 1e-6
+
+
+def test_a_diffrax_solver_is_taken_as_it_is():
+    import diffrax
+
+    smooth = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.1)
+
+    def ends(solver):
+        method = zj.Method(solver, rtol=1e-8)
+        motion = zj.trajectory(column(2.6, smooth), KICK, [0.0, 5.0], method=method)
+        return np.append(motion.phi[-1], motion.omega[-1]), motion.attributes()
+
+    same, record = ends(diffrax.Dopri8())
+    assert record["solver"] == "Dopri8"
+    np.testing.assert_array_equal(same, ends(zj.Explicit(diffrax.Dopri8.tableau))[0])
+    other, record = ends(diffrax.Dopri5())
+    assert record["solver"] == "Dopri5"
+    # measured 7.1e-9: each within its tolerance
+    np.testing.assert_allclose(other, same, rtol=0, atol=1e-7)
+
+
+def test_what_is_no_value_is_refused_by_name(refuses):
+    refuses(lambda: zj.settle(column(), KICK, method=1e-6), "`method`", "`Method`")
+    refuses(lambda: zj.settle(column(), KICK, windows=40), "`windows`", "`Windows`")
+    refuses(lambda: zj.verdict(column(), KICK, spans=9), "`spans`", "`Spans`", "9")
+    refuses(lambda: zj.poincare(column(), KICK, section=0), "`section`", "0")
+    refuses(lambda: zj.critical_kick(column(), KICK, (0, 1), search=3), "`search`", "3")
+    refuses(lambda: zj.continue_cycle(column, KICK, 2.6), "`orbit`", "`PeriodicOrbit`")
+    refuses(lambda: zj.Method(zj.Explicit), "`solver`", "diffrax.Dopri8()")
