@@ -18,7 +18,7 @@ monitoring.register_event_listener(lambda name, **_: events.append(name))
 print(zj.configure_cache(sys.argv[1]))
 def point(q):
     return zj.settle(zj.uniform_rods(q), zj.State(omega=(0.0, 0.3)),
-                     transient=5.0, window=5.0, max_windows=2)
+                     windows=zj.Windows(5.0, 5.0, 2))
 zj.sweep(point, q=[1.0, 2.0], lanes=zj.Lanes(2), progress=False)
 print(sum(e.endswith("cache_hits") for e in events))
 """

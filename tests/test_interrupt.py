@@ -18,7 +18,8 @@ import ziegler_jax as zj
 def point(q):
     column = zj.uniform_rods(q, damping=zj.Viscous(0.0, 0.01))
     start = zj.State(omega=(0.0, 0.3))
-    return zj.settle(column, start, transient=1e5, max_steps=100_000_000)
+    long, many = zj.Windows(transient=1e5), zj.Method(max_steps=100_000_000)
+    return zj.settle(column, start, windows=long, method=many)
 
 print("ready", flush=True)
 try:
