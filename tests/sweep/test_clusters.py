@@ -31,9 +31,8 @@ def slow(x, y):
 
 
 def sweep(scene, **options):
-    return zj.sweep(
-        scene, x=X, y=Y, lanes=zj.Lanes(batch_size=8), progress=False, **options
-    )
+    options = {"lanes": zj.Lanes(batch_size=8), **options}
+    return zj.sweep(scene, x=X, y=Y, progress=False, **options)
 
 
 @pytest.fixture(autouse=True)
