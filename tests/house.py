@@ -6,9 +6,8 @@ counts it, of this checkout or of another's package: lines, lines of code withou
 docstrings, comments and blank lines, files in the longest folder, rooms, imports
 against the rule, circles, calls of diffrax, laws asked for by their class; the most
 arguments of a function (axes and constructors of values apart) and its longest body,
-without its docstring; how
-often `Any` stands, or an alias of it; words that are no names; and lines of docstrings
-and comments.
+without its docstring; how often `Any` stands, or an alias of it; words that are no
+names; and lines of docstrings and comments.
 """
 
 import ast

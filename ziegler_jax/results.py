@@ -252,7 +252,8 @@ class AbstractResult(eqx.Module):
             value = np.asarray(variable.value)
             lanes = [f"lane_{i + 1}" for i in range(value.ndim - len(variable.dims))]
             data[name] = (*lanes, *variable.dims), value, labels(variable)
-            coords |= {d: list(known[d]) for d in variable.dims if d in known}
+            mine = [dim for dim in variable.dims if dim in known]
+            coords |= {dim: coordinate(dim, known[dim]) for dim in mine}
         return xr.Dataset(data, coords, self.attributes())
 
     def __repr__(self) -> str:
@@ -349,11 +350,21 @@ AXES = {
     "follower": ("follower fraction", "1", r"$\eta$"),
     "c1": ("damping of joint 1", "sqrt(k m l^2)", "$c_1$"),
     "c2": ("damping of joint 2", "sqrt(k m l^2)", "$c_2$"),
+    "ts": ("time", TIME, "$t$"),
     "phi1": ("angle of rod 1 at the start", "rad", r"$\varphi_1$"),
     "phi2": ("angle of rod 2 at the start", "rad", r"$\varphi_2$"),
     "omega1": ("rate of rod 1 at the start", RATE, r"$\dot\varphi_1$"),
     "omega2": ("rate of rod 2 at the start", RATE, r"$\dot\varphi_2$"),
 }
+
+
+def coordinate(name: str, values: Sequence[object] | np.ndarray) -> tuple:
+    """A coordinate of a dataset, with what is known of its name."""
+    if name not in AXES:
+        return name, list(values)
+    meaning, units, symbol = AXES[name]
+    attributes = {"long_name": meaning, "units": units, "symbol": symbol}
+    return name, np.asarray(values), attributes
 
 
 def checked(whose: str, named: object) -> dict[str, Variable]:

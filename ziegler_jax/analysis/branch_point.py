@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import NamedTuple, cast
 
-import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +12,6 @@ from ..model.column import Column
 from ..motion.options import Method
 from ..motion.scene import (
     check_maker,
-    explicit_method,
     float_state,
     made,
     valid_scene,
@@ -32,9 +30,8 @@ from ..numerics.numbers import (
     whole_number,
 )
 from ..results import ORBIT
-from ..solvers import Explicit
 from .implicit import fixed
-from .periodic_orbit import PeriodicOrbit
+from .periodic_orbit import PeriodicOrbit, cycle_method
 from .shooting import Shot, blank_shot, newton, shot_motion, shot_of, solve
 
 NEWTON_STEPS = 10  # more say that the step was too long
@@ -139,9 +136,7 @@ class Continuation:
         direction = direction if arc.direction is None else arc.direction
         points = points if arc.points is None else arc.points
         self.arc = Arc(direction, arc.step, points, arc.bounds)
-        column = made(make_column, at)
-        usual = Explicit() if column.sticks else Explicit(dfx.Dopri8.tableau)
-        self.method = explicit_method(question, method, usual)
+        self.method = cycle_method(question, method, made(make_column, at))
         # what the function closes over, without its derivatives
         self.make = fixed(eqx.filter_closure_convert(make_column, at))
         self.section = fixed(orbit.section)
@@ -194,13 +189,13 @@ class Continuation:
 
 
 def check_bounds(bounds: Pair, start: Scalar) -> None:
-    """Two numbers, maybe infinite, that increase and hold the start between them."""
+    """Refuse bounds that do not hold the start, as far as all is known."""
     low, high = bounds
     known = [float(x) for x in (low, start, high) if is_concrete(x)]
-    if not (known == sorted(known) and (len(known) < 2 or known[0] < known[-1])):
+    if known != sorted(known):
         raise ValueError(
-            "Argument `bounds` must increase and hold `parameter`, but is "
-            f"{bounds!r} with `parameter` = {start}."
+            f"Argument `bounds` must hold `parameter`, but is {bounds!r} with "
+            f"`parameter` = {start}."
         )
 
 

@@ -29,9 +29,8 @@ class ContinuationState(NamedTuple):
     here: BranchPoint
     beyond: BranchPoint  # the point behind a special one that is being refined
     step: Float[Array, ""]
-    seeks: Int[
-        Array, ""
-    ]  # 0. none, or the code of the special point that is being refined
+    # 0: none, or the code of the special point that is being refined
+    seeks: Int[Array, ""]
     low: End  # its bracket on the arc
     high: End
     tries: Int[Array, ""]

@@ -163,8 +163,7 @@ def periodic_orbit(
     10.2; R. Leine, H. Nijmeijer (2004), chapter 8.
     """
     check_scene(column, guess, "guess")
-    usual = Explicit() if column.sticks else Explicit(dfx.Dopri8.tableau)
-    method = explicit_method("periodic_orbit", method, usual)
+    method = cycle_method("periodic_orbit", method, column)
     instance("section", section, SectionPlane)
     returns = whole_number("returns", returns)
     still = fixed(column)
@@ -262,6 +261,12 @@ def _multipliers(monodromy: Float[Array, "*n 4 4"]) -> Complex[Array, "*n 4"]:
     order = jnp.argsort(-jnp.where(trivial, jnp.inf, jnp.abs(values)), axis=-1)
     values = jnp.take_along_axis(values, order, axis=-1)
     return jnp.where(bad[..., 0], jnp.nan, values)
+
+
+def cycle_method(question: str, method: Method, column: Column) -> Method:
+    """The method of a cycle's motions."""
+    usual = Explicit() if column.sticks else Explicit(dfx.Dopri8.tableau)
+    return explicit_method(question, method, usual)
 
 
 class Approximation(NamedTuple):

@@ -261,11 +261,9 @@ class StickFraction(AbstractObserver):
     def result(self, column, state, span, y):
         """`stick_fraction(joint)`: time over time."""
         del column, y
-        share, meaning = (
-            jnp.stack(state) / span,
-            "share of time in which the joint sticks",
-        )
-        return {"stick_fraction": Variable(share, meaning, "1", ("joint",))}
+        meaning = "share of time in which the joint sticks"
+        share = Variable(jnp.stack(state) / span, meaning, "1", ("joint",))
+        return {"stick_fraction": share}
 
 
 class EnergyBalance(AbstractObserver):

@@ -22,7 +22,7 @@ import numpy as np
 import xarray as xr
 from jax.core import Tracer
 
-from ..results import AXES, labels
+from ..results import AXES, coordinate, labels
 from ..runtime import compiles_whole_loops
 from .axes import check_name, empty
 from .partition import Blocks
@@ -137,12 +137,10 @@ def template(
         known = scene.coordinates
         used |= {dim: known[dim] for dim in variable.dims if dim in known}
     for name, values in {**used, **grid}.items():
-        if name in used and name not in AXES:  # rods, joints, branches
-            coords[name] = list(values)
-            continue
-        meaning, units, symbol = AXES.get(name, (name, "1", name))
-        attrs = {"long_name": meaning, "units": units, "symbol": symbol}
-        coords[name] = (name, np.asarray(values), attrs)
+        coords[name] = coordinate(name, values)
+        if name in grid and name not in AXES:  # an axis of the scene's own
+            attrs = {"long_name": name, "units": "1", "symbol": name}
+            coords[name] = (name, np.asarray(values), attrs)
     return xr.Dataset(data, coords, attributes)
 
 

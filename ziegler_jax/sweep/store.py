@@ -27,6 +27,7 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import LocalStore, MemoryStore
 
+from ..results import coordinate
 from .partition import Block, Blocks, Tally
 from .provenance import difference, digest_of
 from .store_creation import clear_away, create, place, remove
@@ -131,7 +132,7 @@ def opened(store: "SweepStore") -> xr.Dataset:
     # chunks=None: without Dask; Zarr 3 has no consolidated metadata
     ds = xr.open_zarr(LocalStore(store.path), consolidated=False, chunks=None)  # pyright: ignore[reportArgumentType]
     labels = store.record["labels"]
-    coords = {name: (name, values) for name, values in labels.items()}
+    coords = {name: coordinate(name, values) for name, values in labels.items()}
     ds = ds[store.record["names"]].assign_coords(coords)
     marks = store.marks()
     gone = [number for number, mark in marks.items() if not store.seems_intact(mark)]
