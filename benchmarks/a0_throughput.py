@@ -34,6 +34,7 @@ def reference(q):
         zj.State(omega=(0.0, 0.2)),
         windows=zj.Windows(transient=80.0, length=20.0, max_windows=1),
         method=zj.Method(rtol=1e-6, atol=1e-6),
+        certify=False,
     )
 
 

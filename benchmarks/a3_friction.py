@@ -74,7 +74,7 @@ def map_point(v_smooth):
     def point(q, mu):
         friction = law(mu, v_smooth, pin_radius=PIN_RADIUS)
         column = zj.uniform_rods(q=q, friction=friction)
-        return zj.settle(column, zj.State(omega=KICK), **SETTLE)
+        return zj.settle(column, zj.State(omega=KICK), **SETTLE, certify=False)
 
     return point
 
@@ -87,7 +87,9 @@ def map_point_of(kind):
         column = zj.uniform_rods(q=q, friction=law(mu, v, pin_radius=PIN_RADIUS))
         solver = zj.Rosenbrock() if kind == "smoothed, stiff" else None
         method = zj.Method(solver, tol, max_steps=MAP_BUDGET)
-        return zj.settle(column, zj.State(omega=KICK), **SETTLE, method=method)
+        return zj.settle(
+            column, zj.State(omega=KICK), **SETTLE, method=method, certify=False
+        )
 
     return point
 
@@ -112,6 +114,7 @@ def cycle_point(kind):
                 atol=tol,
                 max_steps=10_000_000,
             ),
+            certify=False,
         )
 
     return point

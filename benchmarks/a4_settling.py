@@ -1,4 +1,4 @@
-"""What the windows of `settle` cost and decide: where its defaults come from.
+"""What the windows of `settle(certify=False)` cost and decide.
 
 A random sample of the main job's points under several `max_windows` and `agreement`.
 A cycle is false where a much finer run (160 windows, 2e-5) finds none, or one with an
@@ -31,6 +31,7 @@ def main():
     truth = None
     for max_windows, agreement in SETTINGS:
         SETTLE["windows"] = zj.Windows(100, 40, max_windows, agreement)
+        SETTLE["certify"] = False
         ds = zj.sweep(
             point,
             where=lambda q, mu_s, mu_k: chosen & (mu_k <= mu_s),

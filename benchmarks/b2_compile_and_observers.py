@@ -41,7 +41,7 @@ def settled(q, observers=(), **options):
     )
     column = zj.uniform_rods(q, friction=friction)
     start = zj.State(omega=(0.0, 0.3))
-    return zj.settle(column, start, observers=observers, **options)
+    return zj.settle(column, start, observers=observers, **options, certify=False)
 
 
 def watched(observers):

@@ -77,6 +77,7 @@ def runner(solver, steps=MAX_STEPS, set_valued=False):
             method=zj.Method(
                 rtol=n["tol"], atol=n["tol"], solver=solver, max_steps=steps
             ),
+            certify=False,
         )
         return found.outcome, found.final.y, found.steps, found.joint_amplitude
 

@@ -38,6 +38,7 @@ def point(q, mu, v_smooth, tol):
         zj.State(omega=(0.0, KICK)),
         windows=zj.Windows(transient=SPAN / 2, length=SPAN / 2, max_windows=1),
         method=zj.Method(rtol=tol, atol=tol, solver=zj.Rosenbrock()),
+        certify=False,
     )
     phi1, phi2 = found.final.phi
     return {"phi1": phi1, "phi2": phi2, "steps": found.steps}

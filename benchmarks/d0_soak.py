@@ -49,6 +49,7 @@ def smooth(q):
         zj.State(omega=(0.0, 0.2)),
         method=zj.Method(rtol=1e-4, atol=1e-4),
         **LONG,
+        certify=False,
     )
 
 
@@ -57,11 +58,13 @@ def set_valued(q):
         0.012, 0.010, pin_radius=1.0, load=zj.ConstantLoad(1.0)
     )
     column = zj.uniform_rods(q, friction=friction)
-    return zj.settle(column, zj.State(omega=(0.0, 0.2)), **LONG)
+    return zj.settle(column, zj.State(omega=(0.0, 0.2)), **LONG, certify=False)
 
 
 def frictionless(q):
-    return zj.settle(zj.uniform_rods(q), zj.State(omega=(0.0, 0.2)), **LONG)
+    return zj.settle(
+        zj.uniform_rods(q), zj.State(omega=(0.0, 0.2)), **LONG, certify=False
+    )
 
 
 PROGRAMS = {

@@ -163,7 +163,10 @@ def set_valued_map(watch):
     def point(q, mu):
         law = zj.SetValuedCoulomb(mu, **pin)
         return zj.settle(
-            zj.uniform_rods(q=q, friction=law), zj.State(omega=kick), **settle
+            zj.uniform_rods(q=q, friction=law),
+            zj.State(omega=kick),
+            **settle,
+            certify=False,
         )
 
     axes = {"q": np.linspace(1, 4, 25), "mu": np.linspace(0.02, 0.4, 20)}
@@ -194,6 +197,7 @@ def other_lanes(watch):
                 windows=zj.Windows(transient=30.0, length=20.0, max_windows=4),
                 observers=observers,
                 method=zj.Method(solver=solver),
+                certify=False,
             )
 
         run = functools.partial(

@@ -20,7 +20,7 @@ def folds():
         def column(q):
             return zj.uniform_rods(q, friction=dry(tau))
 
-        kicked = zj.settle(column(1.95), zj.State(omega=(0.0, 3.0)))
+        kicked = zj.settle(column(1.95), zj.State(omega=(0.0, 3.0)), certify=False)
         orbit = zj.periodic_orbit(column(1.95), kicked.final)
         return zj.cycle_fold(column, orbit, 1.95, arc=zj.Arc(step=0.05))
 

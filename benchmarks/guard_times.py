@@ -16,6 +16,7 @@ def one_window(law):
             zj.uniform_rods(q=q, friction=law),
             zj.State(omega=(0.0, 0.2)),
             windows=zj.Windows(transient=80.0, length=20.0, max_windows=1),
+            certify=False,
         )
 
     return point
@@ -40,7 +41,7 @@ def set_valued_map():
 
     def point(q, mu):
         column = zj.uniform_rods(q=q, friction=zj.SetValuedCoulomb(mu, **pin))
-        return zj.settle(column, zj.State(omega=kick), **settle)
+        return zj.settle(column, zj.State(omega=kick), **settle, certify=False)
 
     axes = {"q": np.linspace(1, 4, 97), "mu": np.linspace(0.02, 0.4, 40)}
     return lambda: zj.sweep(point, progress=False, **axes)

@@ -44,6 +44,7 @@ def point_of(scene, start, solver, **options):
                 solver=(SOLVERS | STIFF_SOLVERS)[solver],
                 max_steps=10_000_000,
             ),
+            certify=False,
         )
         phi, omega = settled.final.phi, settled.final.omega
         states = {"phi1": phi[0], "phi2": phi[1], "w1": omega[0], "w2": omega[1]}

@@ -51,6 +51,7 @@ def point(q, copy):
         start,
         windows=zj.Windows(transient=20.0, length=10.0, max_windows=2),
         method=zj.Method(rtol=1e-4, atol=1e-4),
+        certify=False,
     )
 
 

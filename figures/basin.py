@@ -15,6 +15,7 @@ def point(phi2, omega2):
         style.dry(1.8, TAU),
         start,
         windows=zj.Windows(transient=0.0, agreement=1e-3, max_windows=100),
+        certify=False,
     )
 
 

@@ -39,6 +39,7 @@ def settled(q, mu):
         zj.State(omega=(0.0, 0.3)),
         windows=zj.Windows(transient=20.0, length=10.0, max_windows=4),
         method=zj.Method(rtol=1e-4, atol=1e-4, max_steps=2000),
+        certify=False,
     )
 
 

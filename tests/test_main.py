@@ -1,5 +1,6 @@
 """`python -m ziegler_jax` writes a map that can be read, or says why not."""
 
+import functools
 import io
 import os
 import signal
@@ -57,6 +58,28 @@ def test_the_store_reopens_with_axes_outcomes_and_attributes(written):
 def test_a_picture_is_written(written):
     picture = (written[0] / "bifurcation_map.png").read_bytes()
     assert picture.startswith(PNG) and len(picture) > 20_000
+
+
+def test_late_ends_are_followed_again_and_marks_of_another_map_are_replaced(written):
+    run = functools.partial(
+        subprocess.run, capture_output=True, text=True, timeout=600, check=True
+    )
+    command = [*COMMAND, "--out", str(written[0]), "--points", "200", "--sensitive"]
+    name = written[0] / job.SENSITIVE_STORE
+    zj.sweep(lambda q: q, q=[1.0], store=name, progress=False)  # another map
+    said = run(command).stdout
+    ds, marks = zj.open_sweep(written[0] / job.STORE), zj.open_sweep(name)
+    ends = ds["outcome"].isin([zj.OUTCOME.cycle, zj.OUTCOME.stuck])
+    late = (ends & (ds["time"] > 120)).values
+    assert 0 < late.sum() < (ds["outcome"] > 0).sum()
+    np.testing.assert_array_equal((marks["outcome"] > 0).values, late)
+    np.testing.assert_array_equal(
+        marks["outcome"].values[late], ds["outcome"].values[late]
+    )
+    assert (marks["growth"].values[late] >= 1).all()
+    count = int((marks["sensitive"] == 1).sum())
+    assert f"followed again: {late.sum()} (" in said
+    assert f"depend on the tolerance: {count}\n" in said and str(name) in said
 
 
 def test_the_summary_counts_every_outcome(written):

@@ -32,7 +32,9 @@ SHORT = options_of(zj.settle, **QUICK)
 
 
 def settled(**options):
-    return zj.settle(COLUMN, KICK, **options_of(zj.settle, **{**QUICK, **options}))
+    return zj.settle(
+        COLUMN, KICK, **options_of(zj.settle, **{**QUICK, **options}), certify=False
+    )
 
 
 def found_orbit(**options):
@@ -47,7 +49,7 @@ def sliding(q):
 def orbit():
     @jax.jit
     def search():
-        near = zj.settle(SLIDING, zj.State(omega=(0.0, 0.3))).final
+        near = zj.settle(SLIDING, zj.State(omega=(0.0, 0.3)), certify=False).final
         return zj.periodic_orbit(SLIDING, near)
 
     with jax.ensure_compile_time_eval():  # also where a question is traced
@@ -166,7 +168,9 @@ def bare(x):
 
 
 PLAIN = {
-    "settle": lambda: zj.settle(COLUMN, KICK, method=zj.Method(rtol=1e-3, atol=1e-3)),
+    "settle": lambda: zj.settle(
+        COLUMN, KICK, method=zj.Method(rtol=1e-3, atol=1e-3), certify=False
+    ),
     "trajectory": lambda: zj.trajectory(
         COLUMN, KICK, [0.0, 1.0], method=zj.Method(rtol=1e-3, atol=1e-3)
     ),
@@ -203,7 +207,9 @@ def test_32_bits_that_were_asked_for_are_computed_in():
     with jax.enable_x64(False), within(Context(narrow=True)):
         assert zj.critical_load(COLUMN).q_cr.dtype == jnp.float32
         assert zj.regime(COLUMN) == zj.REGIME.marginal
-        assert zj.settle(COLUMN, KICK, **SHORT).drift.dtype == jnp.float32
+        assert (
+            zj.settle(COLUMN, KICK, **SHORT, certify=False).drift.dtype == jnp.float32
+        )
     with pytest.raises(ValueError), jax.enable_x64(False):
         jax.jit(lambda q: zj.critical_load(zj.uniform_rods(q)).q_cr)(1.0)
 
@@ -297,7 +303,9 @@ class Bare(AbstractObserver):
 
 def test_an_observer_names_its_numbers(refuses):
     def point(q):
-        return zj.settle(zj.uniform_rods(q), KICK, observers=(Bare(),), **SHORT)
+        return zj.settle(
+            zj.uniform_rods(q), KICK, observers=(Bare(),), **SHORT, certify=False
+        )
 
     parts = "observer `rate`", "`Variable`", "`rate`", "write `zj.Variable(value, "
     refuses(lambda: zj.sweep(point, q=[1.0], progress=False), *parts)

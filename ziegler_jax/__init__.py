@@ -55,7 +55,6 @@ from .motion.observers import (
 )
 from .motion.options import Method, Spans, Windows
 from .motion.section import SectionPlane
-from .motion.settle import Settled, settle
 from .motion.stiffness import is_stiff
 from .motion.trajectory import Trajectory, trajectory
 from .results import (
@@ -65,11 +64,14 @@ from .results import (
     OUTCOME,
     REGIME,
     SPECIAL,
+    UNDECIDED,
     VERDICT,
     Variable,
 )
 from .runtime import configure_cache, configure_cpu
 from .solvers import Explicit, Rosenbrock, Taylor, tableaus
+from .steady.growth import Growth
+from .steady.settle import Settled, settle
 from .sweep.lanes import Lanes
 from .sweep.store import Store, open_sweep
 from .sweep.sweep import sweep
@@ -86,6 +88,7 @@ __all__ = [
     "REGIME",
     "SI",
     "SPECIAL",
+    "UNDECIDED",
     "VERDICT",
     "AbstractDamping",
     "AbstractFriction",
@@ -104,6 +107,7 @@ __all__ = [
     "Explicit",
     "Exponents",
     "FollowerLoad",
+    "Growth",
     "JointReaction",
     "Lanes",
     "Mean",

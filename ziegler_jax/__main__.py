@@ -13,16 +13,13 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import xarray as xr
 
 import ziegler_jax as zj
-
-if TYPE_CHECKING:  # drawing is all that needs it
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from ziegler_jax.sweep.differences import LATE, settled_late
 
 # ---- the scene and how it is settled: everything that the map depends on
 PIN_RADIUS, KICK, V_STRIBECK = 0.05, (0.0, 0.3), 0.1
@@ -42,12 +39,12 @@ SECTIONS = (
     (2.0, r"$\mu_k \approx \mu_s / 2$"),
 )
 CLOSE = 1 / 8  # of mu_s / ratio, for the grid's closest mu_k to stand for it
-Q_CRITICAL = (18 - 2 * 7**0.5) / 5  # undamped and without friction
 ONSET_AT = (0.05, 0.1, 0.12, 0.4)  # values of mu_s, printed where the grid has them
 STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"
+SENSITIVE_STORE = "bifurcation_map_sensitive.zarr"
 
 
-def point(q, mu_s, mu_k):
+def point(q, mu_s, mu_k, **options):
     """Settle one column: N = q, v_smooth = tau_s / 5."""
     friction = zj.SmoothCoulomb(
         mu_s,
@@ -57,7 +54,11 @@ def point(q, mu_s, mu_k):
         v_smooth=mu_s * PIN_RADIUS * q / DAMPING_AT_REST,
     )
     column = zj.uniform_rods(q=q, friction=friction)
-    return zj.settle(column, zj.State(omega=KICK), **SETTLE)
+    return zj.settle(column, zj.State(omega=KICK), **{**SETTLE, **options})
+
+
+def _with_growth(q, mu_s, mu_k):
+    return point(q, mu_s, mu_k, observers=(*SETTLE["observers"], zj.Growth()))
 
 
 def grid(points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -87,6 +88,24 @@ def compute(points: int, store: Path, overwrite: bool = False) -> xr.Dataset:
     )  # fmt: skip
 
 
+def sensitive(ds: xr.Dataset, store: Path, overwrite: bool = False) -> xr.Dataset:
+    """What settled late once more, with the growth of the kick's tangent."""
+    ds = ds.transpose("q", "mu_s", "mu_k", ...)
+    late = np.asarray(settled_late(ds, ds["outcome"].shape))
+
+    def where(q, mu_s, mu_k):
+        return late[  # by values: a store asks for blocks
+            np.searchsorted(ds["q"], q),
+            np.searchsorted(ds["mu_s"], mu_s),
+            np.searchsorted(ds["mu_k"], mu_k),
+        ]
+
+    axes = {name: ds[name].values for name in ("q", "mu_s", "mu_k")}
+    return zj.sweep(
+        _with_growth, where=where, store=zj.Store(store, overwrite), axes=axes
+    )
+
+
 def section(ds: xr.Dataset, ratio: float) -> xr.Dataset:
     """The plane of `ds` over (q, mu_s) whose mu_k is closest to mu_s / ratio.
 
@@ -108,7 +127,7 @@ def section(ds: xr.Dataset, ratio: float) -> xr.Dataset:
 def onset(plane: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Where flutter begins with growing q: the last stuck q, the first fluttering one.
 
-    Flutter is a settled cycle (or a column that turns over). Unsettled points between
+    Flutter is a certified cycle (or a column that turns over). Unsettled points between
     the two are undecided and make the interval wide. One interval a row of mu_s; NaN
     where the grid holds no stuck point below its first fluttering one.
     """
@@ -128,114 +147,16 @@ def draw(ds: xr.Dataset, path: Path) -> None:
     import matplotlib
 
     matplotlib.use("Agg")  # a file, not a window
-    import matplotlib.pyplot as plt
+    from ziegler_jax.plot.main_job import draw_sections
 
-    with plt.rc_context({"font.size": 9.5, "hatch.linewidth": 0.6}):
-        figure, axes = plt.subplots(
-            2, 2, figsize=(8.5, 6.6), sharey=True, layout="constrained"
-        )
-        planes = [section(ds.sel(joint=2), ratio) for ratio, _ in SECTIONS]
-        _draw_maps(figure, axes.flat[:3], planes)
-        _draw_onset(axes[1, 1], planes)
-        for ax in axes.flat:
-            ax.set_ylim(0.01, MU_RANGE[1])
-            ax.set(xlabel="", ylabel="")
-        for ax in axes[1]:
-            ax.set_xlabel(r"follower load $q = F\,l/k$ (–)")
-        for ax in axes[:, 0]:
-            ax.set_ylabel(r"static friction coefficient $\mu_s$ (–)")
-        figure.savefig(path, dpi=200)
-        plt.close(figure)
-
-
-def _draw_maps(
-    figure: "Figure", axes: "Sequence[Axes]", planes: list[xr.Dataset]
-) -> None:
-    from matplotlib.patches import Patch
-
-    settled = [
-        plane["joint_amplitude"].where(plane["outcome"] == zj.OUTCOME.cycle)
-        for plane in planes
-    ]
-    style, legend = {"vmin": 0, "vmax": max(float(a.max()) for a in settled)}, {}
-    for ax, plane, (_, title) in zip(axes, planes, SECTIONS, strict=True):
-        zj.plot.map(
-            plane, "joint_amplitude", "q", "mu_s", ax=ax, colorbar=False, **style
-        )
-        ax.set_title(title)
-        axes_legend = ax.get_legend()
-        if axes_legend is not None:
-            names = [text.get_text() for text in axes_legend.get_texts()]
-            legend |= dict(zip(names, axes_legend.legend_handles, strict=True))
-            axes_legend.remove()
-        _mark_critical(ax, "white")
-    figure.colorbar(
-        axes[0].collections[0],
-        ax=figure.axes,
-        label=r"amplitude of joint 2, largest $|\varphi_2 - \varphi_1|$ (rad)",
-        location="top",
-        aspect=50,
-        extend="max",
-    )
-    blank = Patch(facecolor="white", edgecolor="grey", label=r"no such $\mu_k$ on grid")
-    figure.legend(
-        handles=[*legend.values(), blank],
-        loc="outside lower center",
-        ncols=4,
-        frameon=False,
-    )
-
-
-def _draw_onset(ax: "Axes", planes: list[xr.Dataset]) -> None:
-    from matplotlib.patches import Patch
-
-    plot = zj.plot
-    colours = (plot.BLUE, plot.VERMILLION, plot.GREEN)
-    for plane, (_, title), colour in zip(planes, SECTIONS, colours, strict=True):
-        low, high = onset(plane)
-        mu = plane["mu_s"].values
-        # an edge is upright within a row of the grid, and not joined to the next
-        edges = np.concatenate([mu[:1], (mu[:-1] + mu[1:]) / 2, mu[-1:]])
-        rows = {"ymin": edges[:-1], "ymax": edges[1:], "color": colour}
-        ax.barh(
-            edges[:-1],
-            high - low,
-            np.diff(edges),
-            low,
-            align="edge",
-            color=colour,
-            alpha=0.15,
-            lw=0,
-        )
-        ax.vlines(low, lw=1, **rows)
-        ax.vlines(high, lw=2.5, label=title, **rows)
-    _mark_critical(ax, "black")
-    ax.set_xlim(Q_RANGE[0], 3.5)
-    ax.set_title(r"flutter onset $q_{on}$: from last stuck to first cycle")
-    between = Patch(facecolor="0.75", label="unsettled")
-    handles, _ = ax.get_legend_handles_labels()
-    ax.legend(
-        handles=[*handles, between], loc="center right", frameon=False, handlelength=1
-    )
-
-
-def _mark_critical(ax: "Axes", colour: str) -> None:
-    ax.axvline(Q_CRITICAL, color=colour, linestyle="--", linewidth=1)
-    ax.annotate(
-        rf"linear $q_{{cr}} = {Q_CRITICAL:.4f}$",
-        (Q_CRITICAL, 0.97),
-        (4, 0),
-        xycoords=("data", "axes fraction"),
-        textcoords="offset points",
-        va="top",
-        color=colour,
-    )
+    planes = [section(ds.sel(joint=2), ratio) for ratio, _ in SECTIONS]
+    titles, onsets = [title for _, title in SECTIONS], [onset(p) for p in planes]
+    draw_sections(planes, titles, onsets, path)
 
 
 def summary(ds: xr.Dataset) -> str:
     """What the map cost and what it holds, in a few lines."""
-    a = ds.attrs
-    outcome = ds["outcome"].values
+    a, outcome = ds.attrs, ds["outcome"].values
     counts = [(code, int((outcome == code).sum())) for code in zj.OUTCOME]
     lines = [f"{a['points']} points"]
     if "run_seconds" in a:  # not where the last run was killed after its last point
@@ -249,6 +170,10 @@ def summary(ds: xr.Dataset) -> str:
     lines += [
         f"  {code.name:12s} {count:8d}  {code.sentence}" for code, count in counts
     ]
+    kinds = ds["undecided"].values[outcome == zj.OUTCOME.unsettled]
+    counts = [(kind, int((kinds == kind).sum())) for kind in list(zj.UNDECIDED)[1:]]
+    lines.append("the unsettled ones by kind:")
+    lines += [f"  {kind.name:13s} {n:7d}  {kind.sentence}" for kind, n in counts]
     lines.append("flutter onset, between the last stuck q and the first cycle's:")
     for ratio, _ in SECTIONS:
         plane = section(ds, ratio)
@@ -265,21 +190,44 @@ def summary(ds: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
+def _sensitive_of_this_map(ds: xr.Dataset, store: Path, anew: bool) -> xr.Dataset:
+    """Go on with what is there, unless it is of another map."""
+    try:
+        return sensitive(ds, store, anew)
+    except ValueError:
+        return sensitive(ds, store, overwrite=True)
+
+
+def sensitive_summary(ds: xr.Dataset) -> str:
+    """How many points settled late, and how many of these other steps may change."""
+    a, marks = ds.attrs, int((ds["sensitive"].values == 1).sum())
+    text = f"settled after t = {LATE:.0f} and followed again: {a['points']}"
+    if "run_seconds" in a:
+        text += f" (the last run {a['run_seconds']:.1f} s after "
+        text += f"{a['compile_seconds']:.1f} s of compilation)"
+    return f"{text}; sensitive, their end may depend on the tolerance: {marks}"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the main job; returns the exit status."""
     parser = _parser()
     options = parser.parse_args(arguments)
     store, picture = options.out / STORE, options.out / PICTURE
+    marks = options.out / SENSITIVE_STORE
     advice = ADVICE.format(" without --overwrite" if options.overwrite else "")
     try:
         printed = _say(zj.configure_cpu())
         with _ended_by_ctrl_c(f"Stopped: {advice}."):
             try:
                 ds = compute(options.points, store, options.overwrite)
+                printed &= _say(summary(ds))
             except ValueError as error:  # what is there is not this map
                 parser.error(f"{error} --overwrite replaces it, --out writes elsewhere")
-        printed &= _say(summary(ds))
         draw(ds, picture)
+        if options.sensitive:
+            with _ended_by_ctrl_c(f"Stopped: {advice}."):
+                followed = _sensitive_of_this_map(ds, marks, options.overwrite)
+            printed &= _say(sensitive_summary(followed))
     except KeyboardInterrupt:
         print(f"Stopped: {advice}.", file=sys.stderr)
         return 130
@@ -287,6 +235,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"Could not write to {options.out}: {error}; {advice}.", file=sys.stderr)
         return 1
     written = f"written: {store}, {picture}"
+    written += f", {marks}" if options.sensitive else ""
     if printed and _say(written):
         return 0
     print(f"Standard output is closed; {written}", file=sys.stderr)
@@ -356,6 +305,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     anew = "begin anew, in place of the map that is there"
     parser.add_argument("--overwrite", action="store_true", help=anew)
+    parser.add_argument(
+        "--sensitive",
+        action="store_true",
+        help="follow what settled late once more, and mark what may end elsewhere at "
+        f"another tolerance in {SENSITIVE_STORE}",
+    )
     return parser
 
 

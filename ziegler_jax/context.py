@@ -15,11 +15,11 @@
 
 import itertools
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
-from functools import wraps
-from typing import NamedTuple, ParamSpec, TypeVar, cast
+from functools import partial, wraps
+from typing import Generic, NamedTuple, ParamSpec, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -101,8 +101,10 @@ resumable_loop.multiple_results = True
 
 
 @resumable_loop.def_abstract_eval
-def _state_again(*operands: AbstractValue, body: Jaxpr) -> list[AbstractValue]:
-    return [v.aval for v in body.outvars[:-2]]
+def _state_again(
+    *operands: AbstractValue, bodies: tuple[Jaxpr, ...], **params: object
+) -> list[AbstractValue]:
+    return [v.aval for v in bodies[0].outvars[:-2]]
 
 
 class Cuts:
@@ -129,20 +131,40 @@ def may_cut(cuts: Cuts | None) -> Iterator[None]:
 
 
 State = TypeVar("State")
+ENDED = -1
+
+
+def place_of(running: Bool[Array, ""]) -> Int[Array, ""]:
+    """The status of a loop of one phase."""
+    return jnp.where(running, 0, ENDED).astype(jnp.int32)
+
+
+class Phase(NamedTuple, Generic[State]):
+    """One of the ways in which a loop goes on, a program of its own.
+
+    `advance`: the state at most so many steps later; `cost`: about that of a step
+    against one of a motion alone; `loops`: whether a lane stays in it for many steps,
+    or leaves it at once.
+    """
+
+    advance: Callable[[State, Int[Array, ""]], State]
+    cost: float = 1.0
+    loops: bool = True
 
 
 def resumable(
     state: State,
-    advance: Callable[[State, Int[Array, ""]], State],
-    status: Callable[[State], tuple[Bool[Array, ""], Int[Array, ""]]],
+    phases: Sequence[Phase[State]],
+    status: Callable[[State], tuple[Int[Array, ""], Int[Array, ""]]],
 ) -> State | None:
     """The last state of a loop that a sweep runs in chunks.
 
     **Arguments:**
 
-    - `state`: the first one, a pytree of arrays.
-    - `advance`: the state at most so many steps later.
-    - `status`: whether a state is to be advanced further, and the steps so far.
+    - `state`: the first one, a pytree of arrays; it is in the first phase.
+    - `phases`: how it is advanced. A lane that is in another one must stay as it is.
+    - `status`: the number of the phase that a state is in, or `ENDED`, and the steps
+        so far.
 
     **Returns:** the last state; None where no sweep may cut: outside of one, and inside
     a transformation of the point's own (`vmap`, `jvp`, `jit`), whose numbers do not
@@ -158,14 +180,24 @@ def resumable(
     leaves, tree = jax.tree.flatten(state)
     leaves = [jnp.asarray(leaf) for leaf in leaves]
 
-    def body(max_steps: Int[Array, ""], *leaves: Shaped[Array, "..."]) -> tuple:
-        after = advance(tree.unflatten(leaves), max_steps)
+    def body(
+        phase: Phase[State], max_steps: Int[Array, ""], *leaves: Shaped[Array, "..."]
+    ) -> tuple:
+        after = phase.advance(tree.unflatten(leaves), max_steps)
         pairs = zip(jax.tree.leaves(after), leaves, strict=True)
         return *(jnp.asarray(new, old.dtype) for new, old in pairs), *status(after)
 
     with may_cut(None):  # a loop within is a part of this one
-        closed = jax.make_jaxpr(body)(np.int32(1), *leaves)
-    last = resumable_loop.bind(*closed.consts, *leaves, body=closed.jaxpr)
+        closed = [
+            jax.make_jaxpr(partial(body, phase))(np.int32(1), *leaves)
+            for phase in phases
+        ]
+    last = resumable_loop.bind(
+        *(x for each in closed for x in each.consts),
+        *leaves,
+        bodies=tuple(each.jaxpr for each in closed),
+        kinds=tuple((phase.cost, phase.loops) for phase in phases),
+    )
     return tree.unflatten(last)
 
 

@@ -49,14 +49,21 @@ class OUTCOME(Code):
     budget_spent = 4, "the step budget was spent before the span was over"
     chattering = 5, "stick and slip changed again and again without time going on"
     escaped = 6, "a rod's angle passed the named bound, e.g. it turned over"
-    unsettled = 7, "no two consecutive windows agreed within the budget"
-    stuck = (
-        8,
-        "both joints stuck for a window, or crept below the cut and did not speed up",
-    )
+    unsettled = 7, "neither at rest nor on a cycle by the end of the time"
+    stuck = 8, "both joints stuck, or crept below the cut and did not speed up"
     rest = 9, "the same without friction: the column came to rest"
-    cycle = 10, "two consecutive windows agreed: the motion has settled"
+    cycle = 10, "its orbit is certified, or (`certify=False`) two windows agreed"
     complete = 11, "the motion was followed to the last of the given times"
+
+
+class UNDECIDED(Code):
+    """Of which kind a lane is that neither settles nor comes to rest."""
+
+    decided = 0, "it is not undecided, or has not been computed"
+    none = 1, "it does not return to phi1 = 0"
+    unstable_near = 2, "it was near an unstable cycle, on the way past it"
+    slow = 3, "its returns draw near, but too slowly for a certificate"
+    aperiodic = 4, "its returns do not draw near: a torus, chaos, a long transient"
 
 
 class VERDICT(Code):

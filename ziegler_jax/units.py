@@ -70,7 +70,7 @@ class SI(eqx.Module):
     start = zj.State(omega=(0, 2.0 * units.time))  # 2 rad/s
     motion = zj.trajectory(column, start, ts / units.time)
     motion = units.restore(motion)  # seconds, rad/s
-    end = units.restore(zj.settle(column, start, observers=(zj.Period(),)))
+    end = units.restore(zj.settle(column, start))
     end.period  # seconds
     ```
 

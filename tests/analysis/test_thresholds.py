@@ -105,7 +105,10 @@ def test_the_ends_of_the_last_interval_stick_and_flutter():
     def plain(q, omega2):
         start = zj.State(omega=(0.0, omega2))
         return zj.settle(
-            dry(q, tau), start, windows=zj.Windows(transient=1500.0, agreement=1e-3)
+            dry(q, tau),
+            start,
+            windows=zj.Windows(transient=1500.0, agreement=1e-3),
+            certify=False,
         )
 
     ends = np.ravel([middle - width, middle + width])
@@ -193,12 +196,12 @@ def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
     """
     low = jnp.array([0.0, 0.5, 0.0, 0.4, 1.0, 0.0, 0.1, 0.0])
     high = jnp.array([1.0, 1.0, 0.1, 0.6, 0.5, 0.6, jnp.nan, 0.5])
-    agree = jnp.full(8, 1e-3).at[5].set(1e-30)  # no two windows agree to that
+    length = jnp.full(8, 40.0).at[5].set(0.2)  # no time to settle in
 
     @jax.jit
     @jax.vmap
-    def search(low, high, agree):
-        windows = zj.Windows(agreement=agree, max_windows=40)
+    def search(low, high, length):
+        windows = zj.Windows(length=length, max_windows=40)
 
         def onset(kick):
             start = zj.State(omega=(0.0, kick))
@@ -207,7 +210,7 @@ def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
 
         return jax.jvp(onset, (0.8,), (1.0,), has_aux=True)[1:]
 
-    slope, found = search(low, high, agree)
+    slope, found = search(low, high, length)
     code = zj.ONSET
     assert found.outcome.tolist() == [
         code.repeated,

@@ -28,7 +28,9 @@ def sliding(q=2.6):
 @pytest.fixture(scope="module")
 def near():
     """A state close to the cycle of `sliding`."""
-    return jax.jit(lambda: zj.settle(sliding(), zj.State(omega=(0.0, 0.3))).final)()
+    return jax.jit(
+        lambda: zj.settle(sliding(), zj.State(omega=(0.0, 0.3)), certify=False).final
+    )()
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,7 @@ def cycle(near):
 def test_a_sweep_whose_windows_are_lost_in_rounding_ends():
     def point(length, q):
         windows = zj.Windows(transient=5.0, length=length, max_windows=4)
-        return zj.settle(rubbing(q), KICK, windows=windows, method=QUICK)
+        return zj.settle(rubbing(q), KICK, windows=windows, method=QUICK, certify=False)
 
     found = zj.sweep(point, length=[1e-300, 1e-15, 1.0], q=[2.0], progress=False)
     assert found.outcome.values[:2].ravel().tolist() == [OUTCOME.invalid] * 2
@@ -50,7 +52,9 @@ def test_a_sweep_whose_windows_are_lost_in_rounding_ends():
 @pytest.mark.parametrize(
     "call",
     [
-        lambda x: zj.settle(rubbing(), KICK, windows=zj.Windows(length=x)),
+        lambda x: zj.settle(
+            rubbing(), KICK, windows=zj.Windows(length=x), certify=False
+        ),
         lambda x: zj.lyapunov_exponents(rubbing(), KICK, spans=zj.Spans(length=x)),
         lambda x: zj.verdict(rubbing(), KICK, spans=zj.Spans(length=x)),
     ],
@@ -67,7 +71,9 @@ def test_windows_that_rounding_lengthens_end_unsettled():
     @jax.jit
     def point(length):
         windows = zj.Windows(1100.0, length, max_windows=400, agreement=1e-30)
-        return zj.settle(zj.uniform_rods(1.0), KICK, windows=windows, method=QUICK)
+        return zj.settle(
+            zj.uniform_rods(1.0), KICK, windows=windows, method=QUICK, certify=False
+        )
 
     with jax.enable_x64(False), within(Context(narrow=True)):
         found = point(jnp.float32(0.0101))

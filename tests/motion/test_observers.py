@@ -35,6 +35,7 @@ def observed():
             windows=zj.Windows(transient=FROM, length=SPAN, max_windows=1),
             observers=OBSERVERS,
             **TIGHT,
+            certify=False,
         )
 
     found = point()
@@ -136,7 +137,7 @@ def oscillation(w, shape, window, cut):
         observers=(
             zj.Mean(), zj.Period(), zj.StickFraction(SMALL * cut), zj.EnergyBalance()
         ),
-        method=zj.Method(rtol=1e-10, atol=1e-15),
+        method=zj.Method(rtol=1e-10, atol=1e-15), certify=False
     )  # fmt: skip
 
 

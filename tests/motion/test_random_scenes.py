@@ -70,6 +70,7 @@ def settled(scene, tol, solver, span=6.0):
         windows=zj.Windows(transient=0.0, length=span, max_windows=1, escape=1e3),
         method=zj.Method(rtol=tol, atol=tol, max_steps=MAX_STEPS, solver=solver),
         observers=(zj.EnergyBalance(),),
+        certify=False,
     )
 
 

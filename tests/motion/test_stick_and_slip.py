@@ -119,6 +119,7 @@ def runner(numbers, release):
             ),
             method=zj.Method(rtol=one[10], atol=one[10]),
             observers=(zj.EnergyBalance(), zj.StickFraction()),
+            certify=False,
         )
 
     def run(points):
@@ -256,6 +257,7 @@ def test_legs_change_nothing(reference):
             zj.State(numbers[5:7, 1], numbers[7:9, 1]),
             windows=zj.Windows(transient=0.0, length=WINDOW, max_windows=1),
             method=zj.Method(rtol=1e-11, atol=1e-11),
+            certify=False,
         )
     )(numbers[0, 1])
     np.testing.assert_allclose(
@@ -380,7 +382,9 @@ def test_a_method_without_an_interpolant_is_refused(refuses):
     column = zj.uniform_rods(2.0, friction=law(0.1, 0.1))
     solver = zj.Explicit(dfx.Dopri8.tableau)
     refuses(
-        lambda: zj.settle(column, zj.State(), method=zj.Method(solver=solver)),
+        lambda: zj.settle(
+            column, zj.State(), method=zj.Method(solver=solver), certify=False
+        ),
         "`solver`",
         "Dopri8",
     )

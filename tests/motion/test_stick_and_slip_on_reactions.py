@@ -158,6 +158,7 @@ def test_energy_and_outcomes_of_lanes_on_reactions():
             windows=zj.Windows(transient=0.0, length=60.0, max_windows=1, escape=1e3),
             method=zj.Method(rtol=1e-10, atol=1e-10),
             observers=(zj.EnergyBalance(), zj.StickFraction()),
+            certify=False,
         )
 
     axes = {"q": np.linspace(0.5, 4, 12), "mu": np.linspace(0.01, 0.2, 8)}

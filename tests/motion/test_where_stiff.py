@@ -103,6 +103,7 @@ def settled(solver):
             KICK,
             windows=zj.Windows(transient=5.0, length=5.0, max_windows=1),
             method=zj.Method(solver=solver, max_steps=2000),
+            certify=False,
         )
 
     return point

@@ -285,6 +285,7 @@ def point(v_smooth, q, mu):
         windows=zj.Windows(transient=40.0, length=20.0, max_windows=1),
         observers=(zj.StickFraction(), zj.EnergyBalance()),
         method=zj.Method(solver=zj.Rosenbrock(), max_steps=20_000),
+        certify=False,
     )
 
 

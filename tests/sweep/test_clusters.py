@@ -27,6 +27,7 @@ def slow(x, y):
         zj.uniform_rods(1 + x / 4),
         start,
         windows=zj.Windows(transient=200.0, length=10.0),
+        certify=False,
     )
 
 

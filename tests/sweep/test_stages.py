@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import stored
 from jax import lax
 
 import ziegler_jax as zj
@@ -32,7 +33,11 @@ def loop(target, start, factor=1.5):
         )
 
     first = start, jnp.zeros((), jnp.int32)
-    last = context.resumable(first, advance, lambda s: (running(s), s[1]))
+    last = context.resumable(
+        first,
+        [context.Phase(advance)],
+        lambda s: (context.place_of(running(s)), s[1]),
+    )
     return advance(first) if last is None else last
 
 
@@ -126,6 +131,28 @@ def test_places_mates_threads_and_chunks_change_no_bit(monkeypatch):
             assert values.tobytes() == whole[name][rows].tobytes(), (name, options)
 
 
+def test_every_place_of_a_batch_rounds_alike():
+    """Lanes, each in all places at once, to its end, in batches as narrow as they get.
+
+    Batches of 8 failed it for 1 of 100 states: the compiler unrolls two vectors.
+    """
+    scene = program.traced(stored.settled, ("q", "mu"), True, 1)
+    begin, loop, _ = program.compiled(scene).stages
+    lanes = np.stack(
+        [m.ravel() for m in np.meshgrid(stored.Q, stored.MU, indexing="ij")]
+    )
+    padded = np.resize(lanes.T, (begin.lanes, 2)).T
+    with jax.enable_x64(True):
+        fixed, state = begin.function((padded,), ())
+        for lane in range(lanes.shape[1]):
+            spread = [np.repeat(np.asarray(x)[:, [lane]], loop.lanes, 1) for x in fixed]
+            now = [np.repeat(np.asarray(x)[:, [lane]], loop.lanes, 1) for x in state]
+            for _ in range(40):
+                now, *_ = loop.function(np.int32(20), tuple(spread), tuple(now))
+                for x in map(np.asarray, now):
+                    assert x.tobytes() == np.repeat(x[:, :1], x.shape[1], 1).tobytes()
+
+
 def test_lanes_in_flight_are_few_however_many_points_there_are(monkeypatch):
     """Later loops go first: open blocks, and what is taken along, stay bounded."""
     most, give = 0, scheduler.Work.give
@@ -136,10 +163,10 @@ def test_lanes_in_flight_are_few_however_many_points_there_are(monkeypatch):
         most = max(most, sum(part.points.size for w in work.waiting for part in w))
 
     monkeypatch.setattr(scheduler.Work, "give", watched)
-    sweep(three, x=np.linspace(0.5, 3.0, 1000), lanes=zj.Lanes(8, 2))
+    sweep(three, x=np.linspace(0.5, 3.0, 2000), lanes=zj.Lanes(32, 2))
     # before each loop what a segment leads there, and AHEAD batches
-    bound = 8 * (3 * (scheduler.AHEAD + 2) + 4 * program.SEGMENTS)
-    assert 0 < most <= bound < 1000
+    bound = 32 * (3 * (scheduler.AHEAD + 2) + 4 * program.SEGMENTS)
+    assert 0 < most <= bound < 2000
 
 
 def test_the_steps_of_a_loop_are_counted():

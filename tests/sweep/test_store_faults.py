@@ -122,23 +122,25 @@ def test_a_point_that_raises_for_one_batch_names_its_values(path, tmp_path):
         checked = jax.pure_callback(check, like, x, vmap_method="expand_dims")
         return {"sum": checked + y}
 
+    fine = np.linspace(0.0, 1.0, 32)
     run = functools.partial(
         zj.sweep,
         scene,
         x=X,
-        y=Y,
-        lanes=zj.Lanes(batch_size=5, threads=1),
+        y=fine,
+        lanes=zj.Lanes(batch_size=32, threads=1),
         progress=False,
     )
     with pytest.raises(Exception, match="my own mistake") as caught:
         run(store=path)
     (note,) = caught.value.__notes__
     assert "3.42857142857142" in note and "<= x <=" in note and "<= y <=" in note
-    assert zj.open_sweep(path).attrs["blocks_done"] == 3
+    assert zj.open_sweep(path).attrs["blocks_done"] == 18  # three to a row
     broken["at"] = 5.0  # a host callback is not seen: it is still the same sweep
     found = run(store=path, log=tmp_path / "log")
-    assert [line["block"] for line in lines(tmp_path / "log")] == [3]
-    assert (found["sum"].values == X[:, None] + Y).all()
+    blocks = sorted(line["block"] for line in lines(tmp_path / "log"))
+    assert blocks == list(range(18, 24))
+    assert (found["sum"].values == X[:, None] + fine).all()
 
 
 KILLED = """

@@ -120,12 +120,16 @@ def test_a_values_rule_breaks_inside_a_scene_as_outside(refuses):
         friction = zj.SmoothCoulomb(
             0.1, 0.2, pin_radius=0.1, v_stribeck=0.1, v_smooth=0.01
         )
-        return zj.settle(zj.uniform_rods(q, friction=friction), zj.State(), **SHORT)
+        return zj.settle(
+            zj.uniform_rods(q, friction=friction), zj.State(), **SHORT, certify=False
+        )
 
     refuses(lambda: zj.sweep(scene, q=[1.0]), "`mu_k`", "0.2", "at most `mu_s`")
 
     def coarse(q):
-        return zj.settle(zj.uniform_rods(q), zj.State(), method=zj.Method(rtol=0.0))
+        return zj.settle(
+            zj.uniform_rods(q), zj.State(), method=zj.Method(rtol=0.0), certify=False
+        )
 
     refuses(lambda: zj.sweep(coarse, q=[1.0]), "`rtol`", "0", "positive")
 

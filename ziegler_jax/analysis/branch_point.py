@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column
+from ..motion.implicit import fixed, solve
 from ..motion.options import Method
 from ..motion.scene import (
     check_maker,
@@ -30,9 +31,8 @@ from ..numerics.numbers import (
     whole_number,
 )
 from ..results import ORBIT
-from .implicit import fixed
 from .periodic_orbit import PeriodicOrbit, cycle_method
-from .shooting import Shot, blank_shot, newton, shot_motion, shot_of, solve
+from .shooting import Shot, blank_shot, newton, shot_motion, shot_of
 
 NEWTON_STEPS = 10  # more say that the step was too long
 

@@ -25,8 +25,8 @@ from ..motion.scene import (
     rate_cut_of,
 )
 from ..motion.section import SectionPlane, passage
+from ..motion.spans import AbstractSpans, Rest, SpanState, Speeds, follow_spans
 from ..motion.tangents import AbstractGrowth
-from ..motion.windows import AbstractSpans, Rest, SpanState, Speeds, follow_spans
 from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import Flag, Pair, Scalar, keeps, number
 from ..results import OUTCOME, TIME, VERDICT, AbstractMotionResult, quantity
@@ -34,7 +34,7 @@ from ..solvers import Explicit
 from .lyapunov import (
     ERRORS,
     EXPONENTS,
-    Growth,
+    GrowthSums,
     growth_options,
     growth_settings,
     no_growth,
@@ -206,7 +206,7 @@ def _judged(
 class Evidence(NamedTuple):
     """What is watched for a verdict."""
 
-    growth: Growth
+    growth: GrowthSums
     grown: Scalar  # logarithm of the first tangent's growth in the blocks before
     returns: CycleDetector
     speeds: Speeds

@@ -29,6 +29,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..context import plain
 from ..model.column import Column
+from ..motion.implicit import fixed, solve, undifferentiated
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
 from ..motion.variational import Flow
@@ -44,10 +45,9 @@ from ..results import (
     quantity,
 )
 from .branch_point import Arc, BranchPoint, Continuation
-from .implicit import fixed, undifferentiated
 from .march import Walk
 from .periodic_orbit import PeriodicOrbit, attracts, multipliers
-from .shooting import attached, solve, start_of
+from .shooting import attached, start_of
 
 ALONG = ("point",)
 

@@ -16,11 +16,11 @@ from ..motion.observers import AbstractObserver
 from ..motion.options import Method, Windows, recorded
 from ..motion.scene import Times, check_maker, check_scene, float_state, made
 from ..motion.sequence import run_in_sequence
-from ..motion.settle import settled
-from ..motion.settle_problem import SettleProblem
-from ..motion.windows import SpanState, WindowState
+from ..motion.spans import SpanState
 from ..numerics.numbers import Scalar, Traced4, instance, is_concrete
 from ..results import DIMENSIONS, OUTCOME, AbstractDescribed, Settings, Variable
+from ..steady.settle import settled
+from ..steady.window_rule import SettleProblem, WindowState
 
 BRANCHES = ("up", "down")
 TAKEN = ("branch", *DIMENSIONS)  # dimensions of the results

@@ -19,8 +19,8 @@ from ..model.column import Column, State
 from ..motion.not_finite import motion
 from ..motion.options import Method, Spans, recorded, spans_for
 from ..motion.scene import check_scene, ending, explicit_method, nan_where
+from ..motion.spans import AbstractSpans, SpanState, follow_spans
 from ..motion.tangents import AbstractGrowth, TangentFrame, in_logs, unit_tangents
-from ..motion.windows import AbstractSpans, SpanState, follow_spans
 from ..numerics.numbers import (
     Flag,
     Option,
@@ -145,7 +145,7 @@ def growth_settings(method: Method, spans: Spans, **more: Option) -> Settings:
     )
 
 
-class Growth(NamedTuple):
+class GrowthSums(NamedTuple):
     """Tangents, and the rates at which they grow, from block to block."""
 
     tangents: TangentFrame
@@ -153,15 +153,15 @@ class Growth(NamedTuple):
     squares: tuple[Traced, ...]  # of the deviations from it, their sums
 
 
-def no_growth(column: Column, y: Traced4, count: int) -> Growth:
+def no_growth(column: Column, y: Traced4, count: int) -> GrowthSums:
     """Unit tangents that have not grown."""
     zero = (0.0 * y[0],) * count
-    return Growth(unit_tangents(column, y, count), zero, zero)
+    return GrowthSums(unit_tangents(column, y, count), zero, zero)
 
 
 def with_block(
-    growth: Growth, blocks: Int[Array, ""], block: Scalar, ended: Flag
-) -> tuple[Growth, tuple[Traced, ...]]:
+    growth: GrowthSums, blocks: Int[Array, ""], block: Scalar, ended: Flag
+) -> tuple[GrowthSums, tuple[Traced, ...]]:
     """One block more where it has ended (Welford's update); the transient's is lost.
 
     **Arguments:** `blocks`: how many there are with it; `block`: its length.
@@ -183,11 +183,11 @@ def with_block(
         squares.append(jnp.where(counted, square + off * still, square))
     added = tuple(jnp.where(ended, x, 0.0) for x in tangents.logs)
     logs = tuple(jnp.where(ended, 0.0, x) for x in tangents.logs)
-    growth = Growth(tangents._replace(logs=logs), tuple(means), tuple(squares))
+    growth = GrowthSums(tangents._replace(logs=logs), tuple(means), tuple(squares))
     return growth, added
 
 
-def standard_errors(growth: Growth, blocks: Int[Array, ""]) -> tuple[Traced, ...]:
+def standard_errors(growth: GrowthSums, blocks: Int[Array, ""]) -> tuple[Traced, ...]:
     """Those of the means; none (NaN) of fewer than two blocks, 0 of infinity."""
     n = blocks.astype(growth.mean[0].dtype)
     pairs = jnp.where(n > 1, n * (n - 1), jnp.nan)
@@ -197,7 +197,7 @@ def standard_errors(growth: Growth, blocks: Int[Array, ""]) -> tuple[Traced, ...
     )
 
 
-class GrowthRates(AbstractSpans[Growth], AbstractGrowth[SpanState[Growth]]):
+class GrowthRates(AbstractSpans[GrowthSums], AbstractGrowth[SpanState[GrowthSums]]):
     """A transient, then blocks of growth."""
 
     solver: Explicit

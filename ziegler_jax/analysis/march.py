@@ -8,11 +8,11 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..context import resumable
+from ..context import Phase, place_of, resumable
+from ..motion.implicit import fixed
 from ..motion.section import SectionPlane
 from ..results import ORBIT, SPECIAL
 from .branch_point import BranchPoint, Continuation, characteristic_cubic
-from .implicit import fixed
 
 SMALLEST_STEP = 1e-6  # on the arc
 STRAIGHT = 0.9  # the cosine of the largest turn between two points
@@ -96,10 +96,10 @@ class Walk:
                 lambda m: self.goes_on(m) & (m.left > least), self.attempt, now
             )
 
-        def status(now: ContinuationState) -> tuple[Bool[Array, ""], Int[Array, ""]]:
-            return self.goes_on(now), begin.left - now.left
+        def status(now: ContinuationState) -> tuple[Int[Array, ""], Int[Array, ""]]:
+            return place_of(self.goes_on(now)), begin.left - now.left
 
-        end = resumable(begin, some, status)
+        end = resumable(begin, [Phase(some)], status)
         if end is None:
             end = some(begin, begin.left)
         spent = jnp.where(end.left > 0, ORBIT.not_converged, ORBIT.not_integrated)

@@ -11,11 +11,9 @@ first changes. A motion's verdict is
 
 - *rests*: it came to rest. With set-valued friction that is certain as soon as both
   joints stick at once, for then they stick for ever. Under a smoothed law both joints
-  stay below the cut for two windows and do not speed up.
-- *moves*: it settled on a cycle, or a rod turned over (`escape`). Settled means that
-  windows agree to `agreement` and draw nearer. Where motions part from an unstable
-  cycle by a factor $e^{\lambda w}$ a window, one that came within
-  `agreement` $/ (\lambda w)$ of its amplitude can still pass for settled.
+  stay below the cut for 20 time units and do not speed up.
+- *moves*: it draws near a cycle that is certified (see `settle`), or a rod turned over
+  (`escape`). A motion that lingers beside an unstable cycle does neither yet.
 - none: it neither rested nor settled within its budget, or failed.
 """
 
@@ -28,15 +26,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..context import plain
 from ..model.column import Column, State
-from ..motion.integrate import Run
+from ..motion.implicit import fixed
 from ..motion.options import Method, Windows, recorded
 from ..motion.scene import check_maker, check_scene, explicit_method, has_series, made
 from ..motion.sequence import run_in_sequence
-from ..motion.settle_problem import SettleProblem
-from ..motion.windows import SpanState, WindowState
 from ..numerics.numbers import Scalar, Two, instance, is_concrete, pair, whole_number
 from ..results import ONSET, OUTCOME, AbstractResult, Settings, Variable, quantity
-from .implicit import fixed
+from ..steady.certified import CertifiedMotion
+from ..steady.lane import Certifying
 from .threshold import carried
 
 RESTS, MOVES, NONE = -1.0, 1.0, 0.0
@@ -64,12 +61,8 @@ class Search(eqx.Module):
 class Onset(AbstractResult):
     """Where the verdict first changes along the bracket.
 
-    `width` is that of the last interval and no bound on the error of `threshold`. A
-    motion that lingers beside the unstable cycle can be misjudged there: its windows
-    agree to within `agreement` while it is still on its way to rest. At q = 1.5
-    (`SetValuedCoulomb(0.01, pin_radius=1, load=ConstantLoad(1))`, `agreement` 5e-5) the
-    answer is 21.27756 with a width of 0.00125, and kicks up to 21.281 still come to
-    rest, after up to 1448 time units. A finer `agreement` with more windows tells.
+    `width` is that of the last interval. No motion is judged while it lingers beside an
+    unstable cycle, so that this interval holds the threshold.
     """
 
     threshold: Float[
@@ -134,8 +127,7 @@ def critical_kick(
     - `bracket`: the least and the largest multiple.
     - `search`, `windows`, `method`: as `flutter_onset`.
 
-    **Returns:** `Onset`; its `threshold` has derivatives, see `flutter_onset`. Its
-    `width` is no bound on the error, see `Onset`.
+    **Returns:** `Onset`; its `threshold` has derivatives, see `flutter_onset`.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
@@ -171,12 +163,12 @@ def flutter_onset(
     - `start`: the same for every column.
     - `bracket`: the least and the largest number. Either end may be the resting one.
     - `search`: see `Search`.
-    - `windows`: of each motion, as in `settle`, with the stricter rules of this module.
+    - `windows`: of each motion, as in `settle`.
     - `method`: of each motion; an explicit one with set-valued friction.
 
-    **Returns:** `Onset`: `threshold`, `width` (of the last interval: no bound on the
-    error, see there), `outcome` and more. A motion without a verdict inside the halved
-    interval ends the search there, as `undecided`: its width is then what is known.
+    **Returns:** `Onset`: `threshold`, `width` (of the last interval), `outcome` and
+    more. A motion without a verdict inside the halved interval ends the search there,
+    as `undecided`: its width is then what is known.
 
     **Derivatives:** of `threshold`, forward and reverse, first order, in every number
     of the column and the start (or direction); not in the bracket and the options, on
@@ -208,7 +200,7 @@ class _Problem(NamedTuple):
     windows: Windows
     method: Method
 
-    def motion(self, x: Scalar) -> SettleProblem:
+    def motion(self, x: Scalar) -> CertifiedMotion:
         """The motion at a place of the bracket."""
         column, start = fixed(self.scene(x))
         check_scene(column, start)
@@ -216,9 +208,7 @@ class _Problem(NamedTuple):
         if has_series(column):
             # the derivative is carried along the steps of the same method
             method = explicit_method(self.question, method)
-        return SettleProblem(
-            column, start, self.question, windows, (), method, strict=True
-        )
+        return CertifiedMotion(column, start, self.question, windows, None, method)
 
 
 class _Search(NamedTuple):
@@ -252,12 +242,10 @@ def _search(problem: _Problem, bracket: Two, long_name: str) -> Onset:
     dtype = jnp.result_type(float)
     least, largest = jnp.asarray(least, dtype), jnp.asarray(largest, dtype)
 
-    def motion(search: _Search) -> SettleProblem:
+    def motion(search: _Search) -> CertifiedMotion:
         return problem.motion(search.x)
 
-    def update(
-        search: _Search, motion: SettleProblem, run: Run[SpanState[WindowState]]
-    ) -> _Search:
+    def update(search: _Search, motion: CertifiedMotion, run: Certifying) -> _Search:
         del motion
         return _updated(search, run.outcome, least, largest, problem.search)
 
@@ -287,8 +275,8 @@ def _search(problem: _Problem, bracket: Two, long_name: str) -> Onset:
         jnp.where(exists, value, least),
         width,
         search.over & (outcome == ONSET.found),
-        last.watch.span,
-        last.end,
+        last.last,
+        last.horizon,
         last.method,
     )
     return Onset(

@@ -23,6 +23,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..context import plain
 from ..model.column import Column, State
+from ..motion.implicit import fixed, solve, undifferentiated
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
 from ..motion.scene import check_scene, explicit_method, float_state, valid_scene
@@ -41,7 +42,6 @@ from ..numerics.numbers import (
 from ..results import ORBIT, TIME, AbstractResult, Settings, Variable, quantity
 from ..runtime import own_flags
 from ..solvers import Explicit
-from .implicit import fixed, undifferentiated
 from .shooting import (
     SHORTEST,
     attached,
@@ -51,7 +51,6 @@ from .shooting import (
     newton,
     shot_motion,
     shot_of,
-    solve,
     start_of,
 )
 

@@ -16,7 +16,7 @@ from ..motion.not_finite import motion
 from ..motion.options import Method, recorded
 from ..motion.scene import check_scene, explicit_method
 from ..motion.section import Passage, SectionPlane, passage
-from ..motion.windows import AbstractSpans, follow_spans
+from ..motion.spans import AbstractSpans, follow_spans
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import (
     Flag,

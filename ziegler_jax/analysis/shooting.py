@@ -9,6 +9,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column
+from ..motion.implicit import implicit, moving, solve
 from ..motion.integrate import Motion, Run, follow
 from ..motion.options import Method
 from ..motion.section import SectionPlane, passage
@@ -17,7 +18,6 @@ from ..motion.variational import Flow, Make, Parameters, Varied, flow_of, varied
 from ..numerics.numbers import Count, Scalar, Traced, Traced4
 from ..results import OUTCOME
 from ..solvers import AbstractFold
-from .implicit import implicit, moving
 
 TOLERANCE = 1e-8  # of the last Newton step; what is left is its square, and rounding
 LARGEST_MOVE = 0.3  # of a Newton step: more is cut
@@ -137,15 +137,6 @@ def newton(
     return run_in_sequence(lambda now: shot(now.z, now.left), improve, goes_on, begin)[
         0
     ]
-
-
-def solve(
-    matrix: Float[Array, "n n"], right: Float[Array, "n ..."]
-) -> Float[Array, "n ..."]:
-    """Solve a small linear system; NaN where it is not finite."""
-    bad = ~jnp.all(jnp.isfinite(matrix))
-    safe = jnp.where(bad, jnp.eye(matrix.shape[0], dtype=matrix.dtype), matrix)
-    return jnp.where(bad, jnp.nan, jnp.linalg.solve(safe, right))
 
 
 class Shot(NamedTuple):

@@ -24,6 +24,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
+from ..motion.implicit import fixed, implicit, moving
 from ..motion.integrate import Motion
 from ..motion.options import Method
 from ..motion.scene import float_state
@@ -32,7 +33,6 @@ from ..numerics.materialise import tree_where
 from ..numerics.numbers import Scalar, Traced4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit
-from .implicit import fixed, implicit, moving
 
 PARTED = 0.1  # of the largest state: the ends of the last interval have parted
 DECADE = 10.0  # of growth from one look at the ratio to the next

@@ -10,6 +10,7 @@ from functools import wraps
 from typing import Protocol, TypeVar, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
@@ -18,10 +19,10 @@ from ..context import Arguments, plain
 from ..model.column import Column, State, vector_field
 from ..results import OUTCOME, AbstractMotionResult
 from ..runtime import own_flags
-from .integrate import follow
-from .options import Method, Windows
-from .scene import prepared
-from .settle_problem import SettleProblem
+from ..solvers import AbstractFold
+from .integrate import Motion, follow
+from .options import Method
+from .scene import float_state, method_of, prepared, usual_method
 
 Result = TypeVar("Result")
 
@@ -38,6 +39,25 @@ class Timed(Protocol):
 LONG = 1e4  # a motion is followed once more for so long
 # A step that meets NaN is made shorter until it vanishes in front of it.
 BEYOND = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
+
+
+class Unwatched(AbstractFold[tuple[()]]):
+    """A motion for its end alone."""
+
+    def init(self, column, t0, y0):
+        """Nothing."""
+        del column, t0, y0
+        return ()
+
+    def step(self, column, state, step):
+        """Nothing."""
+        del column, step
+        return state, jnp.inf, False
+
+    def outcome(self, state):
+        """It never ends it."""
+        del state
+        return jnp.asarray(OUTCOME.not_computed, jnp.int32)
 
 
 def motion(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -89,8 +109,8 @@ def _last(
     """The last time and state: the result's own, or found by following it once more."""
     if hasattr(result, "final"):
         return float(result.time), [float(x) for x in result.final.y]
-    windows = Windows(transient=LONG, length=1.0, max_windows=1, escape=1e300)
-    again = SettleProblem(column, start, "settle", windows, (), Method())
+    method = method_of("settle", Method(), column, usual_method(column))
+    again = Motion(column, float_state(start), Unwatched(), method, end=LONG)
     with own_flags():
         run = follow(again)
     timed = cast(Timed, result)

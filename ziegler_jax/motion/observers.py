@@ -66,6 +66,8 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     """
 
     name: ClassVar[str]  # no two of a motion have the same
+    # whether half of a cycle that is its own mirror image tells as much as the whole
+    mirrored: ClassVar[bool] = False
 
     def check(self, column: Column) -> None:
         """Refuse a column that lacks what is to be observed (ValueError)."""
@@ -110,6 +112,7 @@ class Amplitude(AbstractObserver):
     """
 
     name: ClassVar[str] = "amplitude"
+    mirrored: ClassVar[bool] = True
 
     def init(self, column, t, y):
         """The start itself."""
@@ -212,6 +215,7 @@ class StickFraction(AbstractObserver):
 
     rate_cut: OneOrTwo | None = None
     name: ClassVar[str] = "stick_fraction"
+    mirrored: ClassVar[bool] = True
 
     def __init__(self, rate_cut: Joints | None = None):
         """Keep the cut."""
@@ -275,6 +279,7 @@ class EnergyBalance(AbstractObserver):
     """
 
     name: ClassVar[str] = "power"
+    mirrored: ClassVar[bool] = True
 
     def integrand(self, column, y):
         """The powers that the column has."""

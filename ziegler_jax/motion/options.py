@@ -100,7 +100,7 @@ class Method(AbstractOptions):
     | `settle` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 |
     | `sweep_up_down` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
     | `regularisation_error` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
-    | `flutter_onset`, `critical_kick` | Tsit5 | 1e-6 | 1000000 (a motion) |
+    | `flutter_onset`, `critical_kick` | Tsit5 | 1e-8 | 1000000 (a motion) |
     | `trajectory` | Dopri8, set-valued Taylor8 | 1e-8 | 1000000 |
     | `periodic_orbit` | Dopri8, set-valued Tsit5 | 1e-10 | 100000 |
     | `continue_cycle`, `cycle_fold` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
@@ -154,7 +154,9 @@ class Windows(AbstractOptions):
     r"""How long a motion is followed, and when it has settled.
 
     After a transient, windows follow each other until the amplitudes of two consecutive
-    ones agree, $\max_j |A_j - A_j'| \le$ `agreement` $\max_j A_j$.
+    ones agree, $\max_j |A_j - A_j'| \le$ `agreement` $\max_j A_j$. Where cycles are
+    certified (`settle`, `flutter_onset`, `critical_kick`) nothing has to agree: then
+    they say when a motion is given up, at `transient + length * max_windows`.
 
     **Arguments:** None is the question's own; times in $\sqrt{m l^2/k}$.
 
@@ -180,6 +182,16 @@ class Windows(AbstractOptions):
     agreement: Scalar | None = _option(number, "agreement", "positive")
     escape: Scalar | None = _option(number, "escape", "positive")
     rate_cut: Scalar | None = _option(number, "rate_cut", "positive")
+
+    def settings(self) -> dict[str, Option]:
+        """Complete ones for the record, but for the cut, which may be by modes."""
+        return {
+            "transient": self.transient,
+            "window_length": self.length,
+            "max_windows": self.max_windows,
+            "agreement": self.agreement,
+            "escape": self.escape,
+        }
 
 
 class Spans(AbstractOptions):
@@ -208,8 +220,8 @@ class Spans(AbstractOptions):
 _METHODS = {
     "settle": (1e-6, 1_000_000),
     "sweep_up_down": (1e-6, 1_000_000),
-    "flutter_onset": (1e-6, 1_000_000),
-    "critical_kick": (1e-6, 1_000_000),
+    "flutter_onset": (1e-8, 1_000_000),
+    "critical_kick": (1e-8, 1_000_000),
     "trajectory": (1e-8, 1_000_000),
     "periodic_orbit": (1e-10, 100_000),
     "continue_cycle": (1e-10, 10_000_000),

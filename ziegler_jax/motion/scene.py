@@ -228,7 +228,7 @@ def with_amplitude(
         if not isinstance(observer, AbstractObserver):
             raise ValueError(
                 "Argument `observers` must be a sequence of observers such as "
-                f"`Period()`, but contains {observer!r}."
+                f"`StickFraction()`, but contains {observer!r}."
             )
         if observer.name in names:
             raise ValueError(

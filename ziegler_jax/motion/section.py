@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from ..numerics.hermite import HermiteQuartic, Quintic, chord_root, place
-from ..numerics.materialise import if_any_lane
+from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Option, Scalar, Vector4, choice, number
 from ..solvers import Step
 
@@ -87,8 +87,12 @@ def passage(plane: SectionPlane, step: Step) -> Passage:
         paths = [*angles(step)[:2], *rates]
         guard = type(paths[i])(*(sign * x for x in paths[i]))
         guard = guard._replace(g0=g0, g1=g1)
-        about = chord_root(guard, zero, zero + 1.0)
-        x = place(guard, 0.0, about, zero, zero + 1.0)
+
+        def where():
+            about = chord_root(guard, zero, zero + 1.0)
+            return place(guard, 0.0, about, zero, zero + 1.0)
+
+        x = materialise(step.t0, where)  # once for all numbers
         y = tuple(path(x) for path in paths)
         return Passage(there, step.t0 + x * h, y)  # type: ignore[arg-type]
 

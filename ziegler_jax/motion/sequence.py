@@ -6,39 +6,73 @@ sequence ends; else in a loop whose turns are chunks, so that no motion waits fo
 of other lanes.
 """
 
-from collections.abc import Callable
-from typing import Generic, NamedTuple, TypeVar
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from ..context import resumable
-from ..numerics.materialise import Tree, if_any_lane, tree_where
-from ..numerics.numbers import Count, Flag
-from .integrate import Motion, Run
+from ..context import ENDED, Phase, resumable
+from ..numerics.materialise import if_any_lane, replaced
+from ..numerics.numbers import Count
 
 # The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
 LONGEST_CHUNK = 256
 
 
+class Running(Protocol):
+    """Where a motion is."""
+
+    @property
+    def running(self) -> Bool[Array, ""]:
+        """Whether it has no verdict yet."""
+        ...
+
+    @property
+    def steps(self) -> Int[Array, ""]:
+        """Attempted so far."""
+        ...
+
+    @property
+    def phase(self) -> Int[Array, ""]:
+        """The one it is in, or `ENDED`."""
+        ...
+
+
+Where = TypeVar("Where", bound=Running)
+
+
+class Followed(Protocol[Where]):
+    """A motion, as a sequence follows it; it may end in its first or its last phase."""
+
+    def begin(self) -> Where:
+        """Before its first step."""
+        ...
+
+    @property
+    def phases(self) -> Sequence[Phase[Where]]:
+        """How it goes on."""
+        ...
+
+
 State = TypeVar("State")  # what the motions so far amount to
-Next = TypeVar("Next", bound=Motion)
+Next = TypeVar("Next", bound=Followed)
 
 
 class _Sequence(NamedTuple, Generic[State]):
     """Where a lane is."""
 
     state: State
-    run: Run  # the present motion
+    run: Running  # the present motion
     fresh: Bool[Array, ""]  # whether the next one begins
     steps: Int[Array, ""]
 
 
 def run_in_sequence(
     motion: Callable[[State], Next],
-    update: Callable[[State, Next, Run], State],
+    update: Callable[..., State],
     running: Callable[[State], Bool[Array, ""]],
     state: State,
 ) -> tuple[State, Int[Array, ""]]:
@@ -54,30 +88,43 @@ def run_in_sequence(
     **Returns:** the last state and the number of steps of all motions.
     """
     zero = jnp.zeros((), jnp.int32)
-    first = _Sequence(state, motion(state).begin(), jnp.asarray(False), zero)
+    begun = motion(state)
+    first = _Sequence(state, begun.begin(), jnp.asarray(False), zero)
+    count = len(begun.phases)
 
-    def chunk(now: _Sequence[State], max_steps: Count) -> _Sequence[State]:
-        present = motion(now.state)
-        run = _where(now.fresh, present.begin(), now.run)
+    def chunk(number: int, now: _Sequence[State], max_steps: Count) -> _Sequence[State]:
+        present, run, fresh = motion(now.state), now.run, now.fresh
+        if number == 0:
+            run, fresh = replaced(fresh, present.begin(), run), jnp.zeros_like(fresh)
         before = run.steps
-        run = present.advance(run, jnp.minimum(max_steps, LONGEST_CHUNK))
-        ended = ~run.running & running(now.state)
+        advance = present.phases[number].advance
+        run = advance(run, jnp.minimum(max_steps, LONGEST_CHUNK))
+        steps = now.steps + (run.steps - before).astype(jnp.int32)
+        if number not in (0, count - 1):  # a motion ends elsewhere
+            return _Sequence(now.state, run, fresh, steps)
+        ended = ~run.running & running(now.state) & ~fresh
         state = if_any_lane(
             ended,
-            lambda state: _where(ended, update(state, present, run), state),
+            lambda state: replaced(ended, update(state, present, run), state),
             now.state,
         )
-        steps = now.steps + (run.steps - before).astype(jnp.int32)
-        return _Sequence(state, run, ended & running(state), steps)
+        return _Sequence(state, run, fresh | (ended & running(state)), steps)
 
-    last = resumable(first, chunk, lambda now: (running(now.state), now.steps))
+    def status(now: _Sequence[State]) -> tuple[Int[Array, ""], Int[Array, ""]]:
+        phase = jnp.where(now.fresh, 0, now.run.phase)
+        return jnp.where(running(now.state), phase, ENDED).astype(jnp.int32), now.steps
+
+    phases = [
+        Phase(partial(chunk, i), phase.cost, phase.loops)
+        for i, phase in enumerate(begun.phases)
+    ]
+    last = resumable(first, phases, status)
     if last is None:
-        last = lax.while_loop(
-            lambda now: running(now.state), lambda now: chunk(now, LONGEST_CHUNK), first
-        )
+
+        def turn(now: _Sequence[State]) -> _Sequence[State]:
+            for phase in phases:
+                now = phase.advance(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
+            return now
+
+        last = lax.while_loop(lambda now: running(now.state), turn, first)
     return last.state, last.steps
-
-
-def _where(flag: Flag, new: Tree, old: Tree) -> Tree:
-    same = jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), new, old)
-    return tree_where(flag, same, old)

@@ -19,16 +19,20 @@ import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import eval_jaxpr
+from jaxtyping import Array, Float
 
 from ..model.column import Column, vector_field
 from ..model.set_valued import FrozenCoulomb
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Flag, Numbers, Scalar, Traced, Traced4
 from ..solvers import AbstractFold, Explicit, Step
+from ..solvers.explicit import Integrand
 from ..solvers.fold import State
 from .saltation import leaves, saltation
 
 Vectors = tuple[Traced4, ...]
+Rows = tuple[Float[Array, " k"], ...]  # the same, a row a coordinate
 
 # of the motion's tolerance: looser, so that it seldom shortens a step
 TANGENT_SHARE = 1000.0
@@ -78,6 +82,48 @@ def push(
     return [_apart(x) for x in (first, y1, error, last)]
 
 
+def push_rows(
+    solver: Explicit,
+    column: Column,
+    t0: Traced,
+    t1: Traced,
+    y0: Traced4,
+    rows: Rows,
+    integrand: Integrand | None = None,
+) -> tuple[Traced4, Rows, Traced4, Traced4, Numbers]:
+    """A step from y0, and its derivative along k vectors that stand in four rows (k,).
+
+    **Arguments:** as `push`; `integrand`: of the state, see `Explicit.advance`.
+
+    **Returns:** y1, the images, the error estimate, the last slope, the integrals.
+    """
+
+    def field(t, both, column):
+        linear = []
+
+        def primal():
+            """The slope, and what its differential needs: each once for all vectors."""
+            slope, along = jax.linearize(lambda y: vector_field(t, y, column), both[:4])
+            closed = jax.make_jaxpr(along)(both[:4])
+            linear.append(closed.jaxpr)
+            return slope, closed.consts
+
+        slope, known = primal()
+        images = jax.vmap(lambda *v: eval_jaxpr(linear[-1], known, *v))(*both[4:])
+        return cast(Numbers, (*slope, *images))
+
+    def watched(both):
+        assert integrand is not None
+        return integrand(both[:4])
+
+    terms, both = dfx.ODETerm(field), cast(Numbers, (*y0, *rows))
+    first = materialise(t0, field, t0, both, column)
+    y1, error, last, integrals, _ = solver.advance(
+        terms, t0, t1, both, column, first, None if integrand is None else watched
+    )
+    return y1[:4], y1[4:], error[:4], last[:4], integrals  # pyright: ignore
+
+
 def _apart(both: Numbers) -> tuple[Traced4, Vectors]:
     y, *vectors = (both[i : i + 4] for i in range(0, len(both), 4))
     return cast(Traced4, y), cast(Vectors, tuple(vectors))
@@ -99,6 +145,11 @@ def past(
     after = if_any_lane(event, across, vectors)
     law = cast(FrozenCoulomb, column.friction).in_modes(step.event[1])
     return tuple(_without_stuck(law, v) for v in after)
+
+
+def rows_past(column: Column, step: Step, rows: Rows) -> Rows:
+    """`past`, for vectors that stand in rows."""
+    return jax.vmap(lambda *v: past(column, step, (cast(Traced4, v),))[0])(*rows)
 
 
 def _without_stuck(law: FrozenCoulomb, v: Traced4) -> Traced4:

@@ -7,11 +7,13 @@ ends a fusion; `lax.optimization_barrier` does not, it is dropped before.
 """
 
 from collections.abc import Callable
+from functools import partial, wraps
 from typing import TypeVar, TypeVarTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.core import eval_jaxpr
 from jax.custom_batching import custom_vmap
 from jax.extend.core import jaxpr_as_fun
 
@@ -63,9 +65,60 @@ def materialise(
     return jax.tree.unflatten(tree, lax.cond(predicate, always, never))
 
 
+def traced_once(
+    function: Callable[[*Inputs], Output], *args: *Inputs
+) -> Callable[[*Inputs], Output]:
+    """The same function of such arguments, traced here and nowhere again.
+
+    A step evaluates its field many times. As a call of one traced program each time,
+    it is a small part of what JAX has to trace, batch and lower; XLA inlines the calls.
+    """
+    closed, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
+    tree = jax.tree.structure(shapes)
+    call = jax.jit(lambda consts, *leaves: eval_jaxpr(closed.jaxpr, consts, *leaves))
+
+    def again(*args: *Inputs) -> Output:
+        return jax.tree.unflatten(tree, call(closed.consts, *jax.tree.leaves(args)))
+
+    return again
+
+
+def as_one_call(function: Callable[..., Output]) -> Callable[..., Output]:
+    """The same method as a call of a program that JAX traces once for such arguments.
+
+    diffrax's loop traces a step three times. What is concrete stays known to it.
+    """
+
+    @partial(jax.jit, static_argnums=0)
+    def call(still, moving):
+        leaves, tree = still
+        leaves = iter(leaves)
+        numbers = iter(moving)
+        merged = [next(numbers) if x is _MOVES else x for x in leaves]
+        return function(*jax.tree.unflatten(tree, merged))
+
+    @wraps(function)
+    def called(*args):
+        leaves, tree = jax.tree.flatten(args)
+        moving = [x for x in leaves if isinstance(x, jax.Array)]
+        still = tuple(_MOVES if isinstance(x, jax.Array) else x for x in leaves)
+        return call((still, tree), moving)
+
+    return called
+
+
+_MOVES = object()
+
+
 def tree_where(flag: Flag, new: Tree, old: Tree) -> Tree:
     """`new` where the flag is set, else `old`: of each number of two alike trees."""
     return jax.tree.map(lambda a, b: jnp.where(flag, a, b), new, old)
+
+
+def replaced(flag: Flag, new: Tree, old: Tree) -> Tree:
+    """`tree_where`, with the kinds of numbers that `old` has."""
+    same = jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), new, old)
+    return tree_where(flag, same, old)
 
 
 @custom_vmap

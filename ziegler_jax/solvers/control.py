@@ -71,11 +71,13 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         so unseen: the layer's slope at the step's start, with which the method damps
         its error estimate, is far from that at its end (one such step erred by 3000
         tolerances, by its estimate less than one). None: there is none.
+    - `end`: a time on which a step must end, and the lane with it.
     """
 
     rtol: Scalar  # pyright: ignore[reportIncompatibleVariableOverride]
     atol: Scalar  # pyright: ignore[reportIncompatibleVariableOverride]
     layer: Scalar | None = None
+    end: Scalar = jnp.inf
 
     @property
     def norm(self):  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -103,12 +105,16 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         stop, t0 = jnp.asarray(stop, dtype), jnp.asarray(t0, dtype)
         h = jnp.asarray(dt0, dtype)
         left = jnp.asarray(NO_LIMIT, jnp.int32)
-        return ControlState(t0, stop, towards(stop, t0, h), left, h)
+        return ControlState(t0, stop, self.towards(stop, t0, h), left, h)
 
-    def ending(self, pause: Flag, vanished: Flag) -> dfx.RESULTS:
+    def towards(self, stop: Scalar, t: Scalar, h: Scalar) -> Scalar:
+        """The end of a step of about h, on the stop or the end if these are near."""
+        return towards(jnp.minimum(stop, self.end), t, h)
+
+    def ending(self, t: Scalar, pause: Flag, vanished: Flag) -> dfx.RESULTS:
         """What diffrax is told: to go on, to pause, or that there is no next step."""
         okay, paused = dfx.RESULTS.successful, dfx.RESULTS.event_occurred
-        result = dfx.RESULTS.where(pause, paused, okay)
+        result = dfx.RESULTS.where(pause | (t >= self.end), paused, okay)
         return dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
 
     def adapt_step_size(  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -160,8 +166,8 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         if signals is not None:
             stop = jnp.where(keep, signals.stop, stop)
             pause |= keep & (signals.done > 0)
-        result = self.ending(pause, vanished)
-        t_next = towards(stop, t, h)
+        result = self.ending(t, pause, vanished)
+        t_next = self.towards(stop, t, h)
         state = ControlState(t, stop, t_next, left, allowed)
         return keep, t, t_next, False, state, result
 

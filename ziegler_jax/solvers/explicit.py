@@ -18,7 +18,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..model.column import Column
-from ..numerics.materialise import materialise
+from ..numerics.materialise import materialise, traced_once
 from ..numerics.numbers import Flag, Numbers, Scalar, Traced, Traced4, Vector4
 
 _Row = tuple[float, ...]
@@ -138,9 +138,13 @@ class Explicit(dfx.AbstractSolver):
         stages = [first]
         integrands = [] if integrand is None else [integrand(cast(Vector4, y0))]
 
+        def whole(t, y):
+            return terms.vf(t, y, args), (() if integrand is None else integrand(y))
+
+        field = traced_once(whole, t0, y0)
+
         def stage(t, y):
-            k = terms.vf(t, y, args)
-            return y, k, (() if integrand is None else integrand(y))
+            return y, *field(t, y)
 
         y = y0
         for row, c in zip(self.a, self.c, strict=True):

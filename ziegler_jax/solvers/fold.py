@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from ..model.column import Column
+from ..numerics.materialise import as_one_call
 from ..numerics.numbers import Count, Flag, Pair, Scalar, Traced, Traced4
 from .control import Signals
 from .explicit import OKAY, Explicit, Integrand, dense
@@ -155,6 +156,7 @@ class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
         first = self.solver.init(terms, t0, t1, y0, args)
         return ObservedState(y0, first, self.fold.init(args, t0, y0))
 
+    @as_one_call
     def step(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
         terms: dfx.AbstractTerm,

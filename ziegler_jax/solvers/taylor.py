@@ -141,9 +141,10 @@ class Reached(StepControl):
         keep = (signals.reached > t0) & jnp.isfinite(signals.reached)
         t = jnp.where(keep, signals.reached, t0)
         stop = jnp.where(keep, signals.stop, controller_state.stop)
-        result = self.ending((left <= 0) | (keep & (signals.done > 0)), ~keep)
-        state = ControlState(t, stop, stop, left, controller_state.h)
-        return keep, t, stop, False, state, result
+        result = self.ending(t, (left <= 0) | (keep & (signals.done > 0)), ~keep)
+        t_next = jnp.minimum(stop, self.end)
+        state = ControlState(t, stop, t_next, left, controller_state.h)
+        return keep, t, t_next, False, state, result
 
 
 class TaylorSlip(AbstractObserved[TaylorState, Taylor]):

@@ -3,18 +3,41 @@
 import numpy as np
 import xarray as xr
 
+from ..results import OUTCOME
+
 QUANTILES = (0.5, 0.95, 1.0)
 SEED = 0  # the same points in every run
+# Of the main job's map a quarter settles later than this, and among that was every
+# point whose end was seen to change with the tolerance.
+LATE = 120.0
 
 
-def drawn(valid: np.ndarray, count: int) -> np.ndarray:
-    """At random `count` (at least one, at most all) of the valid points, as a mask."""
-    among = np.flatnonzero(valid)
-    count = min(max(count, 1), among.size)
-    chosen = np.random.default_rng(SEED).choice(among, count, replace=False)
+def drawn(valid: np.ndarray, count: int, first: np.ndarray | None = None) -> np.ndarray:
+    """At random `count` (at least one, at most all) of the valid points, as a mask.
+
+    Those that are `first` before all others.
+    """
+    random = np.random.default_rng(SEED)
+    first = np.zeros_like(valid) if first is None else first
+    among = [np.flatnonzero(valid & first), np.flatnonzero(valid & ~first)]
+    order = np.concatenate([random.permutation(part) for part in among])
     mask = np.zeros(valid.shape, bool)
-    mask.flat[chosen] = True
+    mask.flat[order[: max(count, 1)]] = True
     return mask
+
+
+def settled_late(dataset: xr.Dataset, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Which points settled so late that their end may depend on the steps.
+
+    **Arguments:** `shape`: that of the grid.
+
+    **Returns:** a mask, or None where points are no motions with certificates.
+    """
+    needed = ("outcome", "time", "undecided")
+    if not all(n in dataset and dataset[n].shape == shape for n in needed):
+        return None
+    settled = dataset["outcome"].isin([OUTCOME.cycle, OUTCOME.stuck, OUTCOME.rest])
+    return (settled & (dataset["time"] > LATE)).values
 
 
 def checked_share(audit: float) -> float:
@@ -47,7 +70,8 @@ def changed(one: xr.Dataset, other: xr.Dataset, sample: np.ndarray) -> float:
     """The share of the sampled points at which a code (an outcome) differs."""
     differ = np.zeros(sample.sum(), bool)
     for name in coded(one):
-        differ |= (one[name].values != other[name].values)[sample]
+        apart = (one[name].values != other[name].values)[sample]
+        differ |= apart.reshape(len(differ), -1).any(axis=1)
     return float(differ.mean())
 
 
@@ -58,7 +82,7 @@ def coded(dataset: xr.Dataset) -> list[str]:
 
 def measured(dataset: xr.Dataset) -> list[str]:
     """The variables that are numbers of the motion: neither codes nor costs."""
-    leave = {*coded(dataset), "steps", "windows"}
+    leave = {*coded(dataset), "steps", "shot_steps", "windows", "growth", "sensitive"}
     return [str(n) for n in dataset.data_vars if n not in leave]
 
 
@@ -71,4 +95,6 @@ def audit_attributes(
         dataset[name].attrs["audit_quantiles"] = list(QUANTILES)
         dataset[name].attrs["audit_differences"] = quantiles(apart)
     dataset.attrs["audit_points"] = int(sample.sum())
+    late = settled_late(dataset, sample.shape)
+    dataset.attrs["audit_late_points"] = 0 if late is None else int(late[sample].sum())
     dataset.attrs["audit_changed_outcomes"] = round(changed(dataset, finer, sample), 6)

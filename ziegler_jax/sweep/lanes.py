@@ -66,9 +66,10 @@ class Lanes:
     **Arguments:**
 
     - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
-        else 128, or 384 where `configure_cpu()` was needed and not called. A lane's
-        result does not depend on its batch mates; another batch size is another
-        program, equal to rounding.
+        else 128, or 384 where `configure_cpu()` was needed and not called. It is
+        rounded up to a multiple of 32 (64 in `float32`), whole vectors of a processor:
+        so a lane's result depends neither on its batch mates nor on its place. Another
+        batch size is another program, equal to rounding.
     - `threads`: None uses every core that the process may use.
     - `precision`: of the computation, whatever JAX's own setting.
 
@@ -131,7 +132,7 @@ class Work:
     def __init__(self, program, axes, queue, put):
         """Nothing has begun; `put` is told of results."""
         self.program, self.queue, self.put = program, queue, put
-        self.stages, self.size = program.stages, program.batch_size
+        self.stages = program.stages
         self.names, self.axes = list(axes), list(axes.values())
         self.shape = tuple(axis.size for axis in self.axes)
         self.dtype = np.float64 if program.wide else np.float32
@@ -163,10 +164,15 @@ class Work:
         with self.lock:
             if not self.waiting[number]:
                 return None
-            lanes = _joined(self.waiting[number])
-            rest = lanes.at(slice(count, None))
-            self.waiting[number] = [rest] if rest.points.size else []
-        return lanes.at(slice(count))
+            parts, left = [], count
+            while left > 0 and self.waiting[number]:
+                first = self.waiting[number].pop(0)
+                if first.points.size > left:
+                    self.waiting[number].insert(0, first.at(slice(left, None)))
+                    first = first.at(slice(left))
+                parts.append(first)
+                left -= first.points.size
+        return _joined(parts)
 
     def count(self, number: int) -> int:
         """How many lanes wait before a stage."""
@@ -176,8 +182,29 @@ class Work:
             return sum(lanes.points.size for lanes in self.waiting[number])
 
     def ready(self, loop: int) -> int:
-        """How many lanes could begin a loop."""
-        return self.count(loop) + self.count(loop - 1)
+        """How many lanes could begin a loop's phase."""
+        return self.count(loop) + (self.count(loop - 1) if self.begins(loop) else 0)
+
+    def begins(self, loop: int) -> bool:
+        """Whether it is the phase in which lanes come to its loop."""
+        return loop == self.stages[loop].ways[0]
+
+    def width(self, number: int) -> int:
+        """How many lanes a stage takes at a time."""
+        return self.stages[number].lanes
+
+    def turn(self) -> bool:
+        """Lead lanes on that are between a loop's phases; whether there were some.
+
+        Whole batches, but any that there are when no more points wait.
+        """
+        few = not self.queue.ready()
+        between = [n for n, s in enumerate(self.stages) if s.ways and not s.is_loop]
+        some = False
+        for number in between:
+            while self.count(number) >= (1 if few else self.width(number)):
+                some |= self.segment(number)
+        return some
 
     def change(self, old: Batch | None, new: Batch) -> None:
         """One batch less and one more."""
@@ -202,7 +229,8 @@ class Work:
         with self.lock:
             for other in self.batches - {batch}:
                 busy = np.count_nonzero(other.busy)
-                if other.loop == batch.loop and mine <= busy <= self.size - mine:
+                room = batch.busy.size - mine
+                if other.loop == batch.loop and mine <= busy <= room:
                     self.waiting[batch.loop].append(batch.lanes(batch.busy))
                     self.batches.discard(batch)
                     return True
@@ -210,7 +238,7 @@ class Work:
 
     def supply(self, loop: int, count: int) -> OpenLanes | None:
         """At most so many lanes to begin a loop, led there if they are not yet."""
-        while self.count(loop) < count and self.segment(loop - 1):
+        while self.begins(loop) and self.count(loop) < count and self.segment(loop - 1):
             pass
         return self.take(loop, count)
 
@@ -232,12 +260,22 @@ class Work:
         count = lanes.points.size
         # padded with real lanes: another size would be compiled again
         padded = lanes.at(np.resize(np.arange(count), stage.lanes)).rows
-        fixed, state = split(stage, padded)
-        after = self.call(lanes.points, stage.function, fixed, state)
+        arguments = split(stage, padded)
+        if stage.ways:
+            arguments = np.int32(1), *arguments
+        after = self.call(lanes.points, stage.function, *arguments)
+        if stage.ways:
+            state, phases, _ = after
+            after = arguments[1], state
+            ways = np.array(stage.ways)[np.asarray(phases)[:count]]
+        else:
+            ways = np.full(count, number + 1)
         if number + 1 < len(self.stages):
             rows = tuple(np.asarray(row)[:, :count] for part in after for row in part)
-            here = np.zeros_like(lanes.here)
-            self.give(number + 1, lanes._replace(here=here, rows=rows))
+            here = lanes.here if stage.ways else np.zeros_like(lanes.here)
+            lanes = lanes._replace(here=here, rows=rows)
+            for way in np.unique(ways).tolist():
+                self.give(way, lanes.at(ways == way))
             return True
         results = self.program.results.unpack([np.asarray(part) for part in after])
         self.put(lanes.points, [r[..., :count] for r in results], lanes.steps)

@@ -36,6 +36,9 @@ from .stages import Packing, Stage, stages
 BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 384
 BATCH_WITHOUT = 8192
 CACHED_STAGES = 96
+# Lanes are a multiple of four vectors of 512 bits: what is left of a vector, and loops
+# of two that the compiler unrolls, round otherwise (batches of 13 and of 8 did).
+WHOLE_VECTORS = 32
 SEGMENTS = 8  # batches of lanes that a segment between loops takes at once
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
@@ -137,18 +140,18 @@ def traced(
     scalar = jax.ShapeDtypeStruct((), np.float64 if wide else np.float32)
     with own_flags(), jax.enable_x64(wide):
         try:
-            whole = jax.make_jaxpr(leaves)(*[scalar] * len(names))
+            traced_point = jax.make_jaxpr(leaves)(*[scalar] * len(names))
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
         cuts = described.pop("cuts")
         usual = BATCH_OF_ONE_KERNEL if compiles_whole_loops() else BATCH_OF_MANY
         size = batch_size or (usual if cuts.motions else BATCH_WITHOUT)
-        parts = stages(whole)
+        parts = stages(traced_point)
         # between loops there is little to do, unless a motion runs whole there
         light = len(parts) > 1 and not cuts.refused
-        widths = [
-            size if part.is_loop or not light else size * SEGMENTS for part in parts
-        ]
+        whole = WHOLE_VECTORS if wide else 2 * WHOLE_VECTORS
+        width = -(-size // whole) * whole
+        widths = [width if p.ways or not light else width * SEGMENTS for p in parts]
         pairs = zip(parts, widths, strict=True)
         lowered = tuple(_lowered(part._replace(lanes=width)) for part, width in pairs)
     return Scene(
@@ -165,9 +168,9 @@ def traced(
 
 def _lowered(stage: Stage) -> LoweredStage:
     """The stage for a batch of lanes, which stand behind in all arrays."""
-    in_axes = (None, -1, -1) if stage.is_loop else (-1, -1)
+    in_axes = (None, -1, -1) if stage.ways else (-1, -1)
     batched = jax.vmap(stage.function, in_axes=in_axes, out_axes=-1)
-    if stage.is_loop and compiles_whole_loops():
+    if stage.ways and compiles_whole_loops():
         batched = _one_kernel(batched)
     options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
     # an unused argument would be left out of the text, and with it what it is
@@ -182,7 +185,8 @@ def _one_kernel(batched: Callable) -> Callable:
 
     def run(max_steps, *rows):
         lanes = rows[-1][0].shape[-1:]
-        nothing = rows[-1], jnp.zeros(lanes, bool), jnp.zeros(lanes, jnp.int32)
+        none = jnp.zeros(lanes, jnp.int32)
+        nothing = rows[-1], none, none
         return lax.while_loop(
             lambda turn: turn[0] > 0,  # the compiler cannot count this
             lambda turn: (0 * turn[0], batched(turn[0], *rows)),
@@ -195,7 +199,7 @@ def _one_kernel(batched: Callable) -> Callable:
 def _nothing(stage: Stage) -> tuple:
     """The arguments of a batch, for one step of no lane in particular."""
     packed = stage.fixed.empty(stage.lanes), stage.state.empty(stage.lanes)
-    return (np.int32(1), *packed) if stage.is_loop else packed
+    return (np.int32(1), *packed) if stage.ways else packed
 
 
 _UNTRACEABLE = (

@@ -1,8 +1,9 @@
 """How many points run: stages in compiled batches on threads.
 
-A lane goes through the stages of its point in order and waits before each until a batch
-takes it. At a loop a batch runs a chunk of steps at a time; lanes that have ended make
-room for others. What waits further on is taken first, so that few lanes are open.
+A lane goes through the stages of its point in order, to and fro between the phases of a
+loop, and waits before each until a batch takes it. At a loop a batch runs a chunk of
+steps at a time; lanes that have ended or go on elsewhere make room for others. What
+waits further on is taken first, so that few lanes are open.
 """
 
 import time
@@ -95,12 +96,13 @@ def warn_of(mismatches: int, checks: int) -> None:
 
 def _run(work: Work) -> None:
     """A thread: batches at one loop after the other, until no lane is left."""
-    loops = range(1, len(work.stages), 2)
-    batch = None
+    loops = [i for i, stage in enumerate(work.stages) if stage.is_loop]
+    batch, last = None, work.stages[loops[-1]].ways if loops else ()
     # the steps of the last lanes that ended at each loop
     recent = {loop: np.zeros(0, np.int64) for loop in loops}
     while not work.queue.closed:
         work.finish()
+        work.turn()
         here = _chosen(work, loops, batch)
         if here is None:
             if work.leave(batch):
@@ -111,7 +113,7 @@ def _run(work: Work) -> None:
             if old is not None:
                 work.give(old.loop, old.lanes(old.busy))
             work.change(old, batch)
-        elif here == loops[-1] and not any(map(work.ready, loops)) and work.join(batch):
+        elif here in last and not any(map(work.ready, loops)) and work.join(batch):
             break
         batch.refill()
         if batch.busy.any():
@@ -120,18 +122,19 @@ def _run(work: Work) -> None:
         work.finish(all_of_them=True)
 
 
-def _chosen(work: Work, loops: range, batch: "_Batch | None") -> int | None:
+def _chosen(work: Work, loops: list[int], batch: "_Batch | None") -> int | None:
     """At which loop a thread goes on."""
     ready = {loop: work.ready(loop) for loop in loops}
     if batch is None:
-        full = [loop for loop in loops if ready[loop] >= work.size]
+        full = [loop for loop in loops if ready[loop] >= work.width(loop)]
         most = max(loops, key=lambda loop: ready[loop], default=None)
         return max(full) if full else most if most and ready[most] else None
-    ahead = [j for j in loops if j > batch.loop and ready[j] >= AHEAD * work.size]
+    later = [loop for loop in loops if loop > batch.loop]
+    ahead = [loop for loop in later if ready[loop] >= AHEAD * work.width(loop)]
     if ahead:
         return max(ahead)
     busy = np.count_nonzero(batch.busy)
-    if busy + ready[batch.loop] < SPARSE * work.size:
+    if busy + ready[batch.loop] < SPARSE * work.width(batch.loop):
         others = [loop for loop in loops if loop != batch.loop]
         most = max(others, key=lambda loop: ready[loop], default=batch.loop)
         if most != batch.loop and ready[most] > busy + ready[batch.loop]:
@@ -146,10 +149,10 @@ class _Batch:
         """No lane yet; `recent`: the steps of the thread's last lanes at each loop."""
         self.recent = recent
         self.work, self.loop, self.stage = work, loop, work.stages[loop]
-        size = work.size
+        size = self.stage.lanes
         self.busy, self.wants = np.zeros(size, bool), True
         self.points, self.total = np.zeros((2, size), np.int64)
-        self.steps, self.stalled = np.zeros((2, size), np.int64)
+        self.steps, self.entered, self.stalled = np.zeros((3, size), np.int64)
         self.fixed: tuple[np.ndarray, ...] = self.stage.fixed.empty(size)
         self.state: tuple[np.ndarray, ...] = self.stage.state.empty(size)
         self.max_steps = FIRST_CHUNK
@@ -177,10 +180,12 @@ class _Batch:
             row[:, places] = entered
         self.points[places] = new_rows.points
         self.total[places], self.steps[places] = new_rows.steps, new_rows.here
+        self.entered[places] = new_rows.here
         self.stalled[places] = 0
         self.busy[idle[:count]] = True
         typical, slow, alike = self._costs()
-        fair = np.clip(np.sqrt(2 * CALL * typical), SHORTEST_CHUNK, LONGEST_CHUNK)
+        fair = np.sqrt(2 * CALL / self.stage.cost * typical)
+        fair = np.clip(fair, SHORTEST_CHUNK, LONGEST_CHUNK)
         if slow:
             self.max_steps = min(slow, LONGEST_RUN) if alike else int(fair)
 
@@ -188,8 +193,9 @@ class _Batch:
         """At most `max_steps` of every lane; those that have ended go on."""
         arguments = np.int32(self.max_steps), self.fixed, self.state
         called = self.points[self.busy], self.stage.function
-        self.state, running, steps = self.work.call(*called, *arguments)
-        running, steps = np.asarray(running), np.asarray(steps).astype(np.int64)
+        self.state, phases, steps = self.work.call(*called, *arguments)
+        ways = np.array(self.stage.ways)[np.asarray(phases)]  # ENDED is the last
+        running, steps = ways == self.loop, np.asarray(steps).astype(np.int64)
         taken = np.where(self.busy, steps - self.steps, 0)
         self.stalled = np.where(self.busy & running & (taken == 0), self.stalled + 1, 0)
         if self.stalled.max() >= STALLED:
@@ -204,8 +210,10 @@ class _Batch:
         self.busy = self.busy & running
         self.work.ran(int(taken.max()) * ended.size)
         if ended.any():
-            self.work.give(self.loop + 1, self.lanes(ended))
-            recent = np.concatenate([self.recent[self.loop], steps[ended]])
+            for way in np.unique(ways[ended]).tolist():
+                self.work.give(way, self.lanes(ended & (ways == way)))
+            spent = steps[ended] - self.entered[ended]
+            recent = np.concatenate([self.recent[self.loop], spent])
             self.recent[self.loop] = recent[-ended.size :]
         _, slow, alike = self._costs()
         mates = np.count_nonzero(self.busy & (steps < OVERDUE * slow))

@@ -1,10 +1,11 @@
 """A point's program, cut at its resumable loops into stages.
 
-Between loops a point computes straight on: a segment. A point with K loops has 2 K + 1
-stages: segment, loop, segment, ..., loop, segment. A lane goes through them in order,
-and what it takes along from one to the next is a row of numbers: at a loop its state,
-and besides what the loop or a later stage reads. What depends on no value of the lane
-is not taken along but computed in each stage that reads it, at each of its calls.
+Between loops a point computes straight on: a segment. A point with K loops of one phase
+has 2 K + 1 stages: segment, loop, segment, ..., loop, segment. A lane goes through them
+in order, between the phases of a loop to and fro, and what it takes along from one to
+the next is a row of numbers: at a loop its state, and besides what the loop or a later
+stage reads. What depends on no value of the lane is not taken along but computed in
+each stage that reads it, at each of its calls.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -69,14 +70,17 @@ class Stage(NamedTuple):
     """A part of a point as a function of one lane.
 
     A segment maps (fixed, state) to the next stage's (fixed, state), the last one to
-    the results; a loop maps (max_steps, fixed, state) to (state, running, steps). All
-    are tuples of packed arrays.
+    the results; a loop's phase maps (max_steps, fixed, state) to (state, phase, steps).
+    All are tuples of packed arrays.
     """
 
     function: Callable[..., tuple]
     fixed: Packing
     state: Packing
-    is_loop: bool
+    # of a loop the stages of its phases, and behind them where lanes go that have ended
+    ways: tuple[int, ...] = ()
+    is_loop: bool = False  # whether a lane stays in it for many calls
+    cost: float = 1.0  # about that of a step against one of a motion alone
     lanes: int = 1  # how many it takes at a time
 
 
@@ -102,13 +106,19 @@ def stages(whole: ClosedJaxpr) -> list[Stage]:
         after = list(dict.fromkeys(v for v in read if v in varies))
         function, layouts = segment(cut, after, begun)
         results = Packing(_avals(after)), Packing(_avals(begun))
-        parts.append(Stage(_between(function, layouts, results), *layouts, False))
-        constants = _function(whole, free(cut), after, constants)
-        parts.append(Stage(_loop(loop, constants, results), *results, True))
+        parts.append(Stage(_between(function, layouts, results), *layouts))
+        bodies, kinds = loop.params["bodies"], loop.params["kinds"]
+        ways = tuple(len(parts) + i for i in range(len(bodies) + 1))
+        for body, (cost, loops) in zip(bodies, kinds, strict=True):
+            count = len(body.constvars)
+            mine, constants = constants[:count], constants[count:]
+            values = _function(whole, free(cut), after, mine)
+            function = _loop(body, values, results)
+            parts.append(Stage(function, *results, ways, loops, cost))
         fixed, state, begin = after, list(loop.outvars), cut + 1
     function, layouts = segment(len(jaxpr.eqns), [], jaxpr.outvars)
     results = Packing(_avals(jaxpr.outvars))
-    return [*parts, Stage(_last(function, layouts, results), *layouts, False)]
+    return [*parts, Stage(_last(function, layouts, results), *layouts)]
 
 
 def _between(function, layouts, results):
@@ -131,14 +141,13 @@ def _last(function, layouts, results):
     return segment
 
 
-def _loop(equation, constants, layouts):
+def _loop(body, constants, layouts):
     fixed, state = layouts
-    body = equation.params["body"]
 
     def loop(max_steps, packed, begun):
         closed = ClosedJaxpr(body, constants(*fixed.unpack(packed)))
-        *leaves, running, steps = jaxpr_as_fun(closed)(max_steps, *state.unpack(begun))
-        return state.pack(leaves), running, steps
+        *leaves, phase, steps = jaxpr_as_fun(closed)(max_steps, *state.unpack(begun))
+        return state.pack(leaves), phase, steps
 
     return loop
 
@@ -187,8 +196,8 @@ def _read_behind(jaxpr: Jaxpr, cut: int) -> list[Var]:
 
 
 def _operands(loop: JaxprEqn) -> tuple[list, list]:
-    """What a loop's body reads besides its state, and the state's first values."""
-    count = len(loop.params["body"].constvars)
+    """What a loop's bodies read besides its state, and the state's first values."""
+    count = sum(len(body.constvars) for body in loop.params["bodies"])
     return list(loop.invars[:count]), list(loop.invars[count:])
 
 

@@ -14,7 +14,7 @@ from ..numerics.numbers import instance
 from ..runtime import all_cores
 from .axes import Returned, check_signature, checked_axes
 from .cluster import Arrays, Client, Recipe, check_client, run_blocks
-from .differences import audit_attributes, checked_share, drawn
+from .differences import audit_attributes, checked_share, drawn, settled_late
 from .lanes import Lanes
 from .partition import (
     Block,
@@ -74,12 +74,16 @@ def sweep(
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
     - `lanes`: how they run, see `Lanes`.
-    - `audit`: a share of the points, e.g. 0.01 (at least one, drawn at random), that is
-        computed a second time in float64 with tolerances a hundred times finer. Each
-        variable's attributes then hold `audit_differences`, the `audit_quantiles` of
-        the differences of its values; the dataset's hold `audit_points` and
-        `audit_changed_outcomes`, the share of these whose outcome changed. It tells the
-        error of the steps, not that of `agreement`. Not with `store` or `client`.
+    - `audit`: a share of the points, e.g. 0.01 (at least one), that is computed a
+        second time in float64, with tolerances a hundred times finer. They are drawn at
+        random, but what settled with a certificate after t = 120 before all others: of
+        what has settled only that was seen to depend on its steps. Each variable's
+        attributes then hold `audit_differences`, the `audit_quantiles` of the
+        differences of its values; the dataset's hold `audit_points`, how many of them
+        settled late (`audit_late_points`) and `audit_changed_outcomes`, the share of
+        these points whose outcome changed. It tells the error of the steps (of the late
+        ones, a quarter of the main job's map, as long as the share is smaller), not
+        that of `agreement`. Not with `store` or `client`.
     - `store`: a folder, e.g. `"map.zarr"`, into which every block of about 16 000
         points goes as soon as it is finished; in memory are the blocks that are not.
         The same sweep with the same store computes only what is missing or damaged,
@@ -160,7 +164,8 @@ def sweep(
         )
     dataset = _filled(run, backend, progress, log)
     if share is not None:
-        sample = drawn(blocks.chosen(), round(share * blocks.points))
+        late = settled_late(dataset, blocks.shape)
+        sample = drawn(blocks.chosen(), round(share * blocks.points), late)
         with within(Context(factor=FINER)):
             finer = sweep(
                 point,

@@ -14,8 +14,8 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from ..model.column import Column
-from ..motion.variational import Make, Parameters
 from ..numerics.numbers import is_concrete
+from .variational import Make, Parameters
 
 Numbers = Float[Array, "..."]
 Still = TypeVarTuple("Still")  # what a slope is asked with, not differentiated
@@ -87,3 +87,12 @@ def fixed(tree: Tree) -> Tree:
     return jax.tree.map(
         lambda x: jax.lax.stop_gradient(x) if isinstance(x, jax.Array) else x, tree
     )
+
+
+def solve(
+    matrix: Float[Array, "n n"], right: Float[Array, "n ..."]
+) -> Float[Array, "n ..."]:
+    """Solve a small linear system; NaN where it is not finite."""
+    bad = ~jnp.all(jnp.isfinite(matrix))
+    safe = jnp.where(bad, jnp.eye(matrix.shape[0], dtype=matrix.dtype), matrix)
+    return jnp.where(bad, jnp.nan, jnp.linalg.solve(safe, right))

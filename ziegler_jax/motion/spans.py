@@ -1,7 +1,6 @@
 """Motions judged span by span: a transient, then equal spans until one decides.
 
-`AbstractSpans` is the machine of all questions of this kind; `SettleFold` is that of
-`settle`.
+`AbstractSpans` is the machine of all questions of this kind.
 """
 
 import abc
@@ -16,7 +15,6 @@ from ..model.column import Column, State
 from ..numerics.materialise import if_any_lane, tree_where
 from ..numerics.numbers import (
     Flag,
-    Numbers,
     Scalar,
     Traced,
     Traced4,
@@ -26,9 +24,8 @@ from ..numerics.numbers import (
 )
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Step
-from ..solvers.explicit import Integrand
 from .integrate import Motion, Run, follow
-from .observers import AbstractObserver, joint_rates
+from .observers import joint_rates
 from .options import Method
 from .scene import float_state, valid_scene
 
@@ -195,7 +192,7 @@ class Rest(eqx.Module):
     def begin(self, y: Vector4) -> Speeds:
         """At the start of a motion."""
         zero = 0.0 * y[0]
-        return Speeds(zero if self.by_modes else _fastest(y), zero)
+        return Speeds(zero if self.by_modes else fastest(y), zero)
 
     def watch(self, speeds: Speeds, step: Step) -> Speeds:
         """After a step."""
@@ -205,7 +202,7 @@ class Rest(eqx.Module):
             rate = jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0)
             rate = rate.astype(cast(jax.Array, m1).dtype)
         else:
-            rate = _fastest(step.y1)
+            rate = fastest(step.y1)
         return speeds._replace(now=jnp.maximum(speeds.now, rate))
 
     def sticks(self, step: Step) -> Flag:
@@ -241,109 +238,7 @@ class Rest(eqx.Module):
         return tree_where(begins, new, speeds)
 
 
-class WindowState(NamedTuple):
-    """What is watched in a window."""
-
-    observed: tuple  # one state per observer, the amplitude's first
-    previous: Numbers  # the amplitudes of the window before
-    drift: Traced
-    speeds: Speeds
-
-
-class SettleFold(AbstractSpans[WindowState]):
-    """A transient, then windows until two agree (see `settle`).
-
-    `strict`: for a verdict alone: windows agree only if they draw nearer, as at a
-    stable cycle.
-    """
-
-    agreement: Scalar
-    rest: Rest
-    observers: tuple[AbstractObserver, ...]
-    strict: bool = eqx.field(static=True, default=False)
-
-    def valid(self) -> Flag:
-        """Whether the options keep their rules; for those only known when traced."""
-        good = super().valid() & keeps("positive", self.agreement, self.rest.rate_cut)
-        for observer in self.observers:
-            good &= observer.valid()
-        return good
-
-    def integrand(self, column: Column) -> Integrand | None:
-        """The integrands of all observers, one after the other."""
-
-        def joint(y: Vector4) -> Numbers:
-            return sum((o.integrand(column, y) for o in self.observers), ())
-
-        zero = jax.ShapeDtypeStruct((), jnp.result_type(float))
-        return joint if jax.eval_shape(joint, (zero,) * 4) else None
-
-    def begin(self, column, t0, y0):
-        """Observers that saw nothing yet."""
-        zero = 0.0 * y0[0]
-        return WindowState(
-            observed=self._fresh(column, t0, y0),
-            previous=(zero, zero, zero) if self.most > 1 else (),
-            drift=zero + jnp.inf,
-            speeds=self.rest.begin(y0),
-        )
-
-    def watch(self, column, state, step):
-        """Let all observers see the step."""
-        observed, used = [], 0
-        for observer, part in zip(self.observers, state.watch.observed, strict=True):
-            count = len(observer.integrand(column, step.y1))
-            mine = step._replace(integrals=step.integrals[used : used + count])
-            observed.append(observer.step(column, part, mine))
-            used += count
-        speeds = self.rest.watch(state.watch.speeds, step)
-        watch = state.watch._replace(observed=tuple(observed), speeds=speeds)
-        return watch, self.rest.sticks(step), None
-
-    def judge(self, column, state, step, ended):
-        """Compare the window that ended with the one before."""
-        watch, speeds = state.watch, state.watch.speeds
-        ended_window = ended & (state.spans > 0)
-        two = self.rest.by_modes | (state.spans >= min(2, self.most))
-        at_rest = self.rest.reached(speeds, step, ended_window & two)
-        amplitudes, drift, agreed = watch.observed[0], watch.drift, False
-        if self.most > 1:
-            relative = _relative_change(amplitudes, watch.previous)
-            drift = jnp.where(ended_window & (state.spans > 1), relative, drift)
-            agreed = ended_window & (drift <= self.agreement)
-            if self.strict:
-                agreed &= (state.spans > 2) & (drift <= watch.drift)
-        if not self.rest.by_modes:
-            # at rest steps leave noise, and two windows of it may agree: no cycle
-            agreed &= speeds.now >= cast(Scalar, self.rest.rate_cut)
-        last = ended_window & (state.spans >= self.most)
-        outcome = jnp.where(last, OUTCOME.unsettled, state.outcome)
-        outcome = jnp.where(agreed, OUTCOME.cycle, outcome)
-        outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
-        begins = ended & (outcome == OUTCOME.not_computed)
-
-        fresh, previous = self._fresh(column, step.t1, step.y1), watch.previous
-        watch = WindowState(
-            observed=tree_where(begins, fresh, watch.observed),
-            previous=tree_where(begins, amplitudes, previous) if previous else (),
-            drift=drift,
-            speeds=self.rest.renewed(speeds, step, begins),
-        )
-        return watch, outcome
-
-    def _fresh(self, column: Column, t: Scalar, y: Vector4) -> tuple:
-        return tuple(observer.init(column, t, y) for observer in self.observers)
-
-
-def _fastest(y: Vector4) -> Scalar:
+def fastest(y: Vector4) -> Scalar:
+    """The larger joint rate."""
     u1, u2 = joint_rates(y)
     return jnp.maximum(jnp.abs(u1), jnp.abs(u2))
-
-
-def _relative_change(new: Numbers, old: Numbers) -> Scalar:
-    """The largest change of the amplitudes against the largest amplitude."""
-    change = [jnp.abs(a - b) for a, b in zip(new, old, strict=True)]
-    largest = jnp.maximum(jnp.maximum(new[0], new[1]), new[2])
-    # a motion of no amplitude at all has not changed
-    largest = jnp.maximum(largest, jnp.finfo(largest.dtype).tiny)
-    return jnp.maximum(jnp.maximum(change[0], change[1]), change[2]) / largest

@@ -1,0 +1,45 @@
+"""Long continuations of motions with smoothed friction, in C++: see `judge.cpp`."""
+
+import ctypes
+import functools
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+SOURCE = Path(__file__).with_name("judge.cpp")
+OPTIONS = ("-std=c++17", "-O2", "-march=native", "-fopenmp", "-shared", "-fPIC")
+
+
+@functools.cache
+def _library():
+    compiler = shutil.which("g++")
+    if compiler is None:
+        raise RuntimeError("The judge needs g++, but no g++ is on the PATH.")
+    target = Path(tempfile.mkdtemp()) / "judge.so"
+    subprocess.run([compiler, *OPTIONS, str(SOURCE), "-o", str(target)], check=True)
+    return ctypes.CDLL(str(target))
+
+
+def follow(columns, states, spans, lasts, tol):
+    """Amplitudes (n, 3) over the last part of each span, and the states at the end.
+
+    **Arguments:** `columns` (n, 5): q, tau_s, tau_k, v_stribeck, v_smooth; `states`
+    (n, 4); `spans`, `lasts` (n,).
+    """
+    columns, states, spans, lasts = (
+        np.array(x, dtype=float, order="C") for x in (columns, states, spans, lasts)
+    )
+    amplitudes = np.zeros((len(columns), 3))
+    pointer = ctypes.POINTER(ctypes.c_double)
+
+    def at(x):
+        return x.ctypes.data_as(pointer)
+
+    _library().follow(
+        ctypes.c_long(len(columns)), at(columns), at(states), at(spans), at(lasts),
+        ctypes.c_double(tol), at(amplitudes),
+    )  # fmt: skip
+    return amplitudes, states

@@ -1,0 +1,148 @@
+"""How much a difference in the kick grows: against differences, and what it tells."""
+
+import diffrax as dfx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+from ziegler_jax.__main__ import KICK, point
+from ziegler_jax.__main__ import _with_growth as with_growth
+from ziegler_jax.context import Context, within
+from ziegler_jax.steady.certified import CertifiedMotion
+from ziegler_jax.steady.growth import growth_variables
+from ziegler_jax.sweep.differences import settled_late
+
+SMOOTH = zj.SmoothCoulomb(0.026, pin_radius=1, v_smooth=0.05, load=zj.ConstantLoad(1))
+SET_VALUED = zj.SetValuedCoulomb(0.026, pin_radius=1, load=zj.ConstantLoad(1))
+FINE = zj.Method(zj.Explicit(), rtol=1e-9)
+
+
+@pytest.mark.parametrize("friction", [SMOOTH, SET_VALUED], ids=["smoothed", "stick"])
+def test_growth_is_that_of_differences(friction):
+    """Of a motion of known length; the tangent is looked at where steps end."""
+    column, end = zj.uniform_rods(2.6, friction=friction), 30.0
+    windows = zj.Windows(transient=end - 10, length=10.0, max_windows=1)
+
+    @jax.jit
+    def growth():
+        return zj.settle(
+            column, zj.State(omega=KICK), windows=windows, method=FINE,
+            observers=(zj.Growth(),), certify=True,
+        )  # fmt: skip
+
+    settled = growth()
+    assert settled.outcome == zj.OUTCOME.unsettled
+
+    @jax.jit
+    def states(kick):
+        ts = jnp.linspace(0.0, end - 10, 4001)
+        motion = zj.trajectory(column, zj.State(omega=(0.0, kick)), ts, method=FINE)
+        return jnp.concatenate([motion.phi, motion.omega], axis=-1)
+
+    h = 1e-6
+    apart = (states(KICK[1] + h) - states(KICK[1] - h)) / (2 * h)
+    largest = np.linalg.norm(apart, axis=-1).max()
+    assert largest > 2
+    # measured: 2.9e-4 and 4.4e-4 less
+    assert settled.growth == pytest.approx(largest, rel=2e-3)
+
+
+def test_a_fate_that_hangs_on_the_steps_is_sensitive_and_an_ordinary_one_is_not():
+    """The first ends on another cycle at a tolerance of 1e-8."""
+    q = np.array([1.5882352941176472, 2.6])
+    mu = np.array([(0.37666666666666665, 0.12), (0.1, 0.1)])
+    at = jnp.asarray(np.column_stack([q, mu]))
+
+    def of(scene):
+        found = zj.sweep(lambda i: scene(*at[i.astype(int)]), i=[0.0, 1.0])
+        return found.sel(joint=2)
+
+    plain, followed = of(point), of(with_growth)
+    assert (followed.outcome == zj.OUTCOME.cycle).all()
+    assert followed.sensitive.values.tolist() == [1, 0]
+    assert followed.growth[0] > 1e4 > 100 > followed.growth[1] > 1
+    # the same motion: measured 0
+    np.testing.assert_allclose(
+        followed.joint_amplitude, plain.joint_amplitude, rtol=1e-9
+    )
+    assert settled_late(plain, (2,)).tolist() == [True, False]
+
+
+def test_a_start_at_rest_has_no_direction_and_a_failed_lane_no_growth():
+    column = zj.uniform_rods(2.6, friction=SMOOTH)
+
+    @jax.jit
+    def growth(kick):
+        start = zj.State(omega=(0.0, kick))
+        return zj.settle(column, start, observers=(zj.Growth(),))
+
+    at_rest, failed = growth(0.0), growth(jnp.nan)
+    assert at_rest.outcome == zj.OUTCOME.stuck and jnp.isnan(at_rest.growth)
+    assert failed.outcome == zj.OUTCOME.invalid and jnp.isnan(failed.growth)
+    assert not at_rest.sensitive and not failed.sensitive
+
+
+def test_a_hundredth_of_the_state_is_the_bound():
+    growth = jnp.asarray([0.99e4, 1.01e4, jnp.nan])
+    failed = jnp.asarray([False, False, True])
+    found = growth_variables(growth, failed, 1e-6)
+    assert found["sensitive"].value.tolist() == [False, True, False]
+    assert growth_variables(growth, failed, 1e-8)["sensitive"].value.sum() == 0
+
+
+def test_growth_goes_along_with_the_solver_of_the_context():
+    column, start = zj.uniform_rods(2.6, friction=SMOOTH), zj.State(omega=KICK)
+    fine = zj.Explicit(dfx.Dopri8())
+    with within(Context(tolerance=1e-9, factor=0.01, solver=fine)):
+        motion = CertifiedMotion(
+            column, start, "settle", zj.Windows(), (zj.Growth(),), zj.Method()
+        )
+    assert motion.method.solver.name == "Dopri8"
+
+
+def test_an_audit_of_what_is_no_settled_motion_draws_at_random():
+    """Neither `time` nor `outcome`; and motions along a dimension of their own."""
+    bare = zj.sweep(
+        lambda q: {"largest_multiplier": q, "x": q}, q=[1.0, 2.0], audit=0.5
+    )
+    assert bare.attrs["audit_points"] == 1 and bare.attrs["audit_late_points"] == 0
+
+    def two(q):
+        code = jnp.zeros(2, jnp.int8) + zj.OUTCOME.cycle
+        numbers = {"time": q * jnp.ones(2) + 200, "undecided": q * jnp.ones(2)}
+        named = {n: zj.Variable(v, n, dims=("kick",)) for n, v in numbers.items()}
+        outcome = zj.Variable(code, "o", dims=("kick",), codes=zj.OUTCOME)
+        return {**named, "outcome": outcome}
+
+    pairs = zj.sweep(two, q=[1.0, 2.0, 3.0], audit=0.5)
+    assert pairs.attrs["audit_late_points"] == 0
+
+
+def test_growth_is_refused_where_windows_judge(refuses):
+    column, start = zj.uniform_rods(2.6, friction=SMOOTH), zj.State(omega=KICK)
+    growth = (zj.Growth(),)
+    for options in ({"certify": False}, {"method": zj.Method(zj.Rosenbrock())}):
+        refuses(
+            lambda options=options: zj.settle(
+                column, start, observers=growth, **options
+            ),
+            "`observers`", "Growth()", "certify",
+        )  # fmt: skip
+    refuses(
+        lambda: zj.settle(
+            zj.uniform_rods(2.6, friction=SET_VALUED), start, observers=growth,
+            method=zj.Method(zj.Taylor()), certify=True,
+        ),
+        "`solver`", "explicit", "`Taylor8`",
+    )  # fmt: skip
+
+
+def test_an_audit_draws_what_settled_late_first():
+    mu = np.linspace(0.05, 0.35, 12)
+    ds = zj.sweep(lambda mu: point(1.6, mu, 0.05), mu=mu, audit=0.25)
+    late = int(settled_late(ds, mu.shape).sum())
+    assert 0 < late < mu.size
+    assert ds.attrs["audit_points"] == 3
+    assert ds.attrs["audit_late_points"] == min(3, late)

@@ -1,0 +1,1 @@
+"""Where motions end up: what is steady, and the certificate that it is."""

@@ -1,0 +1,389 @@
+r"""A motion that is followed until its end is certain.
+
+A cycle is certified when
+
+1. its returns have drawn near (`returns`) and Newton's method, from the motion's own
+    return on, has found an orbit that closes (`shots`), first with steps ten times
+    finer than the motion's own, at last a hundred times;
+2. the orbit is stable: its section map has a spectral radius below 1;
+3. the motion contracts towards it: at once, if the first shot's derivative contracts in
+    the orbit's norm and its return follows the orbit's linear map; else the motion goes
+    on until its own returns do.
+
+What is refused goes on, to the horizon at most. Both kinds of motion, with tangents and
+without, are programs of their own: phases of one loop, between which a lane goes to and
+fro at its own pace.
+"""
+
+from collections.abc import Sequence
+from typing import cast
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Int
+
+from ..context import Phase
+from ..model.column import Column, State
+from ..motion.integrate import Motion
+from ..motion.observers import AbstractObserver
+from ..motion.options import Method, Windows, windows_for
+from ..motion.scene import (
+    check_scene,
+    explicit_method,
+    float_state,
+    method_of,
+    rate_cut_of,
+    usual_method,
+    valid_scene,
+    with_amplitude,
+)
+from ..motion.spans import Rest
+from ..numerics.materialise import if_any_lane, replaced, tree_where
+from ..numerics.numbers import (
+    Count,
+    Flag,
+    Option,
+    Scalar,
+    Traced,
+    Traced4,
+    Vector4,
+    keeps,
+)
+from ..results import OUTCOME, UNDECIDED
+from ..solvers import Explicit
+from .contraction import (
+    TINY,
+    contraction_norm,
+    contracts,
+    largest,
+    spectral_radius,
+)
+from .growth import Growth
+from .lane import DECISION, Certifying, Orbit
+from .observation import Observation, Record
+from .oddness import is_odd
+from .returns import (
+    A_SHOT,
+    ACCEPTANCE,
+    ARRIVED,
+    NOTHING,
+    REST,
+    Candidate,
+    Lookout,
+    March,
+    ask_no_more,
+    follows,
+    no_returns,
+    span_of,
+    with_candidate,
+    with_return,
+)
+from .shots import (
+    SHORTEST,
+    Attempt,
+    Shot,
+    ShotState,
+    after_shot,
+    attempt_at,
+    blank_attempt,
+    start_of,
+)
+
+LONGEST_CHUNK = 256  # steps in one phase, outside of sweeps
+COARSE, FINE = 0.1, 0.01  # tolerances of shots against the motion's own
+FINEST = 1e-12
+# of a batch, until what has ended or returned is looked at; fewer where steps are long
+STEPS_AT_ONCE = 16
+MARGIN = 1e-3  # of the radius below 1, a return
+COST = 2.5  # of a step with three tangents, against one without
+AT_REST = 2.0  # time units for which a motion that creeps is observed
+NEARLY = 0.01  # a motion whose returns come nearer than this is slow, not aperiodic
+
+
+class CertifiedMotion:
+    """The motion that `settle(certify=True)` asks for.
+
+    **Arguments:** those of `settle`; `question`: whose defaults hold; `observers`: None
+    for a verdict alone.
+    """
+
+    def __init__(
+        self,
+        column: Column,
+        start: State,
+        question: str,
+        windows: Windows,
+        observers: Sequence[AbstractObserver] | None,
+        method: Method,
+        odd: Flag | None = None,
+    ):
+        """Check the scene; `odd`: whether it is its own mirror image, if known."""
+        check_scene(column, start)
+        self.column, self.y0 = column, float_state(start)
+        self.watches = observers is not None
+        given = () if observers is None else with_amplitude(observers, column)
+        self.grows = any(isinstance(o, Growth) for o in given)
+        if self.grows:
+            explicit_method(question, method)  # else it is refused
+        usual = Explicit() if self.grows else usual_method(column)
+        self.method = method_of(question, method, column, usual)
+        self.windows = windows_for(question, windows, rate_cut_of(column))
+        given = tuple(o for o in given if not isinstance(o, Growth))
+        self.observation = Observation(given)
+        self.rest = Rest(self.windows.rate_cut, at_once=True)
+        solver = self.method.solver
+        coarse = isinstance(solver, Explicit) and solver.method_order <= 5
+        self.at_once = STEPS_AT_ONCE if coarse else STEPS_AT_ONCE // 4
+        halves = all(observer.mirrored for observer in given)
+        self.odd: Flag = False
+        if halves:
+            self.odd = is_odd(column) if odd is None else odd
+        length = cast(Scalar, self.windows.length)
+        spans = cast(int, self.windows.max_windows)
+        self.last = length  # the span that is observed where nothing is certain
+        self.horizon = cast(Scalar, self.windows.transient) + length * (spans - 1)
+        good = keeps("nonnegative", self.windows.transient)
+        good &= keeps("positive", length, self.windows.escape, self.windows.rate_cut)
+        good &= keeps("positive", self.windows.agreement)
+        good &= keeps("positive", self.method.rtol, self.method.atol)
+        self.valid = good & valid_scene(column, self.y0) & self.observation.valid()
+
+    # ---- the loop
+
+    def begin(self) -> Certifying:
+        """Before the first step."""
+        zero, none = 0.0 * self.y0[0], jnp.zeros((), jnp.int32)
+        no, point = jnp.asarray(False), jnp.zeros(3, zero.dtype)
+        matrix = jnp.zeros((3, 3), zero.dtype)
+        blank = Candidate(no, none, point, matrix, matrix, zero)
+        attempt = blank_attempt(zero)
+        march = self._march(none).begin()
+        shot = self._shot(self.y0, attempt, none).begin()
+        shot = shot._replace(outcome=jnp.full_like(shot.outcome, OUTCOME.complete))
+        record = Record(shot.folded.record, zero, self.y0)
+        outcome = jnp.where(march.running, OUTCOME.not_computed, march.outcome)
+        return Certifying(
+            shoots=no,
+            march=march,
+            returns=no_returns(zero),
+            shot=shot,
+            attempt=attempt,
+            candidate=blank,
+            orbit=Orbit(self.y0, zero, zero + jnp.nan, record),
+            observing=none,
+            unstable=no,
+            spent=none,
+            outcome=outcome.astype(jnp.int32),
+        )
+
+    @property
+    def phases(self) -> list[Phase[Certifying]]:
+        """The two programs, and what lies between them."""
+        return [
+            Phase(self.march_on),
+            Phase(self.shoot_on, COST),
+            Phase(lambda now, _: self.decide(now), loops=False),
+        ]
+
+    def to_the_end(self, now: Certifying) -> Certifying:
+        """The last state."""
+
+        def turn(now: Certifying) -> Certifying:
+            for phase in self.phases:
+                now = phase.advance(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
+            return now
+
+        return lax.while_loop(lambda now: now.running, turn, now)
+
+    def march_on(self, now: Certifying, max_steps: Count) -> Certifying:
+        """The motion itself, until it asks for something."""
+        motion = self._march(now.spent)
+
+        def turn(_, place):
+            run, returns = place
+            run = motion.advance(run, self.at_once)
+            waits = run.folded.waits > 0
+
+            def look(place):
+                run, returns = place
+                after = with_return(returns, run.folded, self.odd, now.candidate)
+                lookout = run.folded._replace(waits=0.0 * run.time)
+                run = run.paused(after.asks != NOTHING, lookout)
+                return replaced(waits, (run, after), place)
+
+            return if_any_lane(waits, look, (run, returns))
+
+        run, returns = lax.fori_loop(
+            0, self._turns(max_steps), turn, (now.march, now.returns)
+        )
+        return now._replace(march=run, returns=returns)
+
+    def shoot_on(self, now: Certifying, max_steps: Count) -> Certifying:
+        """Shots one after the other."""
+
+        def turn(_, place):
+            run, attempt, spent = place
+            now_left = self._left(now._replace(spent=spent))
+            before = run.running & (now.observing == OUTCOME.not_computed)
+            run = self._shot(self.y0, attempt, now_left).advance(run, self.at_once)
+            tried = before & ~run.running
+
+            def shoot(place):
+                run, attempt, spent = place
+                after, again = after_shot(attempt, run)
+                more = spent + run.steps.astype(spent.dtype)
+                left = self._left(now._replace(spent=more))
+                fresh = self._shot(start_of(after.x), after, left).begin()
+                run = replaced(again, fresh, run)
+                spent = jnp.where(again, more, spent)
+                return replaced(tried, (run, after, spent), place)
+
+            return if_any_lane(tried, shoot, (run, attempt, spent))
+
+        place = now.shot, now.attempt, now.spent
+        place = lax.fori_loop(0, self._turns(max_steps), turn, place)
+        run, attempt, spent = place
+        return now._replace(shot=run, attempt=attempt, spent=spent)
+
+    def _turns(self, max_steps: Count) -> Count:
+        return (jnp.asarray(max_steps, jnp.int32) - 1) // self.at_once + 1
+
+    def _march(self, spent: Count) -> Motion[Lookout]:
+        carrier = cast(Explicit, self.method.solver) if self.grows else None
+        escape = cast(Scalar, self.windows.escape)
+        fold = March(self.odd, self.rest, escape, carrier)
+        left = cast(Count, self.method.max_steps) - spent
+        return Motion(
+            self.column, self.y0, fold, self.method.at_most(left),
+            end=self.horizon, valid=self.valid,
+        )  # fmt: skip
+
+    def _shot(self, y0: Vector4, attempt: Attempt, left: Count) -> Motion[ShotState]:
+        share = jnp.where(attempt.fine, FINE, COARSE)
+        rtol, atol = (
+            jnp.maximum(share * cast(Scalar, x), FINEST)
+            for x in (self.method.rtol, self.method.atol)
+        )
+        solver = self.method.solver
+        solver = solver if isinstance(solver, Explicit) else Explicit()
+        fold = Shot(solver, self.observation)
+        method = Method(solver, rtol, atol).at_most(left)
+        span = jnp.maximum(attempt.span, SHORTEST)
+        return Motion(self.column, cast(Traced4, y0), fold, method, end=span)
+
+    def _left(self, now: Certifying) -> Count:
+        return cast(Count, self.method.max_steps) - now.march.steps - now.spent
+
+    # ---- between the phases
+
+    def decide(self, now: Certifying) -> Certifying:
+        """Where a lane goes whose motion or shot has come to its end."""
+        asked = now.phase == DECISION
+        shot = now.shoots
+        spent = now.spent + jnp.where(shot, now.shot.steps, 0).astype(jnp.int32)
+        before, now = now, now._replace(spent=spent)
+        observed = shot & (now.observing != OUTCOME.not_computed)
+        after = replaced(shot, self._judged(now), self._after_march(now))
+        if self.watches:
+            after = replaced(observed, self._after_observation(now), after)
+        return replaced(asked, after, before)
+
+    def _after_march(self, now: Certifying) -> Certifying:
+        """What the motion asks for, or how it has failed."""
+        run, state = now.march, now.returns
+        last = jnp.maximum(state.asks, run.folded.asks)
+        well = run.outcome == OUTCOME.complete
+        tries = well & (last == A_SHOT)
+        accepted = well & (last == ACCEPTANCE)
+        rests = well & (last == REST)
+        over = well & (last == NOTHING)
+        shoots, x, zero = tries, state.points[0], 0.0 * run.time
+        if self.watches:
+            shoots = tries | rests | over
+        span = self.last + zero
+        if not self.rest.by_modes:
+            span = jnp.where(rests, AT_REST, span)
+        span = jnp.where(tries, span_of(state, state.returns), span)
+        attempt = attempt_at(x, span, self._sign(state.returns))
+        y0 = tree_where(tries, start_of(x), run.y)
+        shot = self._shot(y0, attempt, self._left(now)).begin()
+        watched = jnp.where(rests, self.rest.outcome(self.column), OUTCOME.unsettled)
+        watched = jnp.where(rests | over, watched, OUTCOME.not_computed)
+        failed = jnp.where(last > REST, OUTCOME.escaped, run.outcome)
+        ended = jnp.where(rests | over, watched, failed)
+        outcome = jnp.where(shoots, OUTCOME.not_computed, ended)
+        outcome = jnp.where(accepted, OUTCOME.cycle, outcome)
+        return now._replace(
+            shoots=shoots,
+            shot=shot,
+            attempt=attempt,
+            observing=watched.astype(jnp.int32),
+            outcome=outcome.astype(jnp.int32),
+        )
+
+    def _after_observation(self, now: Certifying) -> Certifying:
+        """What was observed."""
+        run, span = now.shot, now.attempt.span
+        well = run.outcome == OUTCOME.complete
+        record = Record(run.folded.record, span, run.y)
+        outcome = jnp.where(well, now.observing, run.outcome)
+        return now._replace(
+            orbit=Orbit(run.y, span, span + jnp.nan, record),
+            outcome=outcome.astype(jnp.int32),
+        )
+
+    def _sign(self, returns: Count) -> Traced:
+        """-1 where an odd number of half returns closes."""
+        odd = self.odd & (jnp.asarray(returns) % 2 == 1)
+        return jnp.where(odd, -1.0, 1.0)
+
+    def _judged(self, now: Certifying) -> Certifying:
+        """The verdict on an orbit that closes; what does not is forgotten."""
+        run, state, attempt = now.shot, now.returns, now.attempt
+        radius = spectral_radius(attempt.slope)
+        margin = MARGIN * state.returns.astype(radius.dtype)
+        verified = attempt.verified
+        stable = verified & (radius < 1 - margin)
+        unstable = verified & (radius > 1 + margin)
+        norm = contraction_norm(attempt.slope, radius)
+        orbit = Candidate(stable, state.returns, attempt.x, attempt.slope, norm, radius)
+        was, became = attempt.start - attempt.x, attempt.image - attempt.x
+        scale = jnp.maximum(largest(attempt.x), TINY)
+        at_once = stable & contracts(norm, attempt.first_slope)
+        at_once &= follows(orbit, was, became, 0.0)
+        at_once &= largest(was) < ARRIVED * scale
+        record = Record(run.folded.record, attempt.span, run.y)
+        y = start_of(attempt.x)
+        closed = Orbit(y, attempt.span, attempt.size, record)
+        returns = tree_where(stable, with_candidate(state), ask_no_more(state))
+        outcome = jnp.where(at_once, OUTCOME.cycle, OUTCOME.not_computed)
+        return now._replace(
+            shoots=jnp.zeros_like(now.shoots),
+            march=now.march.resumed(),
+            returns=returns,
+            candidate=tree_where(stable, orbit, now.candidate),
+            orbit=tree_where(stable, closed, now.orbit),
+            unstable=now.unstable | unstable,
+            outcome=outcome.astype(jnp.int32),
+        )
+
+    # ---- what it amounts to
+
+    def kind(self, now: Certifying) -> Int[Array, ""]:
+        """Of which kind an undecided lane is."""
+        nearest = now.returns.nearest
+        kind = jnp.where(nearest < NEARLY, UNDECIDED.slow, UNDECIDED.aperiodic)
+        kind = jnp.where(jnp.isfinite(nearest), kind, UNDECIDED.none)
+        kind = jnp.where(now.unstable, UNDECIDED.unstable_near, kind)
+        open_ = now.outcome == OUTCOME.unsettled
+        return jnp.where(open_, kind, UNDECIDED.decided).astype(jnp.int8)
+
+    def settings(self) -> dict[str, Option]:
+        """The options, for the record."""
+        law = self.column.friction
+        return {
+            **self.method.settings(),
+            **self.windows.settings(),
+            "rate_cut": self.rest.setting(),
+            **(law.settings() if law else {}),
+        }

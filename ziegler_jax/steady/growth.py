@@ -1,0 +1,104 @@
+r"""How much a small difference in the kick grows on the way to where a motion settles.
+
+The tangent v of the kick follows the variational equations along the motion from $v_0 =
+y_0 / |y_0|$. Steps of tolerance rtol leave differences of about rtol, which grow as it
+does: where
+
+$$\max_t |v(t)|\; rtol > 10^{-2},$$
+
+the motion may end elsewhere with other steps.
+"""
+
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+
+from ..model.column import Column
+from ..motion.observers import AbstractObserver
+from ..motion.tangents import past, push
+from ..numerics.materialise import tree_where
+from ..numerics.numbers import Flag, Scalar, Traced, Traced4, Vector4
+from ..results import Variable
+from ..solvers import Explicit, Step
+
+ALLOWED = 1e-2  # of the state, for a difference as large as the tolerance to grow to
+MOST = 1e100  # where the tangent is followed no further
+
+
+class Growth(AbstractObserver):
+    r"""The largest growth $\max_t |v(t)|$ of the kick's tangent on the way.
+
+    $$\dot v = \frac{\partial f}{\partial y}\, v, \qquad v(0) = \frac{y(0)}{|y(0)|},
+    \qquad |v|^2 = \varphi_1^2 + \varphi_2^2 + \omega_1^2 + \omega_2^2$$
+
+    It watches the motion from its start to the end of its own steps, where others watch
+    a cycle, and so goes only with certificates (`certify` of `settle`). A tangent goes
+    along with each step. With set-valued friction steps are then those of Tsit5.
+
+    **Results:** `growth`, at most about 1e100, NaN for a start at rest; and
+    `sensitive`, whether `growth * rtol` exceeds 0.01, 1e4 at the usual tolerance: steps
+    of another length may then lead to another end. `benchmarks/a5_certificates.py`
+    counts how many do at a tolerance of 1e-8, and how many of those are sensitive.
+    """
+
+    name: ClassVar[str] = "growth"
+    mirrored: ClassVar[bool] = True
+
+    def init(self, column, t, y):
+        """Nothing: the tangent goes along with the motion itself."""
+        del column, t, y
+        return ()
+
+    def step(self, column, state, step):
+        """Nothing."""
+        del column, step
+        return state
+
+    def result(self, column, state, span, y):
+        """`settle` has it."""
+        del column, state, span, y
+        return {}
+
+
+class Grown(NamedTuple):
+    """The kick's tangent, and its largest length so far."""
+
+    tangent: Traced4
+    largest: Traced
+
+
+def kick_tangent(y0: Traced4) -> Grown:
+    """At the start: of length one in the kick's direction; none of a start at rest."""
+    size = _length(y0)
+    none = jnp.where(size > 0, size, jnp.nan)
+    v0, v1, v2, v3 = (x / none for x in y0)
+    return Grown((v0, v1, v2, v3), 1.0 + 0.0 * none)
+
+
+def grown(column: Column, solver: Explicit, before: Grown, step: Step) -> Grown:
+    """After a step, whose `integrals` are the tangent's image, and past its event."""
+    images = step.integrals
+    if step.modes:  # it may have been cut
+        ends = step.t0, step.t1, step.y0
+        _, (_, images), *_ = push(solver, column, *ends, (before.tangent,))
+    (tangent,) = past(column, step, images)
+    length = _length(tangent)
+    goes_on = before.largest < MOST
+    after = Grown(tangent, jnp.maximum(before.largest, length))
+    return tree_where(goes_on, after, before)
+
+
+def growth_variables(
+    largest: Scalar, failed: Flag, rtol: Scalar
+) -> dict[str, Variable]:
+    """What `Growth` results in."""
+    growth = jnp.where(failed, jnp.nan, largest)
+    sensitive = growth * rtol > ALLOWED
+    return {
+        "growth": Variable(growth, "largest growth of a difference in the kick"),
+        "sensitive": Variable(sensitive, "whether other steps may lead to another end"),
+    }
+
+
+def _length(v: Vector4) -> Scalar:
+    return jnp.sqrt(sum(x * x for x in v))

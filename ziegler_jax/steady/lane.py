@@ -1,0 +1,76 @@
+"""Where a lane is on its way to a certificate."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from ..context import ENDED
+from ..motion.integrate import Run
+from ..numerics.materialise import tree_where
+from ..numerics.numbers import Scalar, Traced, Vector4
+from ..results import OUTCOME
+from .observation import Record
+from .returns import Candidate, Lookout, Returns
+from .shots import Attempt, ShotState
+
+MARCH, SHOTS, DECISION = range(3)  # the phases
+
+
+class Orbit(NamedTuple):
+    """A stable orbit."""
+
+    y: Vector4  # where it passes the section
+    span: Traced  # until it closes, for one that is symmetric with signs turned
+    residual: Traced
+    record: Record
+
+
+class Certifying(NamedTuple):
+    """Where a lane is."""
+
+    shoots: Bool[Array, ""]  # whether it is in a shot
+    march: Run[Lookout]
+    returns: Returns
+    shot: Run[ShotState]
+    attempt: Attempt
+    candidate: Candidate
+    orbit: Orbit  # of the candidate; at the end what has been observed
+    observing: Int[Array, ""]  # the outcome to come, where a shot only observes
+    unstable: Bool[Array, ""]  # whether an unstable orbit was met
+    spent: Int[Array, ""]  # steps of all shots that have ended
+    outcome: Int[Array, ""]  # `not_computed` while it runs
+
+    @property
+    def watched(self) -> Bool[Array, ""]:
+        """Whether what observers have seen is the end of the motion itself."""
+        return (self.outcome == self.observing) & ~self.running
+
+    @property
+    def y(self) -> Vector4:
+        """The motion's own state at the end."""
+        return tree_where(self.watched, self.orbit.record.y, self.march.y)
+
+    @property
+    def time(self) -> Scalar:
+        """How far the motion has come."""
+        observed = jnp.where(self.watched, self.orbit.span, 0.0)
+        return self.march.time + observed
+
+    @property
+    def steps(self) -> Int[Array, ""]:
+        """Attempted steps, those of shots included."""
+        shooting = jnp.where(self.shoots & self.running, self.shot.steps, 0)
+        return (self.march.steps + self.spent + shooting).astype(jnp.int32)
+
+    @property
+    def running(self) -> Bool[Array, ""]:
+        """Whether there is no verdict yet."""
+        return self.outcome == OUTCOME.not_computed
+
+    @property
+    def phase(self) -> Int[Array, ""]:
+        """The program that it is in, or `ENDED`."""
+        moves = jnp.where(self.shoots, self.shot.running, self.march.running)
+        phase = jnp.where(moves, jnp.where(self.shoots, SHOTS, MARCH), DECISION)
+        return jnp.where(self.running, phase, ENDED).astype(jnp.int32)

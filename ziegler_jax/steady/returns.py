@@ -1,0 +1,328 @@
+r"""A motion's returns to the section phi1 = 0, and what they tell of where it goes.
+
+A return is $x = (\phi_2, \omega_1, \omega_2)$ where the motion passes $\phi_1 = 0$.
+Where the scene is odd, $f(-y) = -f(y)$, each half return counts, with its signs turned
+so that $\omega_1 > 0$: a symmetric cycle is then a fixed point of half the motion.
+
+$$d_n = \frac{\max |x_k - x_{k-n}|}{\max |x_k|}, \qquad n \in \{1, 2, 3, 4, 6\}$$
+
+falls as the motion nears a cycle of n returns. Where it passes a level, or has been
+small for long, the fold asks for a shot (`shots`). To the orbit that a shot has found
+the motion must then draw near by itself: from one of its own returns to the next, the
+distance e to the orbit's point must follow the orbit's linear map, $|e' - M e|_P \le
+\frac12 (1 - |M|_P)\,|e|_P$, in the norm in which that contracts. A motion that stays
+beside the orbit, on a torus round it say, does not.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, cast
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..motion.section import SectionPlane, passage
+from ..motion.spans import Rest, fastest
+from ..motion.tangents import push
+from ..numerics.materialise import tree_where
+from ..numerics.numbers import Count, Flag, Pair, Scalar, Traced, Traced4
+from ..results import OUTCOME
+from ..solvers import AbstractFold, Explicit, Step
+from .contraction import (
+    TINY,
+    Matrix3,
+    Vector3,
+    contraction_rate,
+    image,
+    largest,
+    length,
+)
+from .growth import Grown, grown, kick_tangent
+
+RETURNS = (1, 2, 3, 4, 6)  # how many close an orbit
+COUNTS = np.array(RETURNS, np.int32)
+# A shot is asked for where a d_n passes the next of these, or at these times where it
+# is small; where it is large again, the first level counts once more.
+LEVELS = (1e-3, 3e-4, 1e-4)
+TIMES = (130.0, 250.0, 500.0, 800.0, 1100.0, 1400.0)
+SMALL, LARGE = 0.03, 0.03
+EARLIEST = 15.0
+ALIKE = 3.0  # of fewer returns more is put up with: they close as well
+CALM = 20.0  # time units for which a motion at rest stays below the cut
+OWN = 3  # returns of its own by which a motion shows that it draws nearer
+# Distances, in the orbit's own size: what has left it, what may follow its linear map,
+# and what is so near that no torus round it was seen to fit between.
+LOST, NEAR, ARRIVED = 0.3, 0.1, 0.01
+NOISE = 2e-4  # of the state: what steps, and their jitter, leave in a return
+LEAK = 1.05  # what is forgotten at each return of the smallest d_n
+# What a motion that has stopped asks for
+NOTHING, A_SHOT, ACCEPTANCE, REST, ESCAPE = range(5)
+
+
+class Candidate(NamedTuple):
+    """A stable orbit that a shot has found, to which the motion shall draw near."""
+
+    there: Bool[Array, ""]
+    returns: Int[Array, ""]
+    x: Vector3  # where it passes the section
+    slope: Matrix3  # the derivative of the map of so many returns there
+    norm: Matrix3  # in which that contracts
+    radius: Traced
+
+
+class Calm(NamedTuple):
+    """Since when no joint has been faster than the cut."""
+
+    start: Scalar
+    early: Scalar  # the largest rates in its two halves
+    late: Scalar
+
+
+class Ends(NamedTuple):
+    """A step's ends: times, states, accelerations."""
+
+    t0: Traced
+    t1: Traced
+    y0: Traced4
+    y1: Traced4
+    a0: Pair
+    a1: Pair
+
+
+class Lookout(NamedTuple):
+    """The running numbers of `March`."""
+
+    passed: Ends  # the step of a return that has not been looked at
+    waits: Traced  # how many have not
+    calm: Calm | tuple[()]
+    asks: Int[Array, ""]
+    grown: Grown | tuple[()] = ()
+
+
+class March(AbstractFold[Lookout]):
+    """Watches for a return, for rest and for a rod that turns over.
+
+    A return is looked at some steps later, by all lanes of a batch together: what a
+    solve carries along it copies in each step.
+
+    **Arguments:** `odd`: whether half returns count; `rest`: when it is at rest;
+    `escape`: an angle that ends it; `carrier`: the method, where the kick's tangent
+    goes along.
+    """
+
+    odd: Flag
+    rest: Rest
+    escape: Scalar
+    carrier: Explicit | None = None
+
+    def init(self, column, t0, y0):
+        """No return yet."""
+        del column
+        zero = 0.0 * y0[0]
+        start, none = t0 + zero, (zero, zero)
+        return Lookout(
+            passed=Ends(start, start, y0, y0, none, none),
+            waits=zero,
+            calm=() if self.rest.by_modes else Calm(start, fastest(y0), zero),
+            asks=jnp.zeros((), jnp.int32),
+            grown=() if self.carrier is None else kick_tangent(y0),
+        )
+
+    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+        """A step, and the image of the kick's tangent."""
+        if self.carrier is None:
+            return super().advance(solver, terms, t0, t1, y0, column, first, state)
+        _, (y1, images), (error, _), (last, _) = push(
+            solver, column, t0, t1, y0, (state.grown.tangent,)
+        )
+        return y1, error, last, images, None
+
+    def outcome(self, state):
+        """`complete` where it asks for something."""
+        asks = state.asks != NOTHING
+        none, complete = OUTCOME.not_computed, OUTCOME.complete
+        return jnp.where(asks, complete, none).astype(jnp.int32)
+
+    def step(self, column, state, step):
+        """Keep the step if it returns, and see whether the motion is over."""
+        growth = state.grown
+        if self.carrier is not None:
+            growth = grown(column, self.carrier, cast(Grown, growth), step)
+        falls = self.odd & (step.y1[0] < step.y0[0])
+        before, after = (jnp.where(falls, -y[0], y[0]) for y in (step.y0, step.y1))
+        there = (before < 0) & (after >= 0)
+        ends = Ends(step.t0, step.t1, step.y0, step.y1, step.f0[2:], step.f1[2:])
+        passed = tree_where(there, ends, state.passed)
+        rests, calm = self._rests(state, step)
+        over = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
+        asks = jnp.where(rests, REST, state.asks)
+        asks = jnp.where(over, ESCAPE, asks).astype(jnp.int32)
+        waits = state.waits + jnp.where(there, 1.0, 0.0)
+        after = Lookout(passed, waits, calm, asks, growth)
+        return after, jnp.inf, asks != NOTHING
+
+    def _rests(self, state: Lookout, step: Step) -> tuple[Flag, Calm | tuple[()]]:
+        """Whether it has been at rest for long enough, and is not on its way up."""
+        if self.rest.by_modes:
+            assert step.event
+            m1, m2 = step.event[1]
+            return (m1 == 0) & (m2 == 0), ()
+        calm, rate = cast(Calm, state.calm), fastest(step.y1)
+        first_half = step.t1 - calm.start <= CALM / 2
+        early = jnp.where(first_half, jnp.maximum(calm.early, rate), calm.early)
+        late = jnp.where(first_half, calm.late, jnp.maximum(calm.late, rate))
+        over = step.t1 - calm.start >= CALM
+        slow = rate < cast(Scalar, self.rest.rate_cut)
+        rests = slow & over & (late <= early)
+        anew = Calm(step.t1, rate, 0.0 * rate)
+        goes_on = slow & (~over | rests)
+        return rests, tree_where(goes_on, Calm(calm.start, early, late), anew)
+
+
+class Returns(NamedTuple):
+    """What the returns have told."""
+
+    points: Float[Array, "n 3"]  # the last ones, newest first
+    times: Float[Array, " n"]
+    passages: Traced
+    last: Float[Array, " counts"]  # d_n at the newest
+    nearest: Traced  # about the smallest of the last d_n
+    level: Traced  # how many of them have been used up
+    timed: Traced  # the same of the times
+    own: Traced  # returns since the shot that found the candidate
+    follows: Traced  # how many of its own in a row draw near
+    lost: Bool[Array, ""]  # whether the motion has left the candidate
+    asks: Int[Array, ""]
+    returns: Int[Array, ""]  # and for a shot of how many
+
+
+def no_returns(zero: Traced) -> Returns:
+    """Before the first."""
+    places, none = 1 + max(RETURNS), jnp.zeros((), jnp.int32)
+    return Returns(
+        points=jnp.zeros((places, 3), zero.dtype),
+        times=jnp.zeros(places, zero.dtype),
+        passages=zero,
+        last=jnp.full(len(RETURNS), jnp.inf, zero.dtype),
+        nearest=zero + jnp.inf,
+        level=zero,
+        timed=zero,
+        own=zero,
+        follows=zero,
+        lost=jnp.asarray(False),
+        asks=none,
+        returns=none,
+    )
+
+
+def with_return(
+    state: Returns, lookout: Lookout, odd: Flag, orbit: Candidate
+) -> Returns:
+    """After the return that waits; `orbit`: the one it may draw near to."""
+    ends = lookout.passed
+    sign = jnp.where(odd & (ends.y1[0] < ends.y0[0]), -1.0, 1.0)
+    y0, y1, a0, a1 = (
+        tuple(sign * x for x in part) for part in (ends.y0, ends.y1, ends.a0, ends.a1)
+    )
+    slopes = cast(Traced4, (*y0[2:], *a0)), cast(Traced4, (*y1[2:], *a1))
+    step = Step(ends.t0, ends.t1, cast(Traced4, y0), cast(Traced4, y1), *slopes, ())
+    here = passage(SectionPlane(), step)
+    point = jnp.stack(here.y[1:])
+    points = jnp.concatenate([point[None], state.points[:-1]])
+    times = jnp.concatenate([jnp.asarray(here.time)[None], state.times[:-1]])
+    # where two came at once one is lost: what was before says nothing of what follows
+    count = jnp.where(lookout.waits > 1, 1.0, state.passages + 1)
+    apart = jnp.max(jnp.abs(points[COUNTS] - point[None]), axis=1)
+    apart = apart / jnp.maximum(largest(point), TINY)
+    apart = jnp.where(count > COUNTS.astype(float), apart, jnp.inf)
+    after = state._replace(
+        points=points,
+        times=times,
+        passages=count,
+        last=apart,
+        nearest=jnp.minimum(LEAK * state.nearest, jnp.min(apart)),
+    )
+    return _with_request(state, _drawn_near(after, orbit), orbit)
+
+
+def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
+    """Whether it is time for a shot, and of how many returns."""
+    t, least, levels = now.times[0], jnp.min(now.last), np.array(LEVELS)
+    level = jnp.where(least > LARGE, 0.0, now.level)
+    bound = _nth((*LEVELS, 0.0), level)
+    passed = jnp.any((now.last < bound) & (now.last < before.last))
+    passed &= t > EARLIEST
+    timed = t > _nth((*TIMES, np.inf), now.timed)
+    asks = passed | (timed & (least < SMALL))
+    # no shot at an orbit that is known, and that the motion has not left
+    asks &= ~orbit.there | now.lost
+    asks &= now.asks == NOTHING
+    enough = ALIKE * jnp.maximum(jnp.where(passed, bound, 0.0), least)
+    first = jnp.min(jnp.where(now.last < enough, COUNTS, COUNTS[-1]))
+    below = jnp.sum(jnp.where(least < levels, 1.0, 0.0))
+    return now._replace(
+        level=jnp.where(passed, jnp.maximum(level, below), level),
+        timed=now.timed + jnp.where(timed, 1.0, 0.0),
+        asks=jnp.where(asks, A_SHOT, now.asks).astype(jnp.int32),
+        returns=jnp.where(asks, first, now.returns).astype(jnp.int32),
+    )
+
+
+def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
+    """Whether the motion follows the candidate's linear map, return by return."""
+    own = now.own + 1
+    returns = jnp.maximum(orbit.returns, 1).astype(own.dtype)
+    # whole numbers, far below those whose quotients would be rounded
+    mine = own - returns * jnp.floor((own + 0.5) / returns) == 0
+    mine &= orbit.there & ~now.lost
+    chosen = (COUNTS == orbit.returns)[:, None]
+    earlier = jnp.sum(jnp.where(chosen, now.points[COUNTS], 0.0), axis=0)
+    distance = now.points[0] - orbit.x
+    size = jnp.maximum(largest(orbit.x), TINY)
+    good = follows(orbit, earlier - orbit.x, distance, NOISE * size)
+    good &= largest(distance) < NEAR * size
+    row = jnp.where(mine, jnp.where(good, now.follows + 1, 0.0), now.follows)
+    arrived = mine & (row >= OWN) & (largest(distance) < ARRIVED * size)
+    asks = jnp.where(arrived, ACCEPTANCE, now.asks)
+    return now._replace(
+        own=own,
+        follows=row,
+        lost=now.lost | (mine & (largest(distance) > LOST * size)),
+        asks=asks.astype(jnp.int32),
+    )
+
+
+def follows(
+    orbit: Candidate, before: Vector3, after: Vector3, noise: Scalar
+) -> Bool[Array, ""]:
+    """Whether distances from an orbit go on as its linear map says, and do not grow."""
+    rate = contraction_rate(orbit.norm, orbit.radius)
+    rest = length(orbit.norm, after - image(orbit.slope, before))
+    was, now = length(orbit.norm, before), length(orbit.norm, after)
+    # the norm stretches noise by the root of its trace at most
+    noise = noise * jnp.sqrt(jnp.sum(jnp.eye(3) * orbit.norm))
+    return (rest <= (1 - rate) / 2 * was + noise) & (now <= was + noise)
+
+
+def ask_no_more(state: Returns) -> Returns:
+    """The motion goes on."""
+    return state._replace(asks=jnp.zeros_like(state.asks))
+
+
+def with_candidate(state: Returns) -> Returns:
+    """The motion goes on, under the watch of a new candidate."""
+    zero, no = jnp.zeros_like(state.own), jnp.zeros_like(state.lost)
+    return ask_no_more(state)._replace(own=zero, follows=zero, lost=no)
+
+
+def span_of(state: Returns, returns: Count) -> Traced:
+    """The time that the last so many returns took."""
+    spans = state.times[0] - state.times[COUNTS]
+    return jnp.sum(jnp.where(COUNTS == returns, spans, 0.0))
+
+
+def _nth(numbers: Sequence[Scalar], place: Traced) -> Traced:
+    """One of a few numbers."""
+    chosen = jnp.stack([jnp.asarray(x, place.dtype) for x in numbers])
+    places = np.arange(float(len(numbers)))
+    return jnp.sum(jnp.where(places == place, chosen, 0.0))

@@ -1,0 +1,278 @@
+"""`settle`: the long-run motion of a column, as numbers."""
+
+from collections.abc import Sequence
+from typing import cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Shaped
+
+from ..context import resumable
+from ..model.column import Column, State
+from ..motion import not_finite
+from ..motion.implicit import fixed
+from ..motion.integrate import Run, follow
+from ..motion.observers import AbstractObserver
+from ..motion.options import Method, Windows, recorded
+from ..motion.scene import check_scene, ending, nan_where
+from ..motion.spans import Rest, SpanState
+from ..numerics.numbers import Scalar, instance
+from ..results import (
+    OUTCOME,
+    TIME,
+    UNDECIDED,
+    AbstractDescribed,
+    AbstractMotionResult,
+    Variable,
+    quantity,
+    without_values,
+)
+from ..solvers import Explicit, Rosenbrock
+from .certified import CertifiedMotion
+from .derivative import Place, carried, floats, with_zeros
+from .growth import Grown, growth_variables
+from .lane import Certifying
+from .observation import Record
+from .window_rule import SettleProblem, WindowState
+
+
+class Settled(AbstractDescribed, AbstractMotionResult[State]):
+    """The long-run motion of one lane, as numbers.
+
+    Beside the fields, each observer adds attributes: `rod_amplitude` and
+    `joint_amplitude` always, and `stick_fraction`, `mean_angle`, `follower_power`, ...
+    where asked for. A certificate adds `period`, `returns`, `largest_multiplier`,
+    `undecided` and `shot_steps`; the rule of windows adds `windows`.
+    """
+
+    numbers: dict[str, Shaped[Array, "..."]]
+    quantities: tuple[tuple[str, Variable], ...] = eqx.field(static=True)
+    drift: Float[Array, "*lanes"] = eqx.field(
+        metadata=quantity(
+            "certified: by how much the orbit does not close; else the change of the "
+            "amplitudes over the last window; relative"
+        )
+    )
+
+
+_FIELDS = {*Settled.__dataclass_fields__, "windows"}
+_CERTIFICATE = {
+    "period", "returns", "largest_multiplier", "undecided", "shot_steps", "growth",
+    "sensitive",
+}  # fmt: skip
+
+
+@not_finite.motion
+def settle(
+    column: Column,
+    start: State,
+    *,
+    windows: Windows = Windows(),  # noqa: B008, a value
+    observers: Sequence[AbstractObserver] = (),
+    method: Method = Method(),  # noqa: B008
+    certify: bool | None = None,
+) -> Settled:
+    r"""Kick the column and wait: what its motion settles to, with a certificate.
+
+    **Certified** (`certify=True`), a motion is a cycle if
+
+    - Newton's method, from one of its own returns to $\phi_1 = 0$ on, has found an
+        orbit that closes to 1e-5, with tolerances of a hundredth of the motion's own;
+    - that is stable: the largest multiplier of a return is below 0.999;
+    - and the motion contracts towards it: its own returns follow the orbit's linear
+        map, in the norm in which that contracts, to within 1 % of the orbit.
+
+    It is at rest where both joints stay below `rate_cut` for 20 time units and are no
+    faster in the second half of them (set-valued friction: where both stick), and
+    `unsettled` if neither came by the horizon, `transient + length * max_windows`. What
+    observers give is, of a cycle, of exactly one turn of the orbit (of half a turn
+    where the cycle is its own mirror image, and all observers say that this is enough);
+    at rest, of the next 2 time units (set-valued: of `length`); else of the last
+    `length`. Of 10 170 such cycles of the main job's map none was false, followed on by
+    another code; 3.6 % of the map stay undecided (`benchmarks/a5_certificates.py`).
+
+    **By windows** (`certify=False`): after the transient, windows follow each other
+    until the amplitudes of two consecutive ones agree, $\max_j |A_j - A_j'| \le$
+    `agreement` $\max_j A_j$ over the largest $|\phi_1|, |\phi_2|$ and $|\phi_2 -
+    \phi_1|$, until both joint rates stayed below `rate_cut` for a whole window and were
+    no faster than in the window before, or until `max_windows` are over. The result is
+    that of the last window. With one window there is nothing to compare: the outcome is
+    `unsettled` or `stuck`. About 1 % of the main job's map then pass for cycles that a
+    finer run does not confirm: most are on their slow way past an unstable cycle
+    (`benchmarks/a4_settling.py`).
+
+    **Arguments:**
+
+    - `column`, `start`: the scene.
+    - `windows`: as above, see `Windows`.
+    - `observers`: what to watch beside `Amplitude()`, e.g. `(StickFraction(),)`. What
+        is not asked for is not in the program.
+    - `method`: any, see `Method`. On friction cycles (q = 2.6, $\tau$ = 0.026, v_smooth
+        from 0.3 to 0.003) windows at the default tolerance 1e-6 leave up to 7e-5 rad in
+        an amplitude; a certificate's orbit has a hundred times finer ones. With
+        friction the default, Tsit5, is the cheapest down to what its tolerance gives,
+        an error of 4e-5 after 100 time units (`benchmarks/b0_work_precision.py`); from
+        there Calvo7 is, and Dopri8 from 1e-9 on.
+    - `certify`: None certifies with explicit methods, in 64 bits, where friction is not
+        set-valued. With `SetValuedCoulomb` it has to be asked for: shots run on an
+        explicit method, event by event, with tangents, far slower than the motion's own
+        steps. Not with `Rosenbrock()`. It fits no column that dissipates
+        nothing: there no cycle attracts.
+
+    **Returns:** `Settled`. Where the outcome is a failure (before `unsettled` in
+    `OUTCOME`), observed numbers and `drift` are NaN.
+
+    **Derivatives:** forward (`jax.jvp`), first order. Of a certified cycle they are
+    those of its fixed point, see `steady/derivative.py`; its `final` state, `drift`,
+    multiplier and `growth` have none (NaN, zero). Else they are those of the motion.
+    `jax.grad` does not pass: the number of steps is not known beforehand.
+
+    **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit session.
+    """
+    scene = column, start, "settle", windows, observers, method
+    motion = settling(*scene, certify)
+    if not isinstance(motion, CertifiedMotion):
+        return settled(motion, follow(motion))
+    fixed_scene = (*fixed((column, start)), "settle", *fixed(scene[3:]))
+    still = CertifiedMotion(*fixed_scene, odd=fixed(motion.odd))
+    first = still.begin()
+    last = resumable(first, still.phases, lambda now: (now.phase, now.steps))
+    return settled(motion, still.to_the_end(first) if last is None else last)
+
+
+Settling = CertifiedMotion | SettleProblem
+
+
+def settling(
+    column: Column,
+    start: State,
+    question: str,
+    windows: Windows,
+    observers: Sequence[AbstractObserver],
+    method: Method,
+    certify: bool | None,
+) -> Settling:
+    """The motion that is followed until it has settled.
+
+    **Raises:** `ValueError` where a certificate is asked for that cannot be given.
+    """
+    scene = column, start, question, windows, observers, method
+    check_scene(column, start)
+    instance("method", method, Method)
+    if certify is None:
+        certify = may_certify(column, method)
+    elif not isinstance(certify, bool):
+        raise ValueError(
+            f"Argument `certify` must be True, False or None, but is {certify!r}."
+        )
+    elif certify and isinstance(method.solver, Rosenbrock):
+        raise ValueError(
+            "Argument `certify` must be False or None with `Rosenbrock()`, whose steps "
+            "carry no tangents, but is True."
+        )
+    elif certify and jnp.result_type(float) != jnp.float64:
+        raise ValueError(
+            "Argument `certify` must be False or None in 32-bit arithmetic, whose "
+            "orbits close too coarsely, but is True."
+        )
+    return CertifiedMotion(*scene) if certify else SettleProblem(*scene)
+
+
+def may_certify(column: Column, method: Method) -> bool:
+    """Whether cycles are certified by default."""
+    known = method.solver is None or isinstance(method.solver, Explicit)
+    return known and not column.sticks and jnp.result_type(float) == jnp.float64
+
+
+def settled(motion: Settling, run: Run[SpanState[WindowState]] | Certifying) -> Settled:
+    """What a motion that has ended amounts to."""
+    if isinstance(motion, CertifiedMotion):
+        return _certified(motion, cast(Certifying, run))
+    return _windowed(motion, cast(Run[SpanState[WindowState]], run))
+
+
+def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settled:
+    fold, watch = motion.watch, run.folded.watch
+    record = Record(watch.observed, fold.span, run.y)
+    named = fold.observation.variables(motion.column, record, _FIELDS)
+    failed = run.outcome < OUTCOME.unsettled
+    named = _nan_where_failed(failed, named)
+    named["windows"] = Variable(run.folded.spans, "observed windows")
+    return Settled(
+        numbers={name: cast(jax.Array, v.value) for name, v in named.items()},
+        quantities=without_values(named),
+        drift=nan_where(failed | ~jnp.isfinite(watch.drift), watch.drift),
+        settings=recorded(**motion.settings()),
+        **ending(run),
+    )
+
+
+def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
+    orbit, candidate = end.orbit, end.candidate
+    named = motion.observation.variables(
+        fixed(motion.column), orbit.record, _FIELDS | _CERTIFICATE
+    )
+    closed = end.outcome == OUTCOME.cycle
+    twice = fixed(motion.odd) & (candidate.returns % 2 == 1)
+    place = Place(
+        closed=closed,
+        z=jnp.stack([*orbit.y[1:], orbit.span]),
+        sign=jnp.where(twice, -1.0, 1.0),
+        before=end.march.time,
+        span=orbit.span,
+        rest=Rest(motion.windows.rate_cut, at_once=False),
+        observation=motion.observation,
+        tolerances=(
+            cast(Scalar, motion.method.rtol),
+            cast(Scalar, motion.method.atol),
+        ),
+    )
+    size = floats(named).size
+    zeros = carried(motion, motion.y0, place, size)
+    named = _nan_where_failed(
+        end.outcome < OUTCOME.unsettled, with_zeros(named, zeros[:size])
+    )
+    period = jnp.where(twice, 2, 1) * (orbit.span + zeros[size])
+    radius = jnp.where(twice, candidate.radius**2, candidate.radius)
+    halves = jnp.where(fixed(motion.odd) & ~twice, 2, 1)
+    returns = jnp.where(closed, candidate.returns // halves, 0)
+    certificate = {
+        "period": Variable(nan_where(~closed, period), "period of the cycle", TIME),
+        "returns": Variable(returns, "upward passages of phi1 = 0 in a period"),
+        "largest_multiplier": Variable(
+            nan_where(~closed, radius), "largest modulus of a multiplier of the cycle"
+        ),
+        "undecided": Variable(
+            motion.kind(end), "of which kind an undecided lane is", codes=UNDECIDED
+        ),
+        "shot_steps": Variable(end.spent, "steps of shots, with three tangents each"),
+    }
+    named |= certificate
+    if motion.grows:
+        largest = cast(Grown, end.march.folded.grown).largest
+        failed = end.outcome < OUTCOME.unsettled
+        named |= growth_variables(largest, failed, cast(Scalar, motion.method.rtol))
+    how = ending(end)
+    y = jnp.stack(how["final"].y) + zeros[size + 1 :]
+    how["final"] = State((y[0], y[1]), (y[2], y[3]))
+    return Settled(
+        numbers={name: cast(jax.Array, v.value) for name, v in named.items()},
+        quantities=without_values(named),
+        drift=nan_where(~closed, orbit.residual),
+        settings=recorded(**motion.settings()),
+        **how,
+    )
+
+
+def _nan_where_failed(
+    failed: jax.Array, named: dict[str, Variable]
+) -> dict[str, Variable]:
+    """Observed numbers, lost where a motion failed."""
+
+    def lost(variable: Variable) -> Variable:
+        value = jnp.asarray(variable.value)
+        nothing = jnp.asarray(0 if variable.codes is not None else jnp.nan, value.dtype)
+        return variable._replace(value=jnp.where(failed, nothing, value))
+
+    return {name: lost(variable) for name, variable in named.items()}

@@ -1,0 +1,190 @@
+r"""Shots at a cycle: motions of known length from the section, with three tangents.
+
+From $y_0 = (0, x)$ the motion is followed for a span T, and with it the tangents of the
+three numbers x. With the sign $\sigma$ (-1 where an odd number of half returns closes a
+symmetric orbit, else 1) and $a = \sigma\,y(T)$, $F = \sigma f(y(T))$, $V = \sigma\,
+\partial y(T) / \partial x$, the section is met $\delta t = -a_1 / F_1$ later, and
+
+$$H(x) = a + \delta t\,F, \qquad DH = V - \frac{F\,V_1}{F_1}, \qquad x \leftarrow x + (I
+- DH)^{-1} (H - x), \qquad T \leftarrow T + \delta t - \frac{V_1\,\delta x}{F_1}.$$
+
+(Components 2 to 4.) No passage has to be found: as x converges the span does, too.
+Steps are ten, at last a hundred times finer than the motion's own.
+"""
+
+from typing import NamedTuple, cast
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..motion.integrate import Run
+from ..motion.tangents import push_rows, rows_past
+from ..numerics.numbers import Flag, Scalar, Traced, Traced4
+from ..results import OUTCOME
+from ..solvers import AbstractFold, Explicit
+from .contraction import TINY, Matrix3, Vector3, fixed_point_move, largest
+from .observation import Observation
+
+SHORTEST = 1e-3  # a span below it is none
+# Relative moves of Newton's method: from one above the first the orbit is too far, one
+# below the second is followed by a fine shot, and one below the third verifies.
+TOO_FAR, CLOSE, VERIFIED = 0.3, 3e-3, 1e-5
+FALL = 0.7  # of the moves, from one shot to the next
+MOST_SHOTS = 5  # of one attempt
+
+
+class Attempt(NamedTuple):
+    """Newton's method, from a return of the motion on."""
+
+    x: Vector3
+    span: Traced
+    sign: Traced
+    size: Traced  # of the last move
+    shots: Int[Array, ""]  # so far
+    fine: Bool[Array, ""]
+    verified: Bool[Array, ""]
+    start: Vector3  # the motion's own return
+    image: Vector3  # where it returns next
+    first_slope: Matrix3  # with which derivative
+    slope: Matrix3  # the derivative at the last shot's start
+    modes: Traced  # of the last shot
+
+
+class ShotState(NamedTuple):
+    """The running numbers of a shot."""
+
+    tangents: tuple[Float[Array, "3"], ...]  # four rows, along phi2, omega1, omega2
+    record: tuple  # of the observers
+    modes: Traced | tuple[()]  # set-valued friction: a number of the events so far
+
+
+class Shot(AbstractFold[ShotState]):
+    """Carries three tangents and observers along."""
+
+    solver: Explicit
+    observation: Observation
+
+    def init(self, column, t0, y0):
+        """Unit vectors, and nothing seen."""
+        rows = jnp.eye(4, 3, k=-1, dtype=jnp.result_type(y0[0]))
+        tangents = tuple(rows[i] + 0.0 * y0[0] for i in range(4))
+        record = self.observation.init(column, t0, y0)
+        return ShotState(tangents, record, 0.0 * y0[0] if column.sticks else ())
+
+    def integrand(self, column):
+        """The observers'."""
+        return self.observation.integrand(column)
+
+    def outcome(self, state):
+        """None: it only watches."""
+        del state
+        return jnp.asarray(OUTCOME.not_computed, jnp.int32)
+
+    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+        """A step, the images of the tangents, and the observers' integrals."""
+        del terms, first
+        y1, images, error, last, integrals = push_rows(
+            solver, column, t0, t1, y0, state.tangents, self.integrand(column)
+        )
+        return y1, error, last, (images, integrals), None
+
+    def step(self, column, state, step):
+        """After a step, and past the event at its end."""
+        modes = state.modes
+        if not step.modes:
+            images, integrals = step.integrals
+        else:  # it may have been cut
+            assert step.event
+            integrals, ends = step.integrals, (step.t0, step.t1, step.y0)
+            _, images, *_ = push_rows(self.solver, column, *ends, state.tangents)
+            images = rows_past(column, step, images)
+            joint, (m1, m2) = step.event
+            # of another sequence of modes this is another number, but by rare chance
+            met = 0.7 * cast(Traced, modes) + (joint + 3.0 * m1 + 9.0 * m2 + 14.0)
+            modes = jnp.where(joint > 0, met, cast(Traced, modes))
+        step = step._replace(integrals=integrals)
+        record = self.observation.step(column, state.record, step)
+        return ShotState(images, record, modes), jnp.inf, False
+
+
+def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
+    """Newton's step after a shot, and whether another one is worth it."""
+    back = return_of(run, attempt)
+    size = largest(back.move) / jnp.maximum(largest(attempt.x), TINY)
+    first, count = attempt.shots == 0, attempt.shots + 1
+    arrived = run.outcome == OUTCOME.complete
+    verified = arrived & attempt.fine & (size < VERIFIED)
+    modes = attempt.modes
+    if not isinstance(run.folded.modes, tuple):
+        modes = run.folded.modes
+        verified &= modes == attempt.modes
+    good = arrived & (size < TOO_FAR) & (first | (size < FALL * attempt.size))
+    span = attempt.span + back.longer
+    after = Attempt(
+        x=attempt.x + back.move,
+        # the orbit is the one that the last shot ran
+        span=jnp.where(verified, attempt.span, span),
+        sign=attempt.sign,
+        size=size,
+        shots=count,
+        fine=attempt.fine | (size < CLOSE),
+        verified=verified,
+        start=attempt.start,
+        image=jnp.where(first, back.image, attempt.image),
+        first_slope=jnp.where(first, back.slope, attempt.first_slope),
+        slope=back.slope,
+        modes=modes,
+    )
+    return after, good & ~verified & (count < MOST_SHOTS)
+
+
+class Return(NamedTuple):
+    """What a shot from x says."""
+
+    image: Vector3  # H(x)
+    slope: Matrix3  # DH(x)
+    move: Vector3  # Newton's step to the fixed point
+    longer: Traced  # and what to add to the span
+
+
+def return_of(run: Run[ShotState], attempt: Attempt) -> Return:
+    """The return that a shot has come to."""
+    sign = attempt.sign
+    a, f = sign * jnp.stack(run.y), sign * jnp.stack(run.solver.slope)
+    v = sign * jnp.stack(run.folded.tangents)
+    speed = jnp.where(f[0] == 0, jnp.nan, f[0])
+    late, first = -a[0] / speed, v[0] / speed
+    reached = a[1:] + late * f[1:]
+    slope = v[1:] - f[1:, None] * first[None, :]
+    move = fixed_point_move(slope, reached - attempt.x)
+    return Return(reached, slope, move, late - jnp.sum(first * move))
+
+
+def start_of(x: Vector3) -> Traced4:
+    """The state of a point of the section."""
+    return (0.0 * x[0], x[0], x[1], x[2])
+
+
+def blank_attempt(zero: Traced) -> Attempt:
+    """None yet."""
+    point, no = jnp.zeros(3, zero.dtype), jnp.asarray(False)
+    matrix = jnp.zeros((3, 3), zero.dtype)
+    return Attempt(
+        x=point,
+        span=zero,
+        sign=zero + 1.0,
+        size=zero + jnp.inf,
+        shots=jnp.zeros((), jnp.int32),
+        fine=no,
+        verified=no,
+        start=point,
+        image=point,
+        first_slope=matrix,
+        slope=matrix,
+        modes=zero,
+    )
+
+
+def attempt_at(x: Vector3, span: Traced, sign: Scalar) -> Attempt:
+    """Newton's method before its first shot."""
+    return blank_attempt(0.0 * span)._replace(x=x, span=span, sign=sign, start=x)
