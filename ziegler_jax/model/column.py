@@ -17,11 +17,13 @@ the velocity terms; these here conserve energy at q = 0 and agree with a multibo
 """
 
 import math
+from functools import partial
 from typing import ClassVar, NamedTuple, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 
 from ..numerics.elementary import sincos
 from ..numerics.materialise import materialise
@@ -314,12 +316,7 @@ class _Forces:
 
     def solve(self, r1: Scalar, r2: Scalar) -> Pair:
         """Divide by the mass matrix."""
-        h = self.column.b * self.cos_d
-        inverse = 1 / (self.column.a * self.column.d - h * h)
-        return (
-            (self.column.d * r1 - h * r2) * inverse,
-            (self.column.a * r2 - h * r1) * inverse,
-        )
+        return _solved(self.column.a, self.column.b * self.cos_d, self.column.d, r1, r2)
 
     def accelerations(self, torques: Pair | None) -> Pair:
         """The angular accelerations under the joints' friction torques."""
@@ -327,6 +324,32 @@ class _Forces:
             return self.solve(self.r1, self.r2)
         t1, t2 = torques
         return self.solve(self.r1 - t1 + t2, self.r2 - t2)
+
+
+@jax.custom_jvp
+def _solved(a: Scalar, h: Scalar, d: Scalar, r1: Scalar, r2: Scalar) -> Pair:
+    """The accelerations of a mass matrix with the rows (a, h) and (h, d)."""
+    inverse = 1 / (a * d - h * h)
+    return (d * r1 - h * r2) * inverse, (a * r2 - h * r1) * inverse
+
+
+@partial(_solved.defjvp, symbolic_zeros=True)
+def _solved_jvp(primals, tangents):
+    """M dw = dr - dM w: with the accelerations w, not with a quotient's derivative."""
+    a, h, d, *_ = primals
+    da, dh, dd, dr1, dr2 = tangents
+    w1, w2 = _solved(*primals)
+    inverse = 1 / (a * d - h * h)
+    s1 = _added(w1, (dr1, 1.0), (dh, -w2), (da, -w1))
+    s2 = _added(w2, (dr2, 1.0), (dh, -w1), (dd, -w2))
+    across, first, second = h * inverse, d * inverse, a * inverse
+    return (w1, w2), (first * s1 - across * s2, second * s2 - across * s1)
+
+
+def _added(like: Scalar, *products: tuple[Scalar, Scalar]) -> Scalar:
+    """The sum of products whose first factors are not known to be zero."""
+    known = [(x, f) for x, f in products if not isinstance(x, SymbolicZero)]
+    return sum((x * f for x, f in known), jnp.zeros_like(like))
 
 
 def _friction_torques(column: Column, forces: _Forces, y: Vector4) -> Pair | None:

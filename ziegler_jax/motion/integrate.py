@@ -8,10 +8,7 @@ from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar, cast
 
 import diffrax as dfx
-import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..context import Phase, place_of, resumable
@@ -20,9 +17,10 @@ from ..numerics.numbers import Count, Flag, Scalar, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import (
     AbstractFold,
+    AsManyTurns,
     ControlState,
     Explicit,
-    GoingOn,
+    Lane,
     Observed,
     Reached,
     StepControl,
@@ -30,9 +28,12 @@ from ..solvers import (
     StickSlipState,
     Taylor,
     TaylorSlip,
+    Turns,
+    UntilNoneMoves,
 )
 from ..solvers.fold import AbstractObserved, ObservedState
 from ..solvers.taylor import TaylorState
+from ..solvers.turns import HALTED, MOVES, VANISHED
 from .options import Method
 from .scene import layer_of, outcome_of, prepared
 
@@ -145,27 +146,28 @@ class Motion(Generic[Folded]):
         """The motion after at most `max_steps` more steps; None: at its end."""
         left = cast(Count, self.method.max_steps) - run.steps
         left = left if max_steps is None else jnp.minimum(left, max_steps)
-        t = run.control.t
+        left = left.astype(jnp.int32)
+        # a motion that has ended does not move
+        moves = run.running & (run.control.t < self.end) & (left > 0)
+        halt = jnp.where(moves, MOVES, HALTED).astype(jnp.result_type(run.control.t))
+        control = run.control._replace(left=left)
         solution = dfx.diffeqsolve(
             self.terms,
-            self.solver,
-            t0=t,
-            # a motion that has ended does not move
-            t1=jnp.where(run.running, jnp.zeros_like(t) + self.end, t),
+            Turns(self.solver, self.control),
+            t0=0.0,
+            t1=jnp.inf,
             dt0=None,
             y0=run.solver.y,
             args=self.args,
-            stepsize_controller=GoingOn(self.control, run.control.t_next),
-            solver_state=run.solver,
-            controller_state=run.control._replace(left=left.astype(jnp.int32)),
-            saveat=dfx.SaveAt(solver_state=True, controller_state=True),
-            max_steps=None,  # the controller counts
+            stepsize_controller=UntilNoneMoves(),
+            solver_state=Lane(run.solver, control, halt),
+            saveat=dfx.SaveAt(solver_state=True),
+            max_steps=None,  # each lane counts its own
             throw=False,
-            adjoint=EndedByController(),
+            adjoint=AsManyTurns(),
         )
-        after = cast(Where[Folded], solution.solver_state)
-        where = cast(ControlState, solution.controller_state)
-        steps = run.steps + solution.stats["num_steps"]
+        after, where, halt = cast(Lane[Where[Folded]], solution.solver_state)
+        steps = run.steps + left - where.left
         ended = self.fold.outcome(after.folded)
         over = (ended == OUTCOME.not_computed) & (where.t >= self.end)
         ended = jnp.where(over, self.at_end, ended)
@@ -174,26 +176,9 @@ class Motion(Generic[Folded]):
         )
         ended = jnp.where(spent, OUTCOME.budget_spent, ended)
         ended = jnp.where(self.solver.chatters(after), OUTCOME.chattering, ended)
-        ended = outcome_of(solution.result, after.slope, ended)
+        ended = outcome_of(halt == VANISHED, after.slope, ended)
         outcome = jnp.where(run.running, ended, run.outcome)
         return Run(after, where, steps, outcome)
-
-
-class EndedByController(dfx.ForwardMode):
-    """Forward derivatives, and no end but the controller's.
-
-    To round steps to its own `t1` diffrax takes the hundredth number before that, one
-    `nextafter` after the other: 1500 of a program's 8500 instructions, unless it is
-    known when compiled (`loop` is diffrax 0.7's).
-    """
-
-    def loop(self, *, t1: jax.Array, init_state, **rest):
-        """Of lanes that have come to `t1` none, of others to where they end."""
-        t = init_state.tprev
-        begin = jnp.where(t < t1, t, jnp.inf)
-        init_state = eqx.tree_at(lambda state: state.tprev, init_state, begin)
-        never = np.asarray(np.inf, t1.dtype)
-        return super().loop(t1=never, init_state=init_state, **rest)
 
 
 def follow(motion: Motion[Folded]) -> Run[Folded]:

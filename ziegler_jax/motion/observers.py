@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, energy, power
+from ..numerics.elementary import larger, smaller
 from ..numerics.numbers import (
     Flag,
     Joints,
@@ -124,7 +125,7 @@ class Amplitude(AbstractObserver):
         """The larger of what was and the step's extremum."""
         del column
         pairs = zip(state, angles(step), strict=True)
-        return tuple(jnp.maximum(before, path.largest()) for before, path in pairs)
+        return tuple(larger(path.largest(), before) for before, path in pairs)
 
     def result(self, column, state, span, y):
         """`rod_amplitude(rod)` and `joint_amplitude(joint)`."""
@@ -323,9 +324,9 @@ def joint_rates(y: Vector4) -> tuple[Scalar, Scalar]:
 
 def _share_within(u0, u1, cut):
     """The share of a straight line from u0 to u1 that lies within +-cut."""
-    low, high = jnp.minimum(u0, u1), jnp.maximum(u0, u1)
-    inside = jnp.minimum(high, cut) - jnp.maximum(low, -cut)
+    low, high = smaller(u0, u1), larger(u0, u1)
+    inside = smaller(high, cut) - larger(low, -cut)
     length = high - low
     flat = length <= 0
-    share = jnp.maximum(inside, 0.0) / jnp.where(flat, 1.0, length)
+    share = larger(inside, 0.0) / jnp.where(flat, 1.0, length)
     return jnp.where(flat, jnp.where(jnp.abs(u0) < cut, 1.0, 0.0), share)

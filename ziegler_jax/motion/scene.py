@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypedDict, TypeVar, cast
 
-import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -26,17 +25,14 @@ REST_RATE = 1e-6  # without friction there is no rate of the column's own
 
 
 def outcome_of(
-    result: dfx.RESULTS, last_slope: Vector4, otherwise: Int[Array, ""]
+    vanished: Flag, last_slope: Vector4, otherwise: Int[Array, ""]
 ) -> Int[Array, ""]:
-    """The code of a lane: what stopped the solver, or otherwise."""
+    """The code of a lane: that its steps have vanished, and why, or otherwise."""
     finite = True
     for slope in jax.tree.leaves(last_slope):
         finite &= jnp.isfinite(slope)
-    stopped = result == dfx.RESULTS.dt_min_reached
     reason = jnp.where(finite, OUTCOME.step_vanished, OUTCOME.not_finite)
-    outcome = jnp.where(stopped, reason, otherwise)
-    spent = result == dfx.RESULTS.max_steps_reached
-    return jnp.where(spent, OUTCOME.budget_spent, outcome)
+    return jnp.where(vanished, reason, otherwise)
 
 
 class Ending(TypedDict):

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..model.column import Column, State
+from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane, tree_where
 from ..numerics.numbers import (
     Flag,
@@ -127,7 +128,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
         """Watch a step; where a span ends, or is asked to, judge and begin the next."""
         watch, asked, longest = self.watch(column, state, step)
         ended = step.t1 >= state.end
-        over = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
+        over = turns_over(step.y1, self.escape)
 
         def judge(state):
             state = state._replace(spans=state.spans + ended.astype(jnp.int32))
@@ -203,7 +204,7 @@ class Rest(eqx.Module):
             rate = rate.astype(cast(jax.Array, m1).dtype)
         else:
             rate = fastest(step.y1)
-        return speeds._replace(now=jnp.maximum(speeds.now, rate))
+        return speeds._replace(now=larger(speeds.now, rate))
 
     def sticks(self, step: Step) -> Flag:
         """Whether both joints stick from here on, where that is enough."""
@@ -238,7 +239,12 @@ class Rest(eqx.Module):
         return tree_where(begins, new, speeds)
 
 
+def turns_over(y: Vector4, escape: Scalar) -> Flag:
+    """Whether a rod has turned so far that its motion is over."""
+    return (jnp.abs(y[0]) > escape) | (jnp.abs(y[1]) > escape)
+
+
 def fastest(y: Vector4) -> Scalar:
     """The larger joint rate."""
     u1, u2 = joint_rates(y)
-    return jnp.maximum(jnp.abs(u1), jnp.abs(u2))
+    return larger(jnp.abs(u1), jnp.abs(u2))

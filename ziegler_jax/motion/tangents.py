@@ -12,7 +12,7 @@ with it goes an exponent to minus infinity.
 """
 
 import abc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, cast
 
 import diffrax as dfx
@@ -90,38 +90,49 @@ def push_rows(
     y0: Traced4,
     rows: Rows,
     integrand: Integrand | None = None,
-) -> tuple[Traced4, Rows, Traced4, Traced4, Numbers]:
+    first: Numbers | None = None,
+) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """A step from y0, and its derivative along k vectors that stand in four rows (k,).
 
-    **Arguments:** as `push`; `integrand`: of the state, see `Explicit.advance`.
+    **Arguments:** as `push`; `integrand`: of the state, see `Explicit.advance`;
+    `first`: the slopes of y and the rows, where they are known.
 
-    **Returns:** y1, the images, the error estimate, the last slope, the integrals.
+    **Returns:** y1 and the images; the error estimate; the last slopes of both; the
+    integrals.
     """
-
-    def field(t, both, column):
-        linear = []
-
-        def primal():
-            """The slope, and what its differential needs: each once for all vectors."""
-            slope, along = jax.linearize(lambda y: vector_field(t, y, column), both[:4])
-            closed = jax.make_jaxpr(along)(both[:4])
-            linear.append(closed.jaxpr)
-            return slope, closed.consts
-
-        slope, known = primal()
-        images = jax.vmap(lambda *v: eval_jaxpr(linear[-1], known, *v))(*both[4:])
-        return cast(Numbers, (*slope, *images))
 
     def watched(both):
         assert integrand is not None
         return integrand(both[:4])
 
-    terms, both = dfx.ODETerm(field), cast(Numbers, (*y0, *rows))
-    first = materialise(t0, field, t0, both, column)
+    terms = dfx.ODETerm(cast(Callable[..., Numbers], rows_field))
+    both = cast(Numbers, (*y0, *rows))
+    if first is None:
+        first = materialise(t0, rows_field, t0, both, column)
     y1, error, last, integrals, _ = solver.advance(
         terms, t0, t1, both, column, first, None if integrand is None else watched
     )
-    return y1[:4], y1[4:], error[:4], last[:4], integrals  # pyright: ignore
+    return y1, error[:4], last, integrals
+
+
+def rows_field(t: Scalar, both: Numbers, column: Column) -> Numbers:
+    """The slopes of a state, and of vectors that stand in rows after its four numbers.
+
+    The accelerations' derivatives are worked out once for all vectors, backwards: there
+    are two of them, and four numbers to derive by.
+    """
+    linear = []
+
+    def primal():
+        """The slope, and what its differential needs: each once for all vectors."""
+        slope, along = jax.linearize(lambda y: vector_field(t, y, column), both[:4])
+        closed = jax.make_jaxpr(along)(both[:4])
+        linear.append(closed.jaxpr)
+        return slope, closed.consts
+
+    slope, known = primal()
+    images = jax.vmap(lambda *v: eval_jaxpr(linear[-1], known, *v))(*both[4:])
+    return cast(Numbers, (*slope, *images))
 
 
 def _apart(both: Numbers) -> tuple[Traced4, Vectors]:

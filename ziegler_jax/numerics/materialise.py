@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from jax import lax
 from jax.core import eval_jaxpr
 from jax.custom_batching import custom_vmap
-from jax.extend.core import jaxpr_as_fun
 
 from .numbers import Flag, Scalar
 
@@ -53,16 +52,23 @@ def materialise(
         return function(*args)
     # traced once: what a step holds is most of what a program takes to trace
     traced, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
-    leaves, tree = jax.tree.flatten(shapes)
+    (leaves, tree), inputs = jax.tree.flatten(shapes), jax.tree.leaves(args)
+    # what only passes through is an array already, and would be copied
+    arrays = dict(zip(map(id, traced.jaxpr.invars), inputs, strict=True))
+    whole = [arrays.get(id(x)) for x in traced.jaxpr.outvars]
+    new = [i for i, x in enumerate(whole) if x is None]
+    body = traced.jaxpr.replace(outvars=[traced.jaxpr.outvars[i] for i in new])
 
     def always():
-        return tuple(jaxpr_as_fun(traced)(*jax.tree.leaves(args)))
+        return tuple(eval_jaxpr(body, traced.consts, *inputs))
 
     def never():
-        return tuple(jnp.zeros(leaf.shape, leaf.dtype) for leaf in leaves)
+        return tuple(jnp.zeros(leaves[i].shape, leaves[i].dtype) for i in new)
 
     predicate = _always(lax.stop_gradient(at))
-    return jax.tree.unflatten(tree, lax.cond(predicate, always, never))
+    others = iter(lax.cond(predicate, always, never))
+    whole = [next(others) if x is None else x for x in whole]
+    return jax.tree.unflatten(tree, whole)
 
 
 def traced_once(
@@ -122,15 +128,15 @@ def replaced(flag: Flag, new: Tree, old: Tree) -> Tree:
 
 
 @custom_vmap
-def _any_lane(flag: jax.Array) -> jax.Array:
+def any_lane(flag: jax.Array) -> jax.Array:
     """Whether the flag is set in any lane of the batch."""
     return flag
 
 
-@_any_lane.def_vmap
+@any_lane.def_vmap
 def _any_lane_of_a_batch(axis_size, batched, flag):
     del axis_size, batched
-    return _any_lane(jnp.any(flag)), False
+    return any_lane(jnp.any(flag)), False
 
 
 def if_any_lane(flag: Flag, function: Callable[[Tree], Tree], state: Tree) -> Tree:
@@ -142,4 +148,4 @@ def if_any_lane(flag: Flag, function: Callable[[Tree], Tree], state: Tree) -> Tr
     """
     if jax.default_backend() != "cpu":
         return function(state)
-    return lax.cond(_any_lane(flag), function, lambda state: state, state)
+    return lax.cond(any_lane(flag), function, lambda state: state, state)

@@ -1,17 +1,19 @@
 """Lane solvers: diffrax solvers that run fast for thousands of lanes under vmap."""
 
-from .control import ControlState, GoingOn, Signals, StepControl
+from .control import ControlState, Signals, StepControl
 from .explicit import Explicit
 from .fold import AbstractFold, Observed, Step
 from .rosenbrock import Rosenbrock
 from .stickslip import StickSlip, StickSlipState
 from .taylor import Reached, Taylor, TaylorSlip
+from .turns import AsManyTurns, Lane, Turns, UntilNoneMoves
 
 __all__ = [
     "AbstractFold",
+    "AsManyTurns",
     "ControlState",
     "Explicit",
-    "GoingOn",
+    "Lane",
     "Observed",
     "Reached",
     "Rosenbrock",
@@ -22,4 +24,6 @@ __all__ = [
     "StickSlipState",
     "Taylor",
     "TaylorSlip",
+    "Turns",
+    "UntilNoneMoves",
 ]

@@ -11,8 +11,10 @@ import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 import optimistix as optx
+from jax import lax
 
 from ..model.column import Column
+from ..numerics.elementary import larger, short_power, smaller
 from ..numerics.materialise import materialise
 from ..numerics.numbers import Count, Flag, Numbers, Pair, Scalar, Vector4
 
@@ -109,7 +111,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
 
     def towards(self, stop: Scalar, t: Scalar, h: Scalar) -> Scalar:
         """The end of a step of about h, on the stop or the end if these are near."""
-        return towards(jnp.minimum(stop, self.end), t, h)
+        return towards(smaller(stop, self.end), t, h)
 
     def ending(self, t: Scalar, pause: Flag, vanished: Flag) -> dfx.RESULTS:
         """What diffrax is told: to go on, to pause, or that there is no next step."""
@@ -161,7 +163,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
             allowed = h = jnp.where(shortened, jnp.maximum(allowed, h), h)
         t = jnp.where(keep, reached, t0)
         # an accepted step may be as small as the stop it was cut to
-        vanished = ~(keep | (h > SMALLEST_STEP * jnp.maximum(jnp.abs(t), 1.0)))
+        vanished = ~(keep | (h > SMALLEST_STEP * larger(jnp.abs(t), 1.0)))
         pause = left <= 0
         if signals is not None:
             stop = jnp.where(keep, signals.stop, stop)
@@ -170,30 +172,6 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         t_next = self.towards(stop, t, h)
         state = ControlState(t, stop, t_next, left, allowed)
         return keep, t, t_next, False, state, result
-
-
-class GoingOn(dfx.AbstractStepSizeController):
-    """A controller whose first step ends at a time that is known already.
-
-    diffrax would check the sign of a `dt0` by a host callback; a program that holds one
-    is called slowly, and jaxlib 0.10 does not keep it in its compilation cache.
-    """
-
-    control: dfx.AbstractStepSizeController
-    t_next: Scalar
-
-    def wrap(self, direction):
-        """As the controller does."""
-        return GoingOn(self.control.wrap(direction), self.t_next)
-
-    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
-        """The known time; the controller's state is handed to diffrax beside it."""
-        del terms, t0, t1, y0, dt0, args, func, error_order
-        return self.t_next, None
-
-    def adapt_step_size(self, *arguments):  # pyright: ignore
-        """As the controller does."""
-        return self.control.adapt_step_size(*arguments)
 
 
 def judge(
@@ -208,23 +186,20 @@ def judge(
     """The error's square, within tolerance up to 1, and the next step over this one."""
     square = jnp.zeros_like(y0[0])
     for e, a, b in zip(error, y0, y1, strict=True):
-        scale = atol + rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))
+        scale = atol + rtol * larger(jnp.abs(a), jnp.abs(b))
         square += (e / scale) ** 2
     if layer is not None:
         joints = [(error[2], y0[2], y1[2])]
         joints += [(error[3] - error[2], y0[3] - y0[2], y1[3] - y1[2])]
         for e, u0, u1 in joints:
-            slower = jnp.minimum(jnp.abs(u0), jnp.abs(u1))
-            inside = jnp.maximum(slower, layer)
+            inside = larger(smaller(jnp.abs(u0), jnp.abs(u1)), layer)
             square += (e / (LAYER_SHARE * inside)) ** 2
     square = square / len(error)
-    # seven digits are plenty for a factor, and XLA vectorises float32's log
-    clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
-    factor = SAFETY * jnp.exp(-0.5 / error_order * jnp.log(clipped))
-    factor = jnp.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR)
-    # a NaN error is no measure of the step
-    factor = jnp.where(jnp.isnan(square), SMALLEST_FACTOR, factor)
-    return square, factor.astype(square.dtype)
+    # a NaN error counts as a large one; a derivative is that of the same steps
+    measure = larger(smaller(lax.stop_gradient(square), 1e30), 1e-30)
+    factor = SAFETY * short_power(measure, -0.5 / error_order)
+    factor = larger(smaller(factor, LARGEST_FACTOR), SMALLEST_FACTOR)
+    return square, factor
 
 
 def towards(stop: Scalar, t: Scalar, h: Scalar) -> Scalar:

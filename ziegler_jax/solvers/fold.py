@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from ..model.column import Column
-from ..numerics.materialise import as_one_call
 from ..numerics.numbers import Count, Flag, Pair, Scalar, Traced, Traced4
 from .control import Signals
 from .explicit import OKAY, Explicit, Integrand, dense
@@ -89,8 +88,13 @@ class ObservedState(NamedTuple, Generic[State]):
     """Where an observed solve is."""
 
     y: Traced4
-    slope: Traced4  # the right-hand side at y
+    accelerations: tuple[Traced, Traced]
     folded: State
+
+    @property
+    def slope(self) -> Traced4:
+        """The right-hand side at y."""
+        return (*self.y[2:], *self.accelerations)
 
 
 class OneStep(Protocol):
@@ -154,9 +158,8 @@ class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
     ) -> ObservedState:
         """The solver's first stage and the fold's start."""
         first = self.solver.init(terms, t0, t1, y0, args)
-        return ObservedState(y0, first, self.fold.init(args, t0, y0))
+        return ObservedState(y0, first[2:], self.fold.init(args, t0, y0))
 
-    @as_one_call
     def step(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
         terms: dfx.AbstractTerm,
@@ -169,7 +172,7 @@ class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
     ):
         """One step, seen by the fold."""
         del made_jump
-        _, f0, folded = solver_state
+        f0, folded = solver_state.slope, solver_state.folded
         y1, error, f1, integrals, *_ = self.fold.advance(
             self.solver, terms, t0, t1, y0, args, f0, folded
         )
@@ -177,5 +180,5 @@ class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
         folded, stop, done = self.fold.step(args, folded, step)
         done = jnp.asarray(done, jnp.result_type(t1))
         signals = Signals(error, stop, done)
-        after = ObservedState(y1, f1, folded)
+        after = ObservedState(y1, f1[2:], folded)
         return y1, signals, dense(t0, t1, y0, y1, f0, f1), after, OKAY

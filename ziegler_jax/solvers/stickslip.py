@@ -53,13 +53,18 @@ class StickSlipState(NamedTuple, Generic[State]):
     """Where a stick-slip solve is."""
 
     y: Traced4
-    slope: Traced4  # the right-hand side at y in the modes
+    accelerations: Pair  # at y in the modes
     folded: State
     modes: Pair
     guard: Pair  # the guards of sticking joints
     guard_rate: Pair  # and their slopes in time
     last_event: Scalar
     at_once: Scalar  # how many events have followed each other without time between
+
+    @property
+    def slope(self) -> Traced4:
+        """The right-hand side at y."""
+        return cast(Traced4, (*self.y[2:], *self.accelerations))
 
 
 class StickSlip(AbstractObserved[StickSlipState, Explicit]):
@@ -88,7 +93,7 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
         guard, guard_rate = _holding(column, y, slope, tol)
         folded = self.fold.init(column, t0, y)
         return StickSlipState(
-            y, slope, folded, modes, guard, guard_rate, t0 - 1.0 + zero, zero
+            y, slope[2:], folded, modes, guard, guard_rate, t0 - 1.0 + zero, zero
         )
 
     def chatters(self, state: StickSlipState) -> Flag:
@@ -107,9 +112,9 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
     ):
         """One step in frozen modes, cut on the first event, and the change of modes."""
         del made_jump
-        _, f0, folded, modes, guard, guard_rate, last_event, at_once = solver_state
+        _, _, folded, modes, guard, guard_rate, last_event, at_once = solver_state
         column = in_modes(args, modes)
-        law, h = cast(FrozenCoulomb, column.friction), t1 - t0
+        law, h, f0 = cast(FrozenCoulomb, column.friction), t1 - t0, solver_state.slope
         least = event_tolerance(self.tolerance, t1)
         watched = self.fold.integrand(column)
 
@@ -178,7 +183,7 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
         step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, modes_after))
         folded, stop, done = self.fold.step(column, folded, step)
         state = StickSlipState(
-            y, slope, folded, modes_after, guard, guard_rate, last_event, at_once
+            y, slope[2:], folded, modes_after, guard, guard_rate, last_event, at_once
         )
         done = done | self.chatters(state)
         dtype = jnp.result_type(t1)

@@ -18,6 +18,7 @@ fro at its own pace.
 from collections.abc import Sequence
 from typing import cast
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Int
@@ -87,6 +88,7 @@ from .shots import (
     attempt_at,
     blank_attempt,
     start_of,
+    to_be_begun,
 )
 
 LONGEST_CHUNK = 256  # steps in one phase, outside of sweeps
@@ -158,9 +160,11 @@ class CertifiedMotion:
         blank = Candidate(no, none, point, matrix, matrix, zero)
         attempt = blank_attempt(zero)
         march = self._march(none).begin()
-        shot = self._shot(self.y0, attempt, none).begin()
-        shot = shot._replace(outcome=jnp.full_like(shot.outcome, OUTCOME.complete))
-        record = Record(shot.folded.record, zero, self.y0)
+        shapes = jax.eval_shape(lambda: self._shot(self.y0, attempt, none).begin())
+        shot = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+        shot = shot._replace(outcome=shot.outcome + OUTCOME.complete)
+        states = self.observation.init(self.column, zero, self.y0)
+        record = Record(states, zero, self.y0)
         outcome = jnp.where(march.running, OUTCOME.not_computed, march.outcome)
         return Certifying(
             shoots=no,
@@ -224,21 +228,25 @@ class CertifiedMotion:
         def turn(_, place):
             run, attempt, spent = place
             now_left = self._left(now._replace(spent=spent))
-            before = run.running & (now.observing == OUTCOME.not_computed)
+            begins = run.steps < 0  # what it does until then is forgotten
+            before = run.running & ~begins & (now.observing == OUTCOME.not_computed)
             run = self._shot(self.y0, attempt, now_left).advance(run, self.at_once)
             tried = before & ~run.running
 
             def shoot(place):
                 run, attempt, spent = place
                 after, again = after_shot(attempt, run)
-                more = spent + run.steps.astype(spent.dtype)
-                left = self._left(now._replace(spent=more))
-                fresh = self._shot(start_of(after.x), after, left).begin()
-                run = replaced(again, fresh, run)
-                spent = jnp.where(again, more, spent)
-                return replaced(tried, (run, after, spent), place)
+                after = tree_where(tried, after, attempt)
+                again = begins | (tried & again)
+                used = jnp.where(again & tried, run.steps, 0)
+                spent = spent + used.astype(spent.dtype)
+                left = self._left(now._replace(spent=spent))
+                observes = now.observing != OUTCOME.not_computed
+                y0 = tree_where(observes, now.march.y, start_of(after.x))
+                fresh = self._shot(y0, after, left).begin()
+                return replaced(again, fresh, run), after, spent
 
-            return if_any_lane(tried, shoot, (run, attempt, spent))
+            return if_any_lane(tried | begins, shoot, (run, attempt, spent))
 
         place = now.shot, now.attempt, now.spent
         place = lax.fori_loop(0, self._turns(max_steps), turn, place)
@@ -305,8 +313,6 @@ class CertifiedMotion:
             span = jnp.where(rests, AT_REST, span)
         span = jnp.where(tries, span_of(state, state.returns), span)
         attempt = attempt_at(x, span, self._sign(state.returns))
-        y0 = tree_where(tries, start_of(x), run.y)
-        shot = self._shot(y0, attempt, self._left(now)).begin()
         watched = jnp.where(rests, self.rest.outcome(self.column), OUTCOME.unsettled)
         watched = jnp.where(rests | over, watched, OUTCOME.not_computed)
         failed = jnp.where(last > REST, OUTCOME.escaped, run.outcome)
@@ -315,7 +321,7 @@ class CertifiedMotion:
         outcome = jnp.where(accepted, OUTCOME.cycle, outcome)
         return now._replace(
             shoots=shoots,
-            shot=shot,
+            shot=tree_where(shoots, to_be_begun(now.shot), now.shot),
             attempt=attempt,
             observing=watched.astype(jnp.int32),
             outcome=outcome.astype(jnp.int32),

@@ -61,6 +61,7 @@ class Certifying(NamedTuple):
     def steps(self) -> Int[Array, ""]:
         """Attempted steps, those of shots included."""
         shooting = jnp.where(self.shoots & self.running, self.shot.steps, 0)
+        shooting = jnp.maximum(shooting, 0)  # of one to be begun it is -1
         return (self.march.steps + self.spent + shooting).astype(jnp.int32)
 
     @property

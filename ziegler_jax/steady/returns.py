@@ -22,10 +22,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..motion.section import SectionPlane, passage
-from ..motion.spans import Rest, fastest
+from ..motion.spans import Rest, fastest, turns_over
 from ..motion.tangents import push
-from ..numerics.materialise import tree_where
-from ..numerics.numbers import Count, Flag, Pair, Scalar, Traced, Traced4
+from ..numerics.elementary import larger
+from ..numerics.materialise import materialise, tree_where
+from ..numerics.numbers import Count, Flag, Flags, Pair, Scalar, Traced, Traced4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
 from .contraction import (
@@ -148,35 +149,48 @@ class March(AbstractFold[Lookout]):
         growth = state.grown
         if self.carrier is not None:
             growth = grown(column, self.carrier, cast(Grown, growth), step)
-        falls = self.odd & (step.y1[0] < step.y0[0])
-        before, after = (jnp.where(falls, -y[0], y[0]) for y in (step.y0, step.y1))
-        there = (before < 0) & (after >= 0)
+
+        def look():
+            """As numbers, and once: what a passage leaves asks for it 15 times."""
+            falls = self.odd & (step.y1[0] < step.y0[0])
+            before, after = (jnp.where(falls, -y[0], y[0]) for y in (step.y0, step.y1))
+            rests, goes_on = self._rests(state, step)
+            asks = jnp.where(rests, REST, state.asks)
+            asks = jnp.where(turns_over(step.y1, self.escape), ESCAPE, asks)
+            there = jnp.where((before < 0) & (after >= 0), 1.0, 0.0)
+            return there, asks.astype(jnp.int32), jnp.where(goes_on, 1.0, 0.0)
+
+        there, asks, goes_on = materialise(step.t0, look)
         ends = Ends(step.t0, step.t1, step.y0, step.y1, step.f0[2:], step.f1[2:])
-        passed = tree_where(there, ends, state.passed)
-        rests, calm = self._rests(state, step)
-        over = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1])) > self.escape
-        asks = jnp.where(rests, REST, state.asks)
-        asks = jnp.where(over, ESCAPE, asks).astype(jnp.int32)
-        waits = state.waits + jnp.where(there, 1.0, 0.0)
-        after = Lookout(passed, waits, calm, asks, growth)
+        passed = tree_where(there > 0, ends, state.passed)
+        calm = state.calm
+        if not self.rest.by_modes:
+            rate = fastest(step.y1)
+            anew = Calm(step.t1, rate, 0.0 * rate)
+            calm = tree_where(goes_on > 0, _longer(cast(Calm, calm), step, rate), anew)
+        after = Lookout(passed, state.waits + there, calm, asks, growth)
         return after, jnp.inf, asks != NOTHING
 
-    def _rests(self, state: Lookout, step: Step) -> tuple[Flag, Calm | tuple[()]]:
-        """Whether it has been at rest for long enough, and is not on its way up."""
+    def _rests(self, state: Lookout, step: Step) -> Flags:
+        """Whether it rests for long enough, not on its way up; or is calm so far."""
         if self.rest.by_modes:
             assert step.event
             m1, m2 = step.event[1]
-            return (m1 == 0) & (m2 == 0), ()
-        calm, rate = cast(Calm, state.calm), fastest(step.y1)
-        first_half = step.t1 - calm.start <= CALM / 2
-        early = jnp.where(first_half, jnp.maximum(calm.early, rate), calm.early)
-        late = jnp.where(first_half, calm.late, jnp.maximum(calm.late, rate))
+            return (m1 == 0) & (m2 == 0), True
+        rate = fastest(step.y1)
+        calm = _longer(cast(Calm, state.calm), step, rate)
         over = step.t1 - calm.start >= CALM
         slow = rate < cast(Scalar, self.rest.rate_cut)
-        rests = slow & over & (late <= early)
-        anew = Calm(step.t1, rate, 0.0 * rate)
-        goes_on = slow & (~over | rests)
-        return rests, tree_where(goes_on, Calm(calm.start, early, late), anew)
+        rests = slow & over & (calm.late <= calm.early)
+        return rests, slow & (~over | rests)
+
+
+def _longer(calm: Calm, step: Step, rate: Scalar) -> Calm:
+    """The same calm a step later."""
+    first_half = step.t1 - calm.start <= CALM / 2
+    early = jnp.where(first_half, larger(calm.early, rate), calm.early)
+    late = jnp.where(first_half, calm.late, larger(calm.late, rate))
+    return Calm(calm.start, early, late)
 
 
 class Returns(NamedTuple):

@@ -15,10 +15,10 @@ Steps are ten, at last a hundred times finer than the motion's own.
 from typing import NamedTuple, cast
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from ..motion.integrate import Run
-from ..motion.tangents import push_rows, rows_past
+from ..motion.tangents import Rows, push_rows, rows_field, rows_past
 from ..numerics.numbers import Flag, Scalar, Traced, Traced4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit
@@ -53,7 +53,8 @@ class Attempt(NamedTuple):
 class ShotState(NamedTuple):
     """The running numbers of a shot."""
 
-    tangents: tuple[Float[Array, "3"], ...]  # four rows, along phi2, omega1, omega2
+    tangents: Rows  # four, along phi2, omega1, omega2
+    slopes: Rows  # of the last two; () where events turn them
     record: tuple  # of the observers
     modes: Traced | tuple[()]  # set-valued friction: a number of the events so far
 
@@ -69,7 +70,10 @@ class Shot(AbstractFold[ShotState]):
         rows = jnp.eye(4, 3, k=-1, dtype=jnp.result_type(y0[0]))
         tangents = tuple(rows[i] + 0.0 * y0[0] for i in range(4))
         record = self.observation.init(column, t0, y0)
-        return ShotState(tangents, record, 0.0 * y0[0] if column.sticks else ())
+        if column.sticks:
+            return ShotState(tangents, (), record, 0.0 * y0[0])
+        slopes = rows_field(t0, (*y0, *tangents), column)[6:]
+        return ShotState(tangents, cast(Rows, slopes), record, ())
 
     def integrand(self, column):
         """The observers'."""
@@ -82,29 +86,31 @@ class Shot(AbstractFold[ShotState]):
 
     def advance(self, solver, terms, t0, t1, y0, column, first, state):
         """A step, the images of the tangents, and the observers' integrals."""
-        del terms, first
-        y1, images, error, last, integrals = push_rows(
-            solver, column, t0, t1, y0, state.tangents, self.integrand(column)
+        del terms
+        known = (*first, *state.tangents[2:], *state.slopes) if state.slopes else None
+        both, error, last, integrals = push_rows(
+            solver, column, t0, t1, y0, state.tangents, self.integrand(column), known
         )
-        return y1, error, last, (images, integrals), None
+        slopes = last[6:] if state.slopes else ()
+        return both[:4], error, last[:4], (both[4:], slopes, integrals), None
 
     def step(self, column, state, step):
         """After a step, and past the event at its end."""
-        modes = state.modes
+        modes, slopes = state.modes, ()
         if not step.modes:
-            images, integrals = step.integrals
+            images, slopes, integrals = step.integrals
         else:  # it may have been cut
             assert step.event
             integrals, ends = step.integrals, (step.t0, step.t1, step.y0)
-            _, images, *_ = push_rows(self.solver, column, *ends, state.tangents)
-            images = rows_past(column, step, images)
+            both, *_ = push_rows(self.solver, column, *ends, state.tangents)
+            images = rows_past(column, step, cast(Rows, both[4:]))
             joint, (m1, m2) = step.event
             # of another sequence of modes this is another number, but by rare chance
             met = 0.7 * cast(Traced, modes) + (joint + 3.0 * m1 + 9.0 * m2 + 14.0)
             modes = jnp.where(joint > 0, met, cast(Traced, modes))
         step = step._replace(integrals=integrals)
         record = self.observation.step(column, state.record, step)
-        return ShotState(images, record, modes), jnp.inf, False
+        return ShotState(images, slopes, record, modes), jnp.inf, False
 
 
 def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
@@ -158,6 +164,14 @@ def return_of(run: Run[ShotState], attempt: Attempt) -> Return:
     slope = v[1:] - f[1:, None] * first[None, :]
     move = fixed_point_move(slope, reached - attempt.x)
     return Return(reached, slope, move, late - jnp.sum(first * move))
+
+
+def to_be_begun(run: Run[ShotState]) -> Run[ShotState]:
+    """A shot that is over, marked so that the next one begins where shots run."""
+    return run._replace(
+        steps=jnp.full_like(run.steps, -1),
+        outcome=jnp.full_like(run.outcome, OUTCOME.not_computed),
+    )
 
 
 def start_of(x: Vector3) -> Traced4:

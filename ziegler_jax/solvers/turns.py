@@ -1,0 +1,147 @@
+"""Turns of a loop: in each, every lane that still moves tries one step.
+
+A loop over lanes whose ends and steps are each lane's own would be masked three times:
+by the loop, by diffrax for steps that it rejects, and once more for its own copy of the
+state. So diffrax is shown turns, which all lanes share: its time counts them, its
+solver tries the lanes' steps and keeps what is accepted, and it ends when no lane
+moves. A lane's state stands in one place, and is masked once.
+"""
+
+from typing import ClassVar, Generic, NamedTuple, cast
+
+import diffrax as dfx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..model.column import Column
+from ..numerics.materialise import (
+    any_lane,
+    as_one_call,
+    materialise,
+    replaced,
+    tree_where,
+)
+from ..numerics.numbers import Flag, Scalar, Traced, Traced4
+from .control import ControlState, Signals, StepControl
+from .explicit import OKAY
+from .fold import AbstractObserved, Where
+
+MOVES, HALTED, VANISHED = 0.0, 1.0, 2.0
+
+
+class Lane(NamedTuple, Generic[Where]):
+    """Where a lane is."""
+
+    solver: Where
+    control: ControlState
+    halt: Scalar  # `MOVES`; `HALTED`: paused or at its end; `VANISHED`: its step has
+
+
+class Turns(dfx.AbstractSolver[Lane]):
+    """One step of every lane that moves.
+
+    **Arguments:** `solver`: tries a step; `control`: accepts it, chooses the next.
+    """
+
+    solver: AbstractObserved
+    control: StepControl
+
+    term_structure: ClassVar = dfx.AbstractTerm
+    interpolation_cls: ClassVar = dfx.LocalLinearInterpolation
+
+    def order(self, terms):
+        """The method's."""
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        """The method's."""
+        return self.solver.error_order(terms)
+
+    def func(self, terms, t0, y0, args):
+        """The right-hand side."""
+        return self.solver.func(terms, t0, y0, args)
+
+    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
+    ) -> Lane:
+        """A motion is handed over where it is."""
+        raise NotImplementedError("Argument `solver_state` must be given.")
+
+    @as_one_call
+    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        terms: dfx.AbstractTerm,
+        t0: Traced,
+        t1: Traced,
+        y0: Traced4,
+        args: Column,
+        solver_state: Lane,
+        made_jump: Flag,
+    ):
+        """A turn; its error tells `UntilNoneMoves` whether a lane moves still."""
+        del t0, t1
+        where, control, halt = solver_state
+        at = control.t, control.t_next
+        y1, errors, _, after, _ = self.solver.step(
+            terms, *at, where.y, args, where, made_jump
+        )
+        signals = cast(Signals, errors)
+        keep, _, _, _, following, result = self.control.adapt_step_size(
+            *at, where.y, y1, args, signals, self.error_order(terms), control
+        )
+
+        def masks():
+            """As numbers: a vector of flags is unpacked wherever it is used."""
+            moves = halt == MOVES
+            ended = jnp.where(result == dfx.RESULTS.dt_min_reached, VANISHED, HALTED)
+            ended = jnp.where(result == OKAY, MOVES, ended)
+            flags = moves & keep, moves
+            numbers = (jnp.where(flag, 1.0, 0.0) for flag in flags)
+            return *numbers, replaced(moves, ended, halt)
+
+        accepts, moves, halt = materialise(control.t, masks)
+        where = tree_where(accepts > 0, after, where)
+        control = tree_where(moves > 0, following, control)
+        moving = jnp.where(any_lane(halt == MOVES), 1.0, 0.0)
+        return y0, moving, {"y0": y0, "y1": y0}, Lane(where, control, halt), OKAY
+
+
+class UntilNoneMoves(dfx.AbstractStepSizeController):
+    """Turn after turn, while a lane moves.
+
+    diffrax would check the sign of a `dt0` by a host callback; a program that holds one
+    is called slowly, and jaxlib 0.10 does not keep it in its compilation cache.
+    """
+
+    def wrap(self, direction):
+        """Turns go forward."""
+        del direction
+        return self
+
+    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):  # pyright: ignore
+        """The first turn."""
+        del terms, t1, y0, dt0, args, func, error_order
+        return t0 + 1, None
+
+    def adapt_step_size(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, t0, t1, y0, y1, args, y_error: Traced, error_order, controller_state
+    ):
+        """The next turn, if one is needed: diffrax calls an end like this an event."""
+        del t0, y0, y1, args, error_order
+        over = dfx.RESULTS.event_occurred
+        result = dfx.RESULTS.where(y_error > 0, dfx.RESULTS.successful, over)
+        return True, t1, t1 + 1, False, controller_state, result
+
+
+class AsManyTurns(dfx.ForwardMode):
+    """Forward derivatives, and as many turns as it takes.
+
+    To round steps to its own `t1` diffrax takes the hundredth number before that, one
+    `nextafter` after the other: 1500 of a program's 8500 instructions, unless it is
+    known when compiled (`loop` is diffrax 0.7's).
+    """
+
+    def loop(self, *, t1: jax.Array, **rest):
+        """From 0 to no end."""
+        return super().loop(t1=np.asarray(np.inf, t1.dtype), **rest)
