@@ -134,26 +134,34 @@ def map_lines(name, ds, codes=zj.OUTCOME):
         lines[f"{name}, stick_fraction"] = array(
             ds.stick_fraction, 1e-6, settled[..., None]
         )
+    if "windows" in ds:
+        lines[f"{name}, windows"] = array(ds.windows, 0.0)
     return lines | {
         f"{name}, steps": array(ds.steps, 1e-3, sample=0),
         f"{name}, all steps": number(ds.steps.sum(), 1e-3),
-        f"{name}, windows": array(ds.windows, 0.0),
     }
 
 
-def main_map(watch):
-    """2000 random points of the main job."""
+def main_map(watch, certify=False):
+    """2000 random points of the main job, judged by windows."""
     point, *_ = scene_of_the_main_job()
     rng = np.random.default_rng(20250601)
     q, mu_s = rng.uniform(1, 4, 2000), rng.uniform(0.02, 0.4, 2000)
     mu_k = rng.uniform(0.02, mu_s)
 
     def cell(i):
-        at = i.astype(int)
-        return point(*(jnp.asarray(table)[at] for table in (q, mu_s, mu_k)))
+        cells = [jnp.asarray(table)[i.astype(int)] for table in (q, mu_s, mu_k)]
+        return point(*cells, certify=certify)
 
     run = functools.partial(zj.sweep, cell, i=np.arange(2000.0), progress=False)
-    return map_lines("main map", watch("smoothed", run))
+    if not certify:
+        return map_lines("main map", watch("smoothed", run))
+    ds = watch("shots, with three tangents", run)
+    closed = ds.outcome.values == zj.OUTCOME.cycle
+    return map_lines("certified map", ds) | {
+        "certified map, period": array(ds.period, 1e-6, closed),
+        "certified map, multiplier": array(ds.largest_multiplier, 1e-4, closed),
+    }
 
 
 def set_valued_map(watch):
@@ -176,6 +184,12 @@ def set_valued_map(watch):
 
 LAWS = {
     "frictionless": (None, None),
+    "smoothed, Tsit5": (
+        zj.SmoothCoulomb(
+            0.026, 0.02, pin_radius=1.0, v_stribeck=0.05, v_smooth=0.01, load=UNIT
+        ),
+        zj.Explicit(),
+    ),
     "set-valued, Tsit5": (dry(0.026), zj.Explicit()),
     "smoothed, Rosenbrock": (
         zj.SmoothCoulomb(0.026, pin_radius=1.0, v_smooth=1e-4, load=UNIT),
@@ -220,4 +234,5 @@ SECTIONS = {
     "set-valued map": set_valued_map,
     "other lanes": other_lanes,
     "main map": main_map,
+    "certified map": functools.partial(main_map, certify=True),
 }

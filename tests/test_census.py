@@ -1,0 +1,45 @@
+"""A step stays as lean as it is: instructions of a lane's step in compiled code."""
+
+import json
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+sys.path.append(str(BENCHMARKS))
+import census  # noqa: E402
+
+# for eight lanes, one vector of AVX-512, with this jaxlib; on an AMD EPYC
+RECORDED = "0.10.2"
+INSTRUCTIONS = {
+    "frictionless": 1629,
+    "smoothed, Tsit5": 2943,
+    "set-valued, Tsit5": 3753,
+    "smoothed, Rosenbrock": 4482,
+}
+MORE = 1.1  # other processors of this kind, for which LLVM orders otherwise
+
+
+def obstacle():
+    """Why what was recorded cannot be compared with; None where it can."""
+    if metadata.version("jaxlib") != RECORDED:
+        return f"What was recorded is of jaxlib {RECORDED}."
+    if census.width() != 8:
+        return "What was recorded is of a processor with AVX-512."
+    return census.obstacle()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(obstacle() is not None, reason=str(obstacle()))
+def test_a_lanes_step_takes_no_more_instructions_than_it_did():
+    command = [sys.executable, BENCHMARKS / "guard.py", "--section", "other lanes"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    lines = json.loads(done.stdout.splitlines()[-1])
+    for lane, recorded in INSTRUCTIONS.items():
+        counted = lines[f"census, {lane}: all"]["instructions"]
+        # half of it would be another loop than the step's
+        assert 0.5 * recorded < counted < MORE * recorded, (lane, counted)
