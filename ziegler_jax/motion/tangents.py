@@ -118,8 +118,7 @@ def push_rows(
 def rows_field(t: Scalar, both: Numbers, column: Column) -> Numbers:
     """The slopes of a state, and of vectors that stand in rows after its four numbers.
 
-    The accelerations' derivatives are worked out once for all vectors, backwards: there
-    are two of them, and four numbers to derive by.
+    What the differential needs of the state is worked out once for all vectors.
     """
     linear = []
 

@@ -58,17 +58,16 @@ class Quintic(NamedTuple):
         of $\kappa x^2 - (1 + \kappa)\,x + r = 0$ with $r = v_0 / (v_0 - v_1)$ and
         $\kappa = 3 c_3 / (v_0 - v_1)$, written here so that nothing cancels. It lies
         within h^3 of the quintic's, whose value there is within h^6. In 32 bits it is
-        cheap: seven digits of the place are fourteen of the number there, and its
-        derivative is none of that number's. A number whose slopes underflow hardly
-        moves, and counts as one that does not turn. Then the place is the end.
+        cheap: seven digits of the place are fourteen of the number there. A number
+        whose slopes underflow hardly moves, and counts as one that does not turn. Then
+        the place is the end.
         """
-        still = jax.lax.stop_gradient(self)
-        v0, v1, (_, c3) = still.v0, still.v1, _cubic(still)
+        v0, v1, (_, c3) = self.v0, self.v1, _cubic(self)
         turns = v0 * v1 < 0
         inverse = 1 / jnp.where(turns, v0 - v1, 1.0)
         r, kappa = v0 * inverse, 3 * c3 * inverse
         b = 1 + kappa
-        root = jnp.sqrt(_short(larger(b * b - 4 * kappa * r, 0.0)))
+        root = _root(_short(b * b - 4 * kappa * r))
         far, first = _short(jnp.abs(b)) + root, b >= 0
         x = jnp.where(first, _short(2 * r), far) / jnp.where(
             first, far, _short(-2 * kappa)

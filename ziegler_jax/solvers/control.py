@@ -33,8 +33,8 @@ SMALLEST_STEP = 1e-13  # against max(|t|, 1): below, t + h hardly moves
 class Signals(eqx.Module):
     """What an observing solver tells the controller beside the error.
 
-    It travels in place of the error estimate, over which diffrax only maps. Numbers,
-    not flags, because diffrax looks for NaN in it.
+    It travels in place of the error estimate, over which diffrax, where it runs the
+    solver itself, only maps, looking for NaN: hence numbers, not flags.
     """
 
     error: Numbers
@@ -114,7 +114,7 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         return towards(smaller(stop, self.end), t, h)
 
     def ending(self, t: Scalar, pause: Flag, vanished: Flag) -> dfx.RESULTS:
-        """What diffrax is told: to go on, to pause, or that there is no next step."""
+        """What the loop is told: to go on, to pause, or that there is no next step."""
         okay, paused = dfx.RESULTS.successful, dfx.RESULTS.event_occurred
         result = dfx.RESULTS.where(pause | (t >= self.end), paused, okay)
         return dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)

@@ -1,8 +1,8 @@
 """A solver that watches its own steps and keeps running numbers in its state.
 
-Nothing is stored but the running numbers, diffrax undoes them on a rejected step like
-the rest of a solver's state, and the loop stays free of anything that a compiler could
-not turn into one kernel.
+Nothing is stored but the running numbers, on a rejected step they are undone like the
+rest of a solver's state, and the loop stays free of anything that a compiler could not
+turn into one kernel.
 """
 
 import abc
@@ -145,9 +145,8 @@ class AbstractObserved(dfx.AbstractSolver[Where], Generic[Where, Inner]):
 class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
     """A one-step method with a fold over its accepted steps.
 
-    Read its `ObservedState` back with `SaveAt(solver_state=True)`. That holds y too:
-    `SaveAt(t1=True)` saves by a scatter, which XLA runs lane by lane on a CPU. Needs
-    `StepControl`, which understands its `Signals`.
+    `Turns` runs it. diffrax can, too, with `StepControl`, which understands its
+    `Signals`: then read its `ObservedState` back with `SaveAt(solver_state=True)`.
     """
 
     solver: Explicit | Rosenbrock

@@ -137,7 +137,7 @@ class Reached(StepControl):
         del t1, y0, y1_candidate, args, error_order
         signals, left = y_error, controller_state.left - 1
         assert signals.reached is not None  # steps may be cut
-        # diffrax puts infinity in place of NaN
+        # a NaN compares as false; where diffrax runs the solver it is infinity
         keep = (signals.reached > t0) & jnp.isfinite(signals.reached)
         t = jnp.where(keep, signals.reached, t0)
         stop = jnp.where(keep, signals.stop, controller_state.stop)

@@ -228,8 +228,10 @@ class CertifiedMotion:
         def turn(_, place):
             run, attempt, spent = place
             now_left = self._left(now._replace(spent=spent))
-            begins = run.steps < 0  # what it does until then is forgotten
-            before = run.running & ~begins & (now.observing == OUTCOME.not_computed)
+            begins = run.steps < 0
+            waits = jnp.where(begins, OUTCOME.complete, run.outcome)
+            run = run._replace(outcome=waits.astype(run.outcome.dtype))
+            before = run.running & (now.observing == OUTCOME.not_computed)
             run = self._shot(self.y0, attempt, now_left).advance(run, self.at_once)
             tried = before & ~run.running
 
