@@ -17,8 +17,7 @@ from measure import interleaved, machine, paired, rounded
 
 import ziegler_jax as zj
 from ziegler_jax.__main__ import grid, point
-from ziegler_jax.runtime import own_flags
-from ziegler_jax.sweep import program
+from ziegler_jax.sweep.program import own_flags, traced
 
 zj.configure_cpu()
 NAMES = ("q", "mu_s", "mu_k")
@@ -37,7 +36,7 @@ def compiled():
     """Seconds to trace all, and to compile each stage."""
     import jax
 
-    scene, tracing = processor_seconds(lambda: program.traced(point, NAMES, True, None))
+    scene, tracing = processor_seconds(lambda: traced(point, NAMES, True, None))
     with own_flags(), jax.enable_x64(True):
         stages = [processor_seconds(s.lowered.compile)[1] for s in scene.stages]
     loops = sorted(stages)[-2:]

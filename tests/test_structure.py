@@ -64,7 +64,11 @@ def test_the_tests_of_rooms_see_imports():
 
 
 # What tries the inside itself: a batch as a sweep runs it, blocks small enough to kill
-OF_THE_INSIDE = {"d0_soak": {"sweep.program"}, "s0_store": {"sweep"}}
+OF_THE_INSIDE = {
+    "a6_certainty": {"sweep.program"},
+    "d0_soak": {"sweep.program"},
+    "s0_store": {"sweep"},
+}
 
 
 def test_benchmarks_and_figures_use_public_names():
