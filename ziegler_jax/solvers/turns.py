@@ -38,7 +38,7 @@ class Lane(NamedTuple, Generic[Where]):
     halt: Scalar  # `MOVES`; `HALTED`: paused or at its end; `VANISHED`: its step has
 
 
-class Turns(dfx.AbstractSolver[Lane]):
+class Turns(AbstractObserved[Lane, AbstractObserved]):
     """One step of every lane that moves.
 
     **Arguments:** `solver`: tries a step; `control`: accepts it, chooses the next.
@@ -47,20 +47,7 @@ class Turns(dfx.AbstractSolver[Lane]):
     solver: AbstractObserved
     control: StepControl
 
-    term_structure: ClassVar = dfx.AbstractTerm
     interpolation_cls: ClassVar = dfx.LocalLinearInterpolation
-
-    def order(self, terms):
-        """The method's."""
-        return self.solver.order(terms)
-
-    def error_order(self, terms):
-        """The method's."""
-        return self.solver.error_order(terms)
-
-    def func(self, terms, t0, y0, args):
-        """The right-hand side."""
-        return self.solver.func(terms, t0, y0, args)
 
     def init(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
