@@ -57,6 +57,7 @@ from .contraction import (
     contraction_norm,
     contracts,
     largest,
+    length,
     spectral_radius,
 )
 from .growth import Growth
@@ -359,7 +360,7 @@ class CertifiedMotion:
         scale = jnp.maximum(largest(attempt.x), TINY)
         at_once = stable & contracts(norm, attempt.first_slope)
         at_once &= follows(orbit, was, became, 0.0)
-        at_once &= largest(was) < ARRIVED * scale
+        at_once &= length(norm, was) < ARRIVED * scale
         record = Record(run.folded.record, attempt.span, run.y)
         y = start_of(attempt.x)
         closed = Orbit(y, attempt.span, attempt.size, record)

@@ -44,16 +44,17 @@ RETURNS = (1, 2, 3, 4, 6)  # how many close an orbit
 COUNTS = np.array(RETURNS, np.int32)
 # A shot is asked for where a d_n passes the next of these, or at these times where it
 # is small; where it is large again, the first level counts once more.
-LEVELS = (1e-3, 3e-4, 1e-4)
+LEVELS = (6e-4, 2e-4, 7e-5)
 TIMES = (130.0, 250.0, 500.0, 800.0, 1100.0, 1400.0)
-SMALL, LARGE = 0.03, 0.03
+SMALL, LARGE = 0.01, 0.03
 EARLIEST = 15.0
 ALIKE = 3.0  # of fewer returns more is put up with: they close as well
 CALM = 20.0  # time units for which a motion at rest stays below the cut
 OWN = 3  # returns of its own by which a motion shows that it draws nearer
 # Distances, in the orbit's own size: what has left it, what may follow its linear map,
-# and what is so near that no torus round it was seen to fit between.
-LOST, NEAR, ARRIVED = 0.3, 0.1, 0.01
+# and, in the norm in which that contracts, what is so near that no torus, and no saddle
+# with one behind it, was seen to fit between (0.048 was too far).
+LOST, NEAR, ARRIVED = 0.3, 0.1, 0.025
 NOISE = 2e-4  # of the state: what steps, and their jitter, leave in a return
 LEAK = 1.05  # what is forgotten at each return of the smallest d_n
 # What a motion that has stopped asks for
@@ -296,7 +297,7 @@ def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
     good = follows(orbit, earlier - orbit.x, distance, NOISE * size)
     good &= largest(distance) < NEAR * size
     row = jnp.where(mine, jnp.where(good, now.follows + 1, 0.0), now.follows)
-    arrived = mine & (row >= OWN) & (largest(distance) < ARRIVED * size)
+    arrived = mine & (row >= OWN) & (length(orbit.norm, distance) < ARRIVED * size)
     asks = jnp.where(arrived, ACCEPTANCE, now.asks)
     return now._replace(
         own=own,

@@ -89,8 +89,8 @@ def settle(
     observers give is, of a cycle, of exactly one turn of the orbit (of half a turn
     where the cycle is its own mirror image, and all observers say that this is enough);
     at rest, of the next 2 time units (set-valued: of `length`); else of the last
-    `length`. Of 10 170 such cycles of the main job's map none was false, followed on by
-    another code; 3.6 % of the map stay undecided (`benchmarks/a5_certificates.py`).
+    `length`. Of 29 788 such cycles of the main job's map none was false, followed on by
+    another code; 3.7 % of the map stay undecided (`benchmarks/a5_certificates.py`).
 
     **By windows** (`certify=False`): after the transient, windows follow each other
     until the amplitudes of two consecutive ones agree, $\max_j |A_j - A_j'| \le$

@@ -1,0 +1,70 @@
+"""When a motion has drawn near enough to an orbit."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from ziegler_jax.steady.contraction import contraction_norm, spectral_radius
+from ziegler_jax.steady.returns import (
+    ACCEPTANCE,
+    NOTHING,
+    Candidate,
+    Ends,
+    Lookout,
+    no_returns,
+    with_return,
+)
+
+# The half return's derivative at the stable cycle of the main job's column at q =
+# 3.53125, mu = 0.04, and a place beside a saddle cycle from where a motion leaves for a
+# torus: 0.008 of the orbit's size away, 0.05 in the norm in which the map contracts.
+ORBIT = np.array([0.188763, 0.570416, 2.956718])
+SLOPE = np.array(
+    [
+        [0.950129, -1.237909, -0.409983],
+        [0.079374, 0.734599, 0.015766],
+        [-0.283986, -0.068730, 0.552665],
+    ]
+)
+BESIDE_THE_SADDLE = np.array([0.0235, 0.0008, -0.0090])
+
+
+def passing(point, time):
+    """A step through the section at this point, without acceleration."""
+    phi2, omega1, omega2 = (jnp.asarray(x) for x in point)
+    before = (-omega1 / 2, phi2 - omega2 / 2, omega1, omega2)
+    after = (omega1 / 2, phi2 + omega2 / 2, omega1, omega2)
+    none = (0.0 * phi2, 0.0 * phi2)
+    ends = Ends(time, time + 1.0, before, after, none, none)
+    return Lookout(ends, jnp.asarray(1.0), (), jnp.asarray(NOTHING))
+
+
+def asks_of(distances, slope):
+    """What a motion asks for whose returns lie so far from an orbit with this map."""
+    slope, one = jnp.asarray(slope), jnp.asarray(1, jnp.int32)
+    radius = spectral_radius(slope)
+    norm = contraction_norm(slope, radius)
+    there = jnp.asarray(True)
+    orbit = Candidate(there, one, jnp.asarray(ORBIT), slope, norm, radius)
+    state, asks = no_returns(jnp.asarray(0.0)), NOTHING
+    for i, distance in enumerate(distances):
+        state = with_return(state, passing(ORBIT + distance, 3.0 * i), False, orbit)
+        asks = max(asks, int(state.asks))
+    return asks
+
+
+def followed(distance, slope, count=4):
+    """The returns of a motion that goes by the linear map alone."""
+    return [np.linalg.matrix_power(slope, i) @ distance for i in range(count)]
+
+
+def test_three_returns_beside_a_saddle_close_to_the_orbit_are_no_arrival():
+    assert np.abs(BESIDE_THE_SADDLE).max() < 0.01 * ORBIT.max()
+    assert asks_of(followed(BESIDE_THE_SADDLE, SLOPE), SLOPE) == NOTHING
+    # a quarter of it is within what the norm allows: 0.012 < 0.025
+    assert asks_of(followed(BESIDE_THE_SADDLE / 4, SLOPE), SLOPE) == ACCEPTANCE
+
+
+def test_a_motion_that_stands_still_beside_a_stable_orbit_is_no_arrival():
+    slope = 0.5 * np.eye(3)
+    assert asks_of(followed(BESIDE_THE_SADDLE, slope), slope) == ACCEPTANCE
+    assert asks_of([BESIDE_THE_SADDLE] * 6, slope) == NOTHING
