@@ -180,6 +180,17 @@ def test_the_number_of_threads_changes_no_bit(whole, threads):
     assert same(sweep(q=Q, mu=MU, lanes=zj.Lanes(32, threads)), whole)
 
 
+@pytest.mark.skipif(
+    not program.compiles_whole_loops(), reason="its loops are many kernels"
+)
+@pytest.mark.parametrize("points, lanes", [(41, 32), (82, 64), (164, 128)])
+def test_few_points_run_in_small_batches_with_the_same_bits(whole, points, lanes):
+    mu = np.concatenate([MU, [0.3]])[: points // 41]
+    few = sweep(q=Q, mu=mu, lanes=zj.Lanes())
+    assert few.attrs["batch_size"] == lanes
+    assert same(few.sel(mu=mu[:3]), whole.sel(mu=mu[:3]))
+
+
 def test_batch_mates_and_places_change_no_bit(whole):
     scene = program.traced(point, ("q", "mu"), True, 32)
     compiled, found = program.compiled(scene), {}

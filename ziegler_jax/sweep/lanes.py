@@ -66,10 +66,12 @@ class Lanes:
     **Arguments:**
 
     - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
-        else 128, or 384 where `configure_cpu()` was needed and not called. It is
-        rounded up to a multiple of 32 (64 in `float32`), whole vectors of a processor:
-        so a lane's result depends neither on its batch mates nor on its place. Another
-        batch size is another program, equal to rounding.
+        else 128 (64 or 32 for sweeps of no more than two of these), or 384 where
+        `configure_cpu()` was needed and not called. It is rounded up to a multiple of
+        32 (64 in `float32`), whole vectors of a processor: so a lane's result depends
+        neither on its batch mates nor on its place. Another batch size is another
+        program; those of 32, 64 and 128 lanes gave the same bits wherever they were
+        compared, others are equal to rounding.
     - `threads`: None uses every core that the process may use.
     - `precision`: of the computation, whatever JAX's own setting.
 

@@ -34,6 +34,7 @@ from .stages import Packing, Stage, stages
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.
 BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 384
+SMALLER_BATCHES = (32, 64)  # for sweeps of two of these at most
 BATCH_WITHOUT = 8192
 CACHED_STAGES = 96
 # Lanes are a multiple of four vectors of 512 bits: what is left of a vector, and loops
@@ -111,10 +112,12 @@ def traced(
     names: tuple[str, ...],
     wide: bool,
     batch_size: int | None,
+    points: int | None = None,
 ) -> Scene:
     """Trace and lower `point`: what has been lowered is what will be compiled.
 
-    **Arguments:** `batch_size`: lanes a batch; None is the usual one for the point.
+    **Arguments:** `batch_size`: lanes a batch; None is what suits the point, and so few
+    `points` if these are known.
 
     **Raises:** `ValueError` where it cannot be traced, with the line and a cure.
     """
@@ -144,8 +147,7 @@ def traced(
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
         cuts = described.pop("cuts")
-        usual = BATCH_OF_ONE_KERNEL if compiles_whole_loops() else BATCH_OF_MANY
-        size = batch_size or (usual if cuts.motions else BATCH_WITHOUT)
+        size = batch_size or _usual_size(bool(cuts.motions), points)
         parts = stages(traced_point)
         # between loops there is little to do, unless a motion runs whole there
         light = len(parts) > 1 and not cuts.refused
@@ -164,6 +166,19 @@ def traced(
         digests=tuple(stage.digest for stage in lowered),
         seconds=time.perf_counter() - started,
     )
+
+
+def _usual_size(motions: bool, points: int | None) -> int:
+    """Lanes a batch: fewer where so few points would leave half of it, or a core, idle.
+
+    Of one kernel alone: there a lane has the same bits in any of these sizes.
+    """
+    if not motions:
+        return BATCH_WITHOUT
+    if not compiles_whole_loops():
+        return BATCH_OF_MANY
+    fitting = [s for s in SMALLER_BATCHES if points is not None and points <= 2 * s]
+    return min([*fitting, BATCH_OF_ONE_KERNEL])
 
 
 def _lowered(stage: Stage) -> LoweredStage:

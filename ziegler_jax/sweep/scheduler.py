@@ -17,10 +17,10 @@ import numpy as np
 from .lanes import OpenLanes, Queue, Work
 from .program import Program
 
-# Chunk length trades the cost of a call, about that of so many steps of a batch,
+# Chunk length trades the cost of a call, about that of so many steps of 128 lanes,
 # against lanes that idle once they have ended, for half a chunk each: the sum is least
 # at sqrt(2 CALL steps). From 50 to 200 the main job's time is the same within 4 %.
-CALL = 50
+CALL, LANES = 50, 128
 SHORTEST_CHUNK, FIRST_CHUNK, LONGEST_CHUNK = 64, 128, 1024
 # Where neighbours cost alike, a chunk is a lane's whole run: none idles for long, and
 # calls are few. A few stragglers go on beside the next lanes.
@@ -155,7 +155,8 @@ class _Batch:
         self.steps, self.entered, self.stalled = np.zeros((3, size), np.int64)
         self.fixed: tuple[np.ndarray, ...] = self.stage.fixed.empty(size)
         self.state: tuple[np.ndarray, ...] = self.stage.state.empty(size)
-        self.max_steps = FIRST_CHUNK
+        self.dear = max(LANES / size, 1.0)  # a call, in steps of so few lanes
+        self.max_steps = int(FIRST_CHUNK * np.sqrt(self.dear))
 
     def lanes(self, chosen: np.ndarray) -> OpenLanes:
         """These lanes as they are."""
@@ -184,7 +185,7 @@ class _Batch:
         self.stalled[places] = 0
         self.busy[idle[:count]] = True
         typical, slow, alike = self._costs()
-        fair = np.sqrt(2 * CALL / self.stage.cost * typical)
+        fair = np.sqrt(2 * CALL * self.dear / self.stage.cost * typical)
         fair = np.clip(fair, SHORTEST_CHUNK, LONGEST_CHUNK)
         if slow:
             self.max_steps = min(slow, LONGEST_RUN) if alike else int(fair)

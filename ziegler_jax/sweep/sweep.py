@@ -147,7 +147,8 @@ def sweep(
         if store is None:
             check_room(f"one number at each of {size} points", 8 * size)
         blocks = Blocks(grid, where)
-    scene = traced(point, tuple(grid), lanes.precision == "float64", lanes.batch_size)
+    wide = lanes.precision == "float64"
+    scene = traced(point, tuple(grid), wide, lanes.batch_size, blocks.points)
     check_names(scene)
     if store is None:
         check_room(f"the results of {size} points", scene.bytes_a_point * size)
