@@ -22,7 +22,14 @@ from pathlib import Path
 # A room imports from those before it; rooms that share a place do not know each other.
 ROOMS = [{"results", "runtime"}, {"context"}, {"numerics"}, {"model"}]
 ROOMS += [{"linear", "solvers"}, {"motion"}, {"steady"}]
-ROOMS += [{"analysis", "sweep"}, {"units"}, {"plot"}, {"__init__"}, {"__main__"}]
+ROOMS += [
+    {"analysis", "sweep"},
+    {"boundary"},
+    {"units"},
+    {"plot"},
+    {"__init__"},
+    {"__main__"},
+]
 PLACE = {room: i for i, rooms in enumerate(ROOMS) for room in rooms}
 
 

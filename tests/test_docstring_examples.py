@@ -6,6 +6,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
@@ -97,8 +98,21 @@ def of_stiff_lanes(names):
     assert names["ds"].outcome.notnull().all()
 
 
+def of_samples(names):
+    ds = names["ds"]
+    assert ds.q_cr.dims == ds.kappa.dims == ("sample",)
+    assert 0 < ds.q_cr.std() < ds.q_cr.mean()
+
+
+def of_a_boundary(names):
+    ds = names["ds"]
+    assert ds.attrs["refine_complete"] and ds.sizes["vertex"] > 20
+
+
 CASES = {
     "sweep/sweep.py 0": ({}, of_a_sweep),
+    "sweep/sweep.py 1": ({"xr": xr}, of_samples),
+    "boundary/refine.py 0": ({}, of_a_boundary),
     "results.py 0": ({}, of_a_variable),
     "units.py 0": ({"ts": np.linspace(0, 3, 7)}, of_units),
     "plot/maps.py 0": ({"ds": small_map}, None),

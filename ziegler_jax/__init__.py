@@ -17,6 +17,8 @@ from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
 from .analysis.poincare import PoincareSection, poincare
 from .analysis.regularisation import RegularisationError, regularisation_error
+from .boundary.refine import refine
+from .boundary.study import Fineness
 from .linear.critical_load import critical_load
 from .linear.sensitivity import sensitivity
 from .linear.spectrum import (
@@ -106,6 +108,7 @@ __all__ = [
     "EnergyBalance",
     "Explicit",
     "Exponents",
+    "Fineness",
     "FollowerLoad",
     "Growth",
     "JointReaction",
@@ -153,6 +156,7 @@ __all__ = [
     "point_masses",
     "power",
     "reactions",
+    "refine",
     "regime",
     "regularisation_error",
     "sensitivity",

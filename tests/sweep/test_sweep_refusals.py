@@ -164,10 +164,22 @@ def test_names_of_any_script_and_of_options_are_stored(path):
     assert zj.open_sweep(path)["blocks"].values[1, 1, 0] == 6.0
 
 
-def test_axes_that_share_a_dimension_are_refused(refuses):
+def test_axes_that_share_a_dimension_must_be_as_long_as_each_other(refuses):
     x = xr.DataArray([1.0, 2.0], dims="sample")
     refuses(
-        lambda: zj.sweep(of_two, q=x, mu=x + 1), "`mu`", "`sample`", "`q`", "tables"
+        lambda: zj.sweep(of_two, q=x, mu=x[:1] + 1), "`mu`", "`sample`", "`q`", "1", "2"
+    )
+    twice = xr.DataArray([3.0, 3.0], dims="sample")
+    # values that follow an axis may repeat, the axis itself may not
+    refuses(
+        lambda: zj.sweep(of_two, q=[1.0, 1.0], mu=twice.rename(sample="q")),
+        "`q`", "once",
+    )  # fmt: skip
+    refuses(
+        lambda: zj.sweep(
+            of_two, q=twice.rename(sample="a b"), mu=x.rename(sample="a b")
+        ),
+        "'a b'",
     )
 
 

@@ -58,7 +58,8 @@ def map(
 
     Where the dataset has an `outcome`, stuck and resting points have one flat colour,
     unsettled ones are dotted and failed ones hatched. A flag variable (`outcome`,
-    `regime`) is drawn in one colour a code.
+    `regime`) is drawn in one colour a code. The boundaries of a map from `refine` are
+    drawn as lines over its coarse cells.
 
     **Arguments:**
 
@@ -110,11 +111,27 @@ def map(
             plt.colorbar(mesh, ax=ax, label=_label(values))
         if outcome is not None:
             handles = _outcomes(ax, edges, outcome)
+    _boundaries(ax, dataset, x, y)
     ax.set(xlabel=_label(dataset[x]), ylabel=_label(dataset[y]))
     if legend and handles:
         # beside the plane, not on its data
         ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=4)
     return ax
+
+
+def _boundaries(ax: Axes, dataset: xr.Dataset, x: str, y: str) -> None:
+    """The lines that `refine` has found, if it has."""
+    names = [f"boundary_{name}" for name in (x, y, "line")]
+    if not all(name in dataset for name in names):
+        return
+    across, up, line = (np.asarray(dataset[name]) for name in names)
+    gaps = np.flatnonzero(np.diff(line)) + 1  # NaN parts one line from the next
+    ax.plot(
+        np.insert(across, gaps, np.nan),
+        np.insert(up, gaps, np.nan),
+        color="black",
+        linewidth=0.8,
+    )
 
 
 def bifurcation_diagram(

@@ -2,8 +2,8 @@
 
 import difflib
 import inspect
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from typing import NamedTuple, cast
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple, TypeGuard, cast
 
 import jax
 import numpy as np
@@ -30,7 +30,9 @@ def checked_axes(
     named: Mapping[str, ArrayLike],
     options: Iterable[str],
 ) -> dict[str, np.ndarray]:
-    """The axes by name, checked against the function and the rules.
+    """The axes by dimension, checked against the function and the rules.
+
+    An axis is an array of numbers, or of records where parameters share a dimension.
 
     **Arguments:** `options`: the names of the sweep's own arguments, one of which may
     have been misspelt.
@@ -53,8 +55,19 @@ def checked_axes(
     if not given:
         raise ValueError("A sweep must have at least one axis, but has none.")
     check_signature(point, list(given), "point", options)
-    _check_dimensions(given)
-    return {name: _values(name, values) for name, values in given.items()}
+    return {
+        dim: _records(dim, mates) if len(mates) > 1 else _values(*mates.popitem())
+        for dim, mates in _by_dimension(given).items()
+    }
+
+
+def parameters(grid: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The values of each parameter, where some share a dimension."""
+    values = {}
+    for dim, axis in grid.items():
+        names = axis.dtype.names
+        values |= {dim: axis} if names is None else {n: axis[n] for n in names}
+    return values
 
 
 def check_name(what: str, name: object) -> None:
@@ -70,8 +83,63 @@ def check_name(what: str, name: object) -> None:
         )
 
 
+def _by_dimension(given: Mapping[str, ArrayLike]) -> dict[str, dict[str, ArrayLike]]:
+    """The parameters that share each dimension, as DataArrays do; else each its own."""
+    dims = {
+        name: str(values.dims[0]) if _is_labelled(values) else name
+        for name, values in given.items()
+    }
+    mates: dict[str, dict[str, ArrayLike]] = {}
+    for name, values in given.items():
+        alone = list(dims.values()).count(dims[name]) == 1
+        mates.setdefault(name if alone else dims[name], {})[name] = values
+    for dim in mates.keys() - given.keys():
+        check_name("Dimension", dim)
+    return mates
+
+
+def _is_labelled(values: object) -> TypeGuard[xr.DataArray]:
+    return isinstance(values, xr.DataArray) and values.ndim == 1
+
+
+def _records(dim: str, mates: Mapping[str, ArrayLike]) -> np.ndarray:
+    """Values that go together: one record a place along their dimension."""
+    columns = {name: _numbers(name, values) for name, values in mates.items()}
+    (first, length), *others = [(n, c.size) for n, c in columns.items()]
+    for name, size in others:
+        if size != length:
+            raise ValueError(
+                f"Axis `{name}` must be as long as axis `{first}`, with which it "
+                f"shares the dimension `{dim}`, but has {size} values, not {length}."
+            )
+    if dim in columns:
+        _check_unlike(dim, columns[dim])
+    records = np.empty(length, [(name, np.float64) for name in columns])
+    for name, column in columns.items():
+        records[name] = column
+    return records
+
+
 def _values(name: str, values: ArrayLike) -> np.ndarray:
-    """The values of an axis."""
+    """The values of an axis of its own."""
+    values = _numbers(name, values)
+    _check_unlike(name, values)
+    return values
+
+
+def _check_unlike(name: str, values: np.ndarray) -> None:
+    """Refuse values that come twice: they could not be chosen by `sel`."""
+    unlike, counts = np.unique(values, return_counts=True)
+    if unlike.size < values.size:
+        twice = unlike[counts.argmax()]
+        raise ValueError(
+            f"Axis `{name}` must have each value once, but has {twice:.17g} "
+            f"{counts.max()} times: write `np.unique({name})`."
+        )
+
+
+def _numbers(name: str, values: ArrayLike) -> np.ndarray:
+    """The values of a parameter."""
     try:
         kind = np.asarray(values).dtype.kind
         if kind not in "iuf" or np.ma.isMaskedArray(values):
@@ -97,29 +165,7 @@ def _values(name: str, values: ArrayLike) -> np.ndarray:
         raise ValueError(
             f"Axis `{name}` must be finite, but is {values[bad[0]]} at index {bad[0]}."
         )
-    unlike, counts = np.unique(values, return_counts=True)
-    if unlike.size < values.size:
-        twice = unlike[counts.argmax()]
-        raise ValueError(
-            f"Axis `{name}` must have each value once, but has {twice:.17g} "
-            f"{counts.max()} times: write `np.unique({name})`."
-        )
     return values
-
-
-def _check_dimensions(given: Mapping[str, ArrayLike]) -> None:
-    """Refuse DataArrays that share a dimension: they would be taken as a product."""
-    owner: dict[Hashable, str] = {}
-    for name, values in given.items():
-        for dim in values.dims if isinstance(values, xr.DataArray) else ():
-            if dim in owner:
-                raise ValueError(
-                    f"Axis `{name}` must have a dimension of its own, but shares "
-                    f"`{dim}` with axis `{owner[dim]}`: for pairs of values sweep over "
-                    "their number, and take them from tables by `jnp.asarray(table)"
-                    "[i.astype(int)]` in `point`."
-                )
-            owner[dim] = name
 
 
 def check_signature(

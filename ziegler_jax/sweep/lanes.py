@@ -12,6 +12,7 @@ import numpy as np
 
 from ..numerics.numbers import choice, whole_number
 from ..runtime import own_flags
+from .axes import parameters
 from .stages import Stage
 
 # Every so many calls one is made twice: it costs 0.4 % and must give the same bits.
@@ -135,8 +136,8 @@ class Work:
         """Nothing has begun; `put` is told of results."""
         self.program, self.queue, self.put = program, queue, put
         self.stages = program.stages
-        self.names, self.axes = list(axes), list(axes.values())
-        self.shape = tuple(axis.size for axis in self.axes)
+        self.names, self.axes = list(parameters(axes)), axes
+        self.shape = tuple(axis.size for axis in axes.values())
         self.dtype = np.float64 if program.wide else np.float32
         self.lock = threading.Lock()
         self.waiting: list[list[OpenLanes]] = [[] for _ in self.stages]
@@ -299,10 +300,11 @@ class Work:
     # Calls ----------------------------------------------------------------------------
 
     def values(self, points: np.ndarray) -> list[np.ndarray]:
-        """The values of the axes at these points."""
+        """The values of the parameters at these points."""
         places = np.unravel_index(points, self.shape)
-        pairs = zip(self.axes, places, strict=True)
-        return [axis[place].astype(self.dtype) for axis, place in pairs]
+        pairs = zip(self.axes.items(), places, strict=True)
+        here = parameters({name: axis[place] for (name, axis), place in pairs})
+        return [values.astype(self.dtype) for values in here.values()]
 
     def call(
         self,

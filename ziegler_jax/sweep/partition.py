@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from ..results import OUTCOME, Variable
 from ..runtime import free_memory
-from .axes import empty
+from .axes import empty, parameters
 
 # Writing a block costs some 10 ms, computing one seconds; its arrays are about 1 MB.
 POINTS_A_BLOCK = 16_384
@@ -35,8 +35,9 @@ class Block(NamedTuple):
     chosen: np.ndarray  # which points are to be computed, in the block's shape
 
     def ranges(self) -> dict[str, list[float]]:
-        """The least and the largest value of each axis."""
-        return {n: [float(v.min()), float(v.max())] for n, v in self.axes.items()}
+        """The least and the largest value of each parameter."""
+        values = parameters(self.axes)
+        return {n: [float(v.min()), float(v.max())] for n, v in values.items()}
 
     def __str__(self) -> str:
         """Its number and where it lies."""
@@ -99,7 +100,8 @@ class Blocks:
             alone = {name: values[[end]] for name, values in block.axes.items()}
             where = cast(Callable[..., ArrayLike], self.where)
             if evaluate_where(where, alone).item() != block.chosen.flat[end]:
-                values = ", ".join(f"{name} = {v[0]:g}" for name, v in alone.items())
+                here = parameters(alone)
+                values = ", ".join(f"{name} = {v[0]:g}" for name, v in here.items())
                 raise ValueError(
                     "Argument `where` must judge each point by its own values, but "
                     f"judges {values} otherwise when it is alone."
@@ -166,10 +168,14 @@ def evaluate_where(
 
     **Raises:** `ValueError` if it breaks its rules.
     """
-    mesh = np.meshgrid(*box.values(), indexing="ij", sparse=True)
-    shape = tuple(values.size for values in box.values())
+    shape = tuple(axis.size for axis in box.values())
+    mesh = {}
+    for place, (dim, axis) in enumerate(box.items()):
+        along = (-1, *[1] * (len(shape) - 1 - place))  # those in front broadcast
+        here = parameters({dim: axis})
+        mesh |= {name: values.reshape(along) for name, values in here.items()}
     try:
-        chosen = np.asarray(where(**dict(zip(box, mesh, strict=True))))
+        chosen = np.asarray(where(**mesh))
         valid = np.broadcast_to(chosen, shape)
     except MemoryError:
         raise

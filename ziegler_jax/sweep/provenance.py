@@ -12,7 +12,7 @@ import hashlib
 import inspect
 import json
 import platform
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import metadata
 from types import FunctionType, SimpleNamespace
 from typing import Any, TypeAlias, cast
@@ -24,7 +24,7 @@ from jax.core import Tracer
 
 from ..results import AXES, coordinate, labels
 from ..runtime import compiles_whole_loops
-from .axes import check_name, empty
+from .axes import check_name, empty, parameters
 from .partition import Blocks
 from .program import Scene, is_the_users
 
@@ -37,8 +37,9 @@ def identity(scene: Scene, blocks: Blocks) -> dict[str, Any]:
         **{name: metadata.version(name) for name in _PACKAGES},
         "axes": {
             name: [values.size, float(values[0]), float(values[-1]), digest_of(values)]
-            for name, values in blocks.grid.items()
+            for name, values in parameters(blocks.grid).items()
         },
+        "dimensions": list(blocks.grid),
         "where": blocks.digest,
         "block": list(blocks.chunk),
         "precision": "float64" if scene.wide else "float32",
@@ -58,6 +59,11 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
     for name in _PACKAGES:
         if there[name] != here[name]:
             return f"was computed with {name} {there[name]}, and this is {here[name]}"
+    if list(there["dimensions"]) != list(here["dimensions"]):
+        return (
+            f"has the dimensions {', '.join(there['dimensions'])}, and this sweep has "
+            f"{', '.join(here['dimensions'])}"
+        )
     if list(there["axes"]) != list(here["axes"]):
         return (
             f"has the axes {', '.join(there['axes'])}, and this sweep has "
@@ -106,8 +112,8 @@ Plain: TypeAlias = bool | int | float | str | list["Plain"] | dict[str, "Plain"]
 LONGEST_TABLE = 100  # values of an array that are recorded; of longer ones the ends
 
 
-def check_names(scene: Scene) -> None:
-    """Refuse results whose names break the rule, or are an axis's.
+def check_names(scene: Scene, grid: Iterable[str]) -> None:
+    """Refuse results whose names break the rule, or are an axis's or its dimension's.
 
     **Raises:** `ValueError`.
     """
@@ -115,7 +121,7 @@ def check_names(scene: Scene) -> None:
     for name, variable in scene.variables.items():
         check_name("Result", name)
         taken |= set(variable.dims)
-    for name in scene.names:
+    for name in [*scene.names, *grid]:
         if name in taken:
             raise ValueError(
                 f"Axis `{name}` must be named unlike a result or its dimensions, which "
@@ -131,16 +137,18 @@ def template(
 ) -> xr.Dataset:
     """The dataset with nothing computed."""
     data, used, coords = {}, {}, {}
+    along = {name: dim for dim in grid for name in parameters({dim: grid[dim]})}
     for name, variable in scene.variables.items():
         dims, values = tuple(grid) + variable.dims, empty(variable, shape)
         data[name] = (dims, values, labels(variable))
         known = scene.coordinates
         used |= {dim: known[dim] for dim in variable.dims if dim in known}
-    for name, values in {**used, **grid}.items():
-        coords[name] = coordinate(name, values)
-        if name in grid and name not in AXES:  # an axis of the scene's own
+    for name, values in {**used, **parameters(grid)}.items():
+        _, *labelled = coordinate(name, values)
+        if name in along and name not in AXES:  # an axis of the scene's own
             attrs = {"long_name": name, "units": "1", "symbol": name}
-            coords[name] = (name, np.asarray(values), attrs)
+            labelled = [np.asarray(values), attrs]
+        coords[name] = (along.get(name, name), *labelled)
     return xr.Dataset(data, coords, attributes)
 
 

@@ -54,7 +54,7 @@ def run_lanes(
     put: Callable[[np.ndarray, list[np.ndarray], np.ndarray], None],
     *,
     threads: int,
-    on_batch: Callable[[int, float], None],
+    on_batch: Callable[[int, float], object],
 ) -> Effort:
     """Compute points of the grid of `axes`.
 

@@ -133,6 +133,7 @@ def opened(store: "SweepStore") -> xr.Dataset:
     ds = xr.open_zarr(LocalStore(store.path), consolidated=False, chunks=None)  # pyright: ignore[reportArgumentType]
     labels = store.record["labels"]
     coords = {name: coordinate(name, values) for name, values in labels.items()}
+    ds = ds.set_coords(list(store.record["identity"]["axes"]))
     ds = ds[store.record["names"]].assign_coords(coords)
     marks = store.marks()
     gone = [number for number, mark in marks.items() if not store.seems_intact(mark)]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..context import Context, is_traced, within
 from ..numerics.numbers import instance
 from ..runtime import all_cores
-from .axes import Returned, check_signature, checked_axes
+from .axes import Returned, check_signature, checked_axes, parameters
 from .cluster import Arrays, Client, Recipe, check_client, run_blocks
 from .differences import audit_attributes, checked_share, drawn, settled_late
 from .lanes import Lanes
@@ -58,6 +58,19 @@ def sweep(
     ds = zj.sweep(point, q=np.linspace(1, 4, 64), mu=np.linspace(0.02, 0.4, 32))
     ```
 
+    Samples, both parameters drawn anew for each:
+
+    ```python
+    def load(kappa, c):
+        column = zj.uniform_rods(q=1.0, kappa=kappa, damping=zj.Viscous(c, c))
+        return zj.critical_load(column)
+
+    random = np.random.default_rng(0)
+    kappa = xr.DataArray(random.normal(1, 0.05, 1000), dims="sample")
+    c = xr.DataArray(random.uniform(0.01, 0.1, 1000), dims="sample")
+    ds = zj.sweep(load, kappa=kappa, c=c)  # q_cr(sample), kappa(sample), c(sample)
+    ```
+
     **Arguments:**
 
     - `point`: a function of named scalars that JAX can trace. It returns a scalar, a
@@ -100,7 +113,9 @@ def sweep(
         it lies, its points, seconds, steps and outcomes.
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
         them alike. An axis that is named like an option goes into `axes`. Names are of
-        letters, digits and underscores, as those of results are.
+        letters, digits and underscores, as those of results are. Parameters that are
+        `xarray.DataArray`s of one dimension vary together along it, as in xarray:
+        samples, or a path through the parameters (see the second example).
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
     or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
@@ -127,7 +142,7 @@ def sweep(
     if where is not None:
         if not callable(where):
             raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
-        check_signature(where, list(grid), "where")
+        check_signature(where, list(parameters(grid)), "where")
     instance("lanes", lanes, Lanes)
     if store is not None and not isinstance(store, Store):
         store = Store(store)
@@ -148,8 +163,9 @@ def sweep(
             check_room(f"one number at each of {size} points", 8 * size)
         blocks = Blocks(grid, where)
     wide = lanes.precision == "float64"
-    scene = traced(point, tuple(grid), wide, lanes.batch_size, blocks.points)
-    check_names(scene)
+    names = tuple(parameters(grid))
+    scene = traced(point, names, wide, lanes.batch_size, blocks.points)
+    check_names(scene, grid)
     if store is None:
         check_room(f"the results of {size} points", scene.bytes_a_point * size)
     # a cluster's worker runs as many blocks as it has threads
@@ -173,7 +189,11 @@ def sweep(
                 where=lambda **_: sample,
                 lanes=Lanes(lanes.batch_size, threads),
                 progress=progress,
-                axes=grid,
+                axes={
+                    name: xr.DataArray(values, dims=dim)
+                    for dim in grid
+                    for name, values in parameters({dim: grid[dim]}).items()
+                },
             )
         audit_attributes(dataset, finer, sample)
     return dataset
@@ -213,7 +233,7 @@ def _filled(
                 backend.write_block(block, arrays, tally)
             progress.finished(block, tally)
 
-        backend.mend(blocks.grid)
+        backend.mend(parameters(blocks.grid))
         if not missing:
             return backend.dataset({})
         if run.client is None:

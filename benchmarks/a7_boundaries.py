@@ -1,0 +1,115 @@
+"""Are refined boundaries those of a fine grid?
+
+The main job's map at mu_s = mu_k: `refine` from 33 x 33 cells, and a grid of 1024 x
+1024 lanes. Of the grid's edges between unlike labels, by their labels, the share that
+lies within one of its cells of the lines; and the share of its points with another
+label than the refined cell in which they lie, where all corners are alike, against the
+bound that `refine` states. Prints one JSON line.
+
+    python benchmarks/a7_boundaries.py [--grid 1024] [--levels 4]
+"""
+
+import argparse
+import json
+import time
+from collections import Counter
+
+import numpy as np
+from measure import commit, rounded
+from scipy.spatial import cKDTree
+
+import ziegler_jax as zj
+from ziegler_jax.__main__ import MU_RANGE, Q_RANGE, point
+
+COARSE = 33
+
+
+def section(q, mu):
+    return point(q, mu, mu)
+
+
+def grid(n):
+    q, mu = np.linspace(*Q_RANGE, n), np.linspace(*MU_RANGE, n)
+    return zj.sweep(section, q=q, mu=mu, progress=False)
+
+
+def points_of_lines(ds, n):
+    """Points along the lines, at most a quarter apart, in cells of the fine grid."""
+    spans = (("q", Q_RANGE), ("mu", MU_RANGE))
+    columns = [
+        (ds[f"boundary_{name}"].values - low) / (high - low) * (n - 1)
+        for name, (low, high) in spans
+    ]
+    vertices, line = np.stack(columns, -1), ds.boundary_line.values
+    points = [vertices]
+    for a, b in zip(
+        vertices[:-1][np.diff(line) == 0],
+        vertices[1:][np.diff(line) == 0],
+        strict=True,
+    ):
+        shares = np.linspace(0, 1, int(4 * np.hypot(*(b - a))) + 2)[:, None]
+        points.append(a + shares * (b - a))
+    return np.concatenate(points)
+
+
+def unlike_edges(labels):
+    """The middles of edges between unlike points, and their labels, smaller first."""
+    places, pairs = [], []
+    for axis in (0, 1):
+        one, other = (
+            np.take(labels, range(k, labels.shape[axis] - 1 + k), axis) for k in (0, 1)
+        )
+        at = np.argwhere(one != other)
+        places.append(at + 0.5 * np.eye(2)[axis])
+        both = np.stack([one[one != other], other[one != other]], -1)
+        pairs.append(np.sort(both, axis=1))
+    return np.concatenate(places), np.concatenate(pairs)
+
+
+def strangers(ds, fine):
+    """The share of points with another label than all computed ones around them."""
+    n = fine.shape[0]
+    known = np.stack([ds.refined_q.values, ds.refined_mu.values], -1)
+    coarse = np.stack([v.ravel() for v in np.meshgrid(ds.q, ds.mu, indexing="ij")], -1)
+    scale = np.array([np.ptp(Q_RANGE), np.ptp(MU_RANGE)])
+    places = np.concatenate([coarse, known]) / scale
+    labels = np.concatenate([ds.outcome.values.ravel(), ds.refined_outcome.values])
+    i, j = (v.ravel() for v in np.meshgrid(range(n), range(n), indexing="ij"))
+    here = np.stack([np.linspace(*Q_RANGE, n)[i], np.linspace(*MU_RANGE, n)[j]], -1)
+    _, nearest = cKDTree(places).query(here / scale, k=4)
+    alike = (labels[nearest] == labels[nearest[:, :1]]).all(axis=1)
+    return float((alike & (labels[nearest[:, 0]] != fine.ravel())).mean())
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--grid", type=int, default=1024)
+    parser.add_argument("--levels", type=int, default=4)
+    options = parser.parse_args()
+    zj.configure_cpu()
+    coarse = grid(COARSE)
+    start = time.perf_counter()
+    fineness = zj.Fineness(width=1e-6, levels=options.levels)
+    ds = zj.refine(section, coarse, fineness=fineness)
+    seconds = time.perf_counter() - start
+    fine = grid(options.grid).outcome.values
+    places, pairs = unlike_edges(fine)
+    apart, _ = cKDTree(points_of_lines(ds, options.grid)).query(places, p=np.inf)
+    names = [" ".join(zj.OUTCOME(c).name for c in pair) for pair in pairs.tolist()]
+    near = Counter(n for n, far in zip(names, apart > 1, strict=True) if not far)
+    result = {
+        "benchmark": "a7_boundaries",
+        "commit": commit(),
+        "lanes": COARSE**2 + ds.attrs["refine_points"],
+        "seconds": seconds,
+        "edges": dict(Counter(names)),
+        "within_a_cell": {n: near[n] / c for n, c in Counter(names).items()},
+        "strangers": strangers(ds, fine),
+        "missed_area": ds.attrs["refine_missed_area"],
+        "exponents": ds.pair_exponent.values.tolist(),
+    }
+    print(json.dumps(rounded(result)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Where a map's labels change: cells halved, edges halved, lines joined."""
