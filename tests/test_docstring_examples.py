@@ -104,6 +104,12 @@ def of_samples(names):
     assert 0 < ds.q_cr.std() < ds.q_cr.mean()
 
 
+def of_a_union(names):
+    ds = names["ds"]
+    assert ds.q.values.tolist() == [0.5, 1.0, 1.5, 2.0, 3.0]
+    assert np.isfinite(ds.q_cr).all() and ds.outcome.dtype.kind == "i"
+
+
 def of_a_boundary(names):
     ds = names["ds"]
     assert ds.attrs["refine_complete"] and ds.sizes["vertex"] > 20
@@ -112,7 +118,8 @@ def of_a_boundary(names):
 CASES = {
     "sweep/sweep.py 0": ({}, of_a_sweep),
     "sweep/sweep.py 1": ({"xr": xr}, of_samples),
-    "boundary/refine.py 0": ({}, of_a_boundary),
+    "maps/merge.py 0": ({}, of_a_union),
+    "maps/refine.py 0": ({}, of_a_boundary),
     "results.py 0": ({}, of_a_variable),
     "units.py 0": ({"ts": np.linspace(0, 3, 7)}, of_units),
     "plot/maps.py 0": ({"ds": small_map}, None),

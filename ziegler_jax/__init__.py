@@ -17,8 +17,6 @@ from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
 from .analysis.poincare import PoincareSection, poincare
 from .analysis.regularisation import RegularisationError, regularisation_error
-from .boundary.refine import refine
-from .boundary.study import Fineness
 from .linear.critical_load import critical_load
 from .linear.sensitivity import sensitivity
 from .linear.spectrum import (
@@ -29,6 +27,9 @@ from .linear.spectrum import (
     tangent_column,
 )
 from .linear.stabilise import stabilise
+from .maps.merge import merge
+from .maps.refine import refine
+from .maps.study import Fineness
 from .model.column import (
     Column,
     State,
@@ -149,6 +150,7 @@ __all__ = [
     "flutter_onset",
     "is_stiff",
     "linearise",
+    "merge",
     "lyapunov_exponents",
     "open_sweep",
     "periodic_orbit",

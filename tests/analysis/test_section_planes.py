@@ -92,7 +92,7 @@ def test_a_branch_is_the_same_whatever_the_section():
 
     start = zj.State(omega=(0.0, 1.5))
     kicked = jax.jit(lambda: zj.settle(column(1.75), start, certify=False).final)()
-    arc = zj.Arc(direction=-1, step=0.02, points=50)
+    arc = zj.Arc(direction=-1, step=0.02, points=50, error=1.0)
 
     def branch(plane):
         @jax.jit

@@ -26,23 +26,25 @@ CODES = np.array(
 )
 
 
+FLAGS = {
+    "long_name": "how the motion ended",
+    "flag_values": [int(code) for code in zj.OUTCOME],
+    "flag_meanings": " ".join(code.name for code in zj.OUTCOME),
+}
+
+
 @pytest.fixture
 def plane():
     amplitude = np.arange(12.0).reshape(4, 3)
     failed = (CODES < zj.OUTCOME.unsettled) & (CODES != OUT)
     amplitude[failed] = np.nan  # what was left out keeps a number, not to be shown
-    flags = {
-        "long_name": "how the motion ended",
-        "flag_values": [int(code) for code in zj.OUTCOME],
-        "flag_meanings": " ".join(code.name for code in zj.OUTCOME),
-    }
     named = {"long_name": "largest absolute angle of the joint", "units": "rad"}
     q = {"long_name": "follower load", "units": "1", "symbol": "$q$"}
     mu = {"long_name": "rate", "units": "sqrt(k/(m l^2))", "symbol": r"$\mu$"}
     return xr.Dataset(
         {
             "joint_amplitude": (("q", "mu"), amplitude, named),
-            "outcome": (("q", "mu"), CODES, flags),
+            "outcome": (("q", "mu"), CODES, FLAGS),
         },
         {"q": ("q", Q, q), "mu": ("mu", MU, mu), "joint": 2},
     )
@@ -178,6 +180,50 @@ def test_a_diagram_marks_each_point_by_its_outcome(plane):
     assert len({line.get_marker() for line in ax.lines}) == 3
     assert all(line.get_linestyle() == "None" for line in ax.lines)
     assert ax.get_ylabel().endswith("(rad)")
+
+
+def test_a_diagram_of_both_ways_has_a_branch_between():
+    q = np.array([1.0, 2.0, 3.0])
+    both = xr.Dataset(
+        {
+            "joint_amplitude": (("branch", "q"), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+            "outcome": (("branch", "q"), np.full((2, 3), int(RUN)), FLAGS),
+        },
+        {"branch": ["up", "down"], "q": q},
+    )
+    branch = xr.Dataset(
+        {
+            "joint_amplitude": ("point", [3.0, 2.0, 1.0, 2.0]),
+            "parameter": ("point", [3.0, 2.0, 1.5, 1.8]),
+            "stable": ("point", [True, True, False, False]),
+        }
+    )
+    ax = zj.plot.bifurcation_diagram(both, branch=branch)
+    lines = {line.get_label(): line for line in ax.lines}
+    assert lines["up: cycle"].get_ydata().tolist() == [1.0, 2.0, 3.0]
+    assert lines["down: cycle"].get_ydata().tolist() == [4.0, 5.0, 6.0]
+    assert lines["up: cycle"].get_marker() == "^"
+    assert lines["down: cycle"].get_marker() == "v"
+    solid, dashed = lines["branch: attracts"], lines["branch: does not"]
+    assert (solid.get_linestyle(), dashed.get_linestyle()) == ("-", "--")
+    # a stretch has the look of the point at its beginning
+    drawn = [np.isfinite(line.get_ydata()).tolist() for line in (solid, dashed)]
+    assert drawn == [[True, True, True, False], [False, False, True, True]]
+
+
+def test_the_boundaries_of_a_refined_map_are_lines_of_their_own(plane):
+    lines = xr.Dataset(
+        {
+            "boundary_q": ("vertex", [1.0, 2.0, 2.5, 3.0]),
+            "boundary_mu": ("vertex", [0.1, 0.2, 0.3, 0.4]),
+            "boundary_line": ("vertex", [0, 0, 1, 1]),
+        }
+    )
+    ax = zj.plot.map(plane.merge(lines), "joint_amplitude", "q", "mu")
+    (line,) = ax.lines
+    x, y = line.get_data()
+    np.testing.assert_array_equal(x, [1.0, 2.0, np.nan, 2.5, 3.0])
+    np.testing.assert_array_equal(y, [0.1, 0.2, np.nan, 0.3, 0.4])
 
 
 def test_a_time_history_stands_beside_its_phase_plane():

@@ -45,13 +45,13 @@ class Arc(eqx.Module):
     - `direction`: 1 or -1, in which the parameter moves at first; None is 1 for a
         branch, -1 for a fold.
     - `step`: the longest on the arc: rad for the state, the first cycle's period for T,
-        the first value for the parameter. The points lie on the branch; between them
-        nothing is known of it. The default can be too coarse where a branch bends fast:
-        one that a joint's sticking bends took a single step from q = 1.912 to 1.639,
-        and the line through its points was off by about 0.05 rad. Choose a smaller step
-        near folds, and compare.
-    - `points`: at most so many; None is 100 for a branch, 200 on the way to a fold.
+        the first value for the parameter.
+    - `points`: at most so many; None is 400 for a branch, 200 on the way to a fold.
     - `bounds`: around the first value; the branch ends where the parameter leaves them.
+    - `error`: how far a point may lie from the tangent at the one before, in angle,
+        period and parameter, measured as on the arc; where it lies farther the step is
+        shorter. The line through both points is about a quarter of that off the branch.
+        Not on the way to a fold.
 
     **Raises:** `ValueError` for numbers that break a rule.
     """
@@ -60,6 +60,7 @@ class Arc(eqx.Module):
     step: Scalar
     points: int | None = eqx.field(static=True)
     bounds: tuple[Scalar, Scalar]
+    error: Scalar
 
     def __init__(
         self,
@@ -67,6 +68,7 @@ class Arc(eqx.Module):
         step: Scalar = 0.1,
         points: int | None = None,
         bounds: tuple[Scalar, Scalar] = (-np.inf, np.inf),
+        error: Scalar = 1.5e-4,
     ):
         """Check and keep them."""
         known = direction is None or isinstance(direction, int | np.integer)
@@ -91,6 +93,7 @@ class Arc(eqx.Module):
         if is_concrete(low) and is_concrete(high) and not low < high:
             raise ValueError(f"Argument `bounds` must increase, but is {bounds!r}.")
         self.bounds = low, high
+        self.error = number("error", error, "positive")
 
 
 def _is_real(x: object) -> bool:
@@ -98,7 +101,7 @@ def _is_real(x: object) -> bool:
     return isinstance(x, int | float | np.number) and x == x
 
 
-_ARCS = {"continue_cycle": (1, 100), "cycle_fold": (-1, 200)}
+_ARCS = {"continue_cycle": (1, 400), "cycle_fold": (-1, 200)}
 
 
 class BranchPoint(NamedTuple):
@@ -135,7 +138,7 @@ class Continuation:
         direction, points = _ARCS[question]
         direction = direction if arc.direction is None else arc.direction
         points = points if arc.points is None else arc.points
-        self.arc = Arc(direction, arc.step, points, arc.bounds)
+        self.arc = Arc(direction, arc.step, points, arc.bounds, arc.error)
         self.method = cycle_method(question, method, made(make_column, at))
         # what the function closes over, without its derivatives
         self.make = fixed(eqx.filter_closure_convert(make_column, at))
@@ -143,7 +146,7 @@ class Continuation:
         y0 = fixed(float_state(orbit.state))
         z = [*(y0[i] for i in self.section.others), fixed(orbit.period)]
         z = jnp.stack([jnp.asarray(x, dtype) for x in z])
-        good = keeps("finite", start) & keeps("positive", arc.step)
+        good = keeps("finite", start) & keeps("positive", arc.step, arc.error)
         good &= keeps("positive", self.method.rtol, self.method.atol)
         still = cast(Vector4, (0.0 * at,) * 4)
         good &= _hold(arc.bounds, at) & valid_scene(self.make(at), still)

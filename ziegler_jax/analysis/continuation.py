@@ -264,6 +264,7 @@ def _settings(problem: Continuation) -> Settings:
         direction=arc.direction,
         step=arc.step,
         points=arc.points,
+        error=arc.error,
         bounds=bounds,
         **problem.section.settings(),
     )

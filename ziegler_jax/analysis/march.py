@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..context import Phase, place_of, resumable
 from ..motion.implicit import fixed
 from ..motion.section import SectionPlane
+from ..numerics.numbers import Flag
 from ..results import ORBIT, SPECIAL
 from .branch_point import BranchPoint, Continuation, characteristic_cubic
 
@@ -52,6 +53,7 @@ class Attempt(NamedTuple):
     good: Bool[Array, ""]  # whether it is a point of the branch
     # Newton's iterations
     count: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]
+    error: Float[Array, ""]  # of the tangent's prediction, of what it may be
     left: Int[Array, ""]  # of the step budget
     refining: Bool[Array, ""]  # whether a special point is sought
     starting: Bool[Array, ""]  # whether it is the first
@@ -83,6 +85,8 @@ class Walk:
         self.most = cast(int, problem.arc.points)
         self.points = 1 if stop else self.most  # on the way none is asked for
         self.longest = fixed(jnp.asarray(problem.arc.step, problem.first.dtype))
+        # of a branch's points; on the way to a fold none is asked for
+        self.error = jnp.inf if stop else fixed(problem.arc.error)
 
     def follow(self) -> ContinuationState:
         """Walk until all points are there, or the special one."""
@@ -148,7 +152,10 @@ class Walk:
         kind, tried = self._passed(now, tried)
         begins, walked = kind > 0, tried.good & ~tried.refining & (kind == 0)
         special = self._refined(now, tried)
-        grown = now.step * jnp.where(tried.count <= 4, 1.5, 1.0)
+        most = jnp.where(tried.count <= 4, 1.5, 1.0)
+        # the prediction's error goes with the square of the step
+        best = 0.9 / jnp.sqrt(jnp.maximum(tried.error, 0.1))
+        grown = now.step * jnp.clip(best, 0.4, most)
         step = jnp.where(tried.good, jnp.minimum(grown, self.longest), 0.4 * now.step)
         step = jnp.where(tried.refining, now.step, step)
         which = jnp.maximum(kind - 1, 0)
@@ -194,12 +201,13 @@ class Walk:
         base = now.here
         ahead = base.x + s * base.tangent
         point, good, count, left = self.problem.correct(ahead, base.tangent, now.left)
-        good &= (
-            starting
-            | refining
-            | _straight(point.tangent, base.tangent, self.problem.section)
-        )
-        return Attempt(s, point, good, count, left, refining, starting)
+        free = starting | refining
+        smooth = _smooth(self.problem.section)
+        good &= free | _straight(point.tangent[smooth], base.tangent[smooth])
+        off = (point.x - ahead)[smooth]
+        error = jnp.where(free, 0.0, jnp.sqrt(off @ off) / self.error)
+        good &= error <= 1
+        return Attempt(s, point, good, count, error, left, refining, starting)
 
     def _passed(
         self, now: ContinuationState, tried: Attempt
@@ -212,7 +220,9 @@ class Walk:
         crowded = ~tried.refining & (jnp.sum(changed) > 1) & (tried.s > CROWDED)
         good = tried.good & ~crowded
         kind = jnp.where(jnp.any(changed), 1 + jnp.argmax(changed), 0)
+        # where a branch is born at an equilibrium its parameter turns: that is no fold
         free = good & ~tried.refining & (now.specials < self.room)
+        free &= ~self._collapsed(now, tried.point)
         kind = jnp.where(free, kind, 0).astype(jnp.int32)
         return kind, tried._replace(good=good)
 
@@ -235,6 +245,11 @@ class Walk:
         there |= crossing
         return Refinement(low, jnp.stack([tried.s, f]), there | lost, there, point)
 
+    def _collapsed(self, now: ContinuationState, point: BranchPoint) -> Flag:
+        """Whether it passes its section the other way than the first cycle, or not."""
+        i = self.problem.section.index
+        return point.matrix[i, 3] * now.points.matrix[0, i, 3] <= 0
+
     def _outcome(
         self, after: ContinuationState, tried: Attempt, on: Bool[Array, ""]
     ) -> Int[Array, ""]:
@@ -244,10 +259,7 @@ class Walk:
         value = here.x[4] * problem.scale[4]
         outcome = jnp.where(after.count >= self.most, ORBIT.found, after.outcome)
         outcome = jnp.where((value < low) | (value > high), ORBIT.beyond, outcome)
-        # at which it passes its section: as at first, rising or falling
-        i = problem.section.index
-        rate, first = here.matrix[i, 3], after.points.matrix[0, i, 3]
-        outcome = jnp.where(rate * first <= 0, ORBIT.collapsed, outcome)
+        outcome = jnp.where(self._collapsed(after, here), ORBIT.collapsed, outcome)
         outcome = jnp.where(on, outcome, after.outcome)
         outcome = jnp.where(self.stop & (after.specials > 0), ORBIT.found, outcome)
         lost_way = (after.step < SMALLEST_STEP) | (tried.starting & ~tried.good)
@@ -259,16 +271,18 @@ class Walk:
 _SHAPES = ((5,), (5,), (3,), (4, 4), (4, 5), (4,))
 
 
-def _straight(
-    new: Float[Array, "5"], old: Float[Array, "5"], section: SectionPlane
-) -> Bool[Array, ""]:
-    """Whether a branch turns little between two points: in angles, T, the parameter.
+def _smooth(section: SectionPlane) -> Int[Array, " n"]:
+    """The places of angles, T and the parameter.
 
     The rates have kinks where, as the branch goes on, a joint begins to stick at the
     section; angle and period have none.
     """
     angles = [place for place, i in enumerate(section.others) if i < 2]
-    new, old = (x[jnp.array([*angles, 3, 4])] for x in (new, old))
+    return jnp.array([*angles, 3, 4])
+
+
+def _straight(new: Float[Array, " n"], old: Float[Array, " n"]) -> Bool[Array, ""]:
+    """Whether a branch turns little between two points."""
     return new @ old > STRAIGHT * jnp.sqrt((new @ new) * (old @ old))
 
 

@@ -139,6 +139,7 @@ def bifurcation_diagram(
     variable: str = "joint_amplitude",
     along: str = "q",
     *,
+    branch: xr.Dataset | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw a variable over one axis, each point marked by its outcome.
@@ -148,48 +149,93 @@ def bifurcation_diagram(
     ```
 
     Points are not joined: branches may jump. Failed points, which have no number, are
-    crosses on the axis; points that were left out are not drawn.
+    crosses on the axis; points that were left out are not drawn. Of a `sweep_up_down`
+    triangles point the way that the load went.
 
-    **Arguments:** `dataset`, reduced to one dimension; `variable`; `along`: the
-    dimension; `ax`: where to draw, None opens a figure.
+    **Arguments:**
+
+    - `dataset`: reduced to one dimension, or to that and `branch`, the load's ways.
+    - `variable`, `along`: what is drawn, over which dimension.
+    - `branch`: of `continue_cycle`, reduced to its points, e.g.
+        `branch.to_dataset().sel(joint=2)`: a line, solid where the cycle attracts and
+        dashed where it does not.
+    - `ax`: where to draw, None opens a figure.
 
     **Returns:** the axes.
 
     **Raises:** `ValueError` as `map`.
     """
-    values = _variable(dataset, variable, {"along": along})
+    ways = [str(way) for way in dataset["branch"].values] if _goes_ways(dataset) else []
+    parts = [dataset.sel(branch=way) for way in ways] or [dataset]
+    values = [_variable(part, variable, {"along": along}) for part in parts]
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
-    places = np.asarray(dataset[along])
-    numbers = np.asarray(values, dtype=float)
-    if not _has_motions(dataset):
-        ax.plot(places, numbers, "o", color=BLUE, markersize=3)
-    else:
-        outcome = np.asarray(dataset["outcome"])
-        for code, (marker, colour) in MARKERS.items():
-            here = outcome == code
-            if here.any():
-                ax.plot(
-                    places[here],
-                    numbers[here],
-                    marker,
-                    color=colour,
-                    markersize=3.5,
-                    label=code.name,
-                )
-        failed = _failed(outcome)
-        if failed.any():
-            ax.plot(
-                places[failed],
-                np.zeros(failed.sum()),
-                "x",
-                color=VERMILLION,
-                transform=ax.get_xaxis_transform(),
-                clip_on=False,
-                label="failed",
-            )
+    if branch is not None:
+        _branch(ax, branch, variable)
+    for way, part, of_it in zip(ways or [""], parts, values, strict=True):
+        places, numbers = np.asarray(dataset[along]), np.asarray(of_it, dtype=float)
+        if _has_motions(part):
+            _motions(ax, places, numbers, np.asarray(part["outcome"]), way)
+        else:
+            ax.plot(places, numbers, "o", color=BLUE, markersize=3)
+    if ax.get_legend_handles_labels()[0]:
         ax.legend()
-    ax.set(xlabel=_label(dataset[along]), ylabel=_label(values))
+    ax.set(xlabel=_label(dataset[along]), ylabel=_label(values[0]))
     return ax
+
+
+WAYS = {"up": "^", "down": "v"}
+
+
+def _goes_ways(dataset: xr.Dataset) -> bool:
+    """Whether it is of a load that goes up and down."""
+    known = isinstance(dataset, xr.Dataset) and "branch" in dataset.dims
+    return known and all(str(way) in WAYS for way in dataset["branch"].values)
+
+
+def _motions(
+    ax: Axes, places: np.ndarray, numbers: np.ndarray, outcome: np.ndarray, way: str
+) -> None:
+    """Points by their outcome; `way`: the load's, if it has one."""
+    before = f"{way}: " if way else ""
+    for code, (marker, colour) in MARKERS.items():
+        here = outcome == code
+        if here.any():
+            look = WAYS.get(way, marker)
+            ax.plot(
+                places[here],
+                numbers[here],
+                look,
+                color=colour,
+                markersize=5 if way else 3.5,
+                markerfacecolor="none" if way else colour,
+                label=before + code.name,
+            )
+    failed = _failed(outcome)
+    if failed.any():
+        ax.plot(
+            places[failed],
+            np.zeros(failed.sum()),
+            "x",
+            color=VERMILLION,
+            transform=ax.get_xaxis_transform(),
+            clip_on=False,
+            label=before + "failed",
+        )
+
+
+def _branch(ax: Axes, branch: xr.Dataset, variable: str) -> None:
+    """A branch of cycles, solid where they attract."""
+    values = np.asarray(_variable(branch, variable, {"branch": "point"}), float)
+    parameter = np.asarray(branch["parameter"], float)
+    stable = np.asarray(branch["stable"], float) == 1
+    for attracts, line, text in ((True, "-", "attracts"), (False, "--", "does not")):
+        # a stretch has the look of the point at its beginning, and reaches the next
+        mine = stable == attracts
+        reach = mine | np.concatenate([[False], mine[:-1]])
+        shown = np.where(reach, values, np.nan)
+        if np.isfinite(shown).any():
+            label = f"branch: {text}"
+            ax.plot(parameter, shown, line, color="0.35", linewidth=1.2, label=label)
 
 
 def _variable(dataset: xr.Dataset, variable: str, dims: dict[str, str]) -> xr.DataArray:

@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 import ziegler_jax as zj
-from ziegler_jax.boundary.cells import Cells
-from ziegler_jax.boundary.study import Fineness, Study, share_below
+from ziegler_jax.maps.cells import Cells
+from ziegler_jax.maps.study import Fineness, Study, share_below
 
 X = np.linspace(0.0, 1.0, 17)
 

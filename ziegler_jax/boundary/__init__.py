@@ -1,1 +1,0 @@
-"""Where a map's labels change: cells halved, edges halved, lines joined."""

@@ -1,0 +1,1 @@
+"""What is made of maps: boundaries with a width, unions."""
