@@ -76,6 +76,7 @@ def other_scene(ds):
         (lambda ds: ds.rename(x="w"), ("axes", "'w'")),
         (lambda ds: ds.drop_vars("z"), ("holds", "'z'")),
         (lambda ds: ds.assign(z=ds.z + 1), ("`z`", "x = 1", "agree")),
+        (lambda ds: ds.assign_coords(w=("x", [1.0])), ("`w`", "xr.concat")),
         (lambda ds: 3, ("`sweeps[1]`", "3")),
     ],
 )
@@ -85,3 +86,11 @@ def test_what_is_not_of_one_scene_is_refused(change, words):
     with pytest.raises(ValueError) as error:
         zj.merge(ds, change(part))
     assert all(word in str(error.value) for word in words), error.value
+
+
+def test_a_number_that_both_are_at_stays_and_another_is_refused():
+    ds = sweep([0.0, 1.0], [0.0, 2.0])
+    left, right = ds.isel(x=[0]).assign_coords(c=1.0), ds.isel(x=[1])
+    assert zj.merge(left, right.assign_coords(c=1.0)).c == 1.0
+    with pytest.raises(ValueError, match="its `c` is"):
+        zj.merge(left, right.assign_coords(c=2.0))

@@ -79,7 +79,7 @@ def test_labels_that_are_mixed_throughout_say_so_and_cost_no_lines():
 
     ds = refined(mixed, levels=5, audit=20)
     assert ds.pair_exponent.item() < 0.2  # measured 0.03
-    assert ds.attrs["refine_complete"] == 1
+    assert ds.attrs["refine_complete"] == 0
     # to level 3 at most: half the map has 128 cells
     assert ds.attrs["refine_points"] < 128 * 4**3 * 1.3
 
@@ -254,6 +254,10 @@ def test_a_cell_is_halved_where_a_finer_neighbour_brings_another_label():
         (lambda ds: ds.assign(label=ds.label + 0.5), ("`label`", "whole numbers")),
         (lambda ds: ds.assign(label=1 - ds.label), ("`point`", "scene of `coarse`")),
         (lambda ds: ds.rename(label="other"), ("`label`", "other")),
+        (lambda ds: ds.rename(x="width"), ("`width`", "rename")),
+        (lambda ds: ds.rename(x="z"), ("`z`", "`point`")),
+        (lambda ds: ds.assign(refined_x=1), ("`coarse`", "refined already")),
+        (lambda ds: ds.assign_attrs(precision="float32"), ("`lanes`", "float32")),
         (lambda ds: 3, ("`coarse`", "dataset")),
     ],
 )
@@ -264,21 +268,50 @@ def test_what_is_no_map_of_the_scene_is_refused(change, words):
 
 
 @pytest.mark.parametrize(
-    "options", [{"width": 0}, {"levels": 0}, {"audit": 1.5}, {"max_points": -1}]
-)
+    "options",
+    [
+        {"width": 0}, {"width": 1e-20}, {"levels": 0}, {"levels": 60}, {"audit": 1.5},
+        {"max_points": -1},
+    ],
+)  # fmt: skip
 def test_fineness_refuses_what_breaks_its_rules(options):
     with pytest.raises(ValueError) as error:
         Fineness(**options)
     assert f"`{next(iter(options))}`" in str(error.value)
 
 
-def test_points_that_were_left_out_stay_out():
-    coarse = mapped(made_up_codes, where=lambda x, y: x + y < 1.2)
-    ds = zj.refine(made_up_codes, coarse, fineness=Fineness(audit=50))
-    cell = X[1]
-    # a cell reaches over the line by its own size at most
-    assert (ds.refined_x + ds.refined_y).max() < 1.2 + 2 * cell
-    assert (ds.boundary_outcome != zj.OUTCOME.not_computed).all()
+@pytest.mark.parametrize("point, label", [(0, "outcome"), (1, "label")])
+def test_points_that_were_left_out_stay_out(point, label):
+    """Of codes and of numbers."""
+    point = (made_up_codes, made_up)[point]
+    coarse = mapped(point, where=lambda x, y: x + y < 1.2)
+    ds = zj.refine(point, coarse, label, fineness=Fineness(audit=50))
+    # a cell has all its corners below the line
+    assert (ds.refined_x + ds.refined_y).max() < 1.2
+    assert ds.sizes["vertex"] > 50
+    assert (ds.boundary_x + ds.boundary_y).max() < 1.2
+
+
+def test_a_map_without_a_boundary_has_none_and_a_bound():
+    ds = refined(lambda x, y: {"label": 0.0 * x}, audit=300)
+    assert ds.sizes["vertex"] == ds.sizes["pair"] == 0
+    assert ds.attrs["refine_missed_area"] == pytest.approx(0.00994, rel=1e-2)
+    assert ds.attrs["refine_complete"] == 1
+
+
+def test_a_tongue_is_followed_to_its_tip():
+    """Into cells whose corners it never touches."""
+
+    def tongue(x, y):
+        narrow = (jnp.abs(x - 0.5125) < 0.005) & (y < 0.36)
+        return {"label": jnp.where((y < 0.295) | narrow, 1.0, 0.0)}
+
+    x = np.linspace(0, 1, 11)
+    ds = refined(tongue, x=x, y=x, levels=4, audit=50)
+    assert ds.boundary_y.max() == pytest.approx(0.36, abs=0.1 / 16)
+    ends = [(x[i], y[i]) for x, y in lines_between(ds, 0, 1) for i in (0, -1)]
+    # lines end at the sides of the map alone, or where they began
+    assert all(x in (0.0, 1.0) or ends.count((x, y)) == 2 for x, y in ends)
 
 
 def made_up_codes(x, y):
@@ -287,7 +320,8 @@ def made_up_codes(x, y):
     return {"outcome": zj.Variable(codes.astype(jnp.int8), "end", codes=zj.OUTCOME)}
 
 
-def test_few_points_are_the_end_and_said():
-    ds = refined(made_up, max_points=200, audit=20)
-    assert ds.attrs["refine_points"] <= 200
+@pytest.mark.parametrize("points", [1, 33, 200, 1000])
+def test_few_points_are_the_end_and_said(points):
+    ds = refined(made_up, max_points=points, audit=20, width=1e-6)
+    assert ds.attrs["refine_points"] <= points
     assert ds.attrs["refine_complete"] == 0

@@ -207,8 +207,30 @@ def test_a_diagram_of_both_ways_has_a_branch_between():
     solid, dashed = lines["branch: attracts"], lines["branch: does not"]
     assert (solid.get_linestyle(), dashed.get_linestyle()) == ("-", "--")
     # a stretch has the look of the point at its beginning
-    drawn = [np.isfinite(line.get_ydata()).tolist() for line in (solid, dashed)]
-    assert drawn == [[True, True, True, False], [False, False, True, True]]
+    assert solid.get_ydata().tolist() == [3.0, 2.0, 1.0]
+    assert dashed.get_ydata().tolist() == [1.0, 2.0]
+
+
+def test_one_unstable_cycle_among_stable_ones_parts_the_line():
+    q = np.arange(6.0)
+    ds = xr.Dataset({"joint_amplitude": ("q", q)}, {"q": q})
+    stable = [1.0, 1.0, 0.0, 1.0, 1.0, np.nan]
+    values = [*q[:5], np.nan]
+    branch = xr.Dataset(
+        {
+            "joint_amplitude": ("point", values),
+            "parameter": ("point", values),
+            "stable": ("point", stable),
+        }
+    )
+    ax = zj.plot.bifurcation_diagram(ds, branch=branch)
+    lines = {line.get_label(): line.get_ydata() for line in ax.lines}
+    np.testing.assert_array_equal(
+        lines["branch: attracts"], [0.0, 1.0, 2.0, np.nan, 3.0, 4.0]
+    )
+    np.testing.assert_array_equal(lines["branch: does not"], [2.0, 3.0])
+    with pytest.raises(ValueError, match="`branch` must be the dataset"):
+        zj.plot.bifurcation_diagram(ds, branch=3)
 
 
 def test_the_boundaries_of_a_refined_map_are_lines_of_their_own(plane):

@@ -183,6 +183,14 @@ def test_axes_that_share_a_dimension_must_be_as_long_as_each_other(refuses):
     )
 
 
+def test_axes_that_share_a_dimension_must_have_the_same_places_there(refuses):
+    q = xr.DataArray([1.0, 2.0], {"n": [0, 1]}, ("n",))
+    mu = xr.DataArray([1.0, 2.0], {"n": [1, 0]}, ("n",))
+    refuses(lambda: zj.sweep(of_two, q=q, mu=mu), "`mu`", "`n`", "xr.align")
+    along_mu = q.drop_vars("n").rename(n="mu")
+    refuses(lambda: zj.sweep(of_two, q=along_mu, mu=q), "`q`", "`mu`", "rename")
+
+
 # Room ---------------------------------------------------------------------------------
 
 

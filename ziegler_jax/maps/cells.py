@@ -125,7 +125,8 @@ class Cells:
         self.labels |= new
         cells = list(cells)
         self.halved |= set(cells)
-        unlike = {q for cell in cells for q in self.children(cell) if self.unlike(q)}
+        quarters = [quarter for cell in cells for quarter in self.children(cell)]
+        unlike = {q for q in quarters if self.unlike(q) or self._touched(q)}
         for (i, j), label in new.items():
             for a, b in ((-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)):
                 leaf = self.leaf_at(i + a, j + b)
@@ -138,6 +139,22 @@ class Cells:
     def unlike(self, cell: Cell) -> bool:
         """Whether it is in the map and its corners differ."""
         return self.is_there(cell) and bool(self.pairs(cell))
+
+    def _touched(self, cell: Cell) -> bool:
+        """Whether a known point on its border has another label than its corners."""
+        if not self.is_there(cell):
+            return False
+        label, around = self.labels[cell[1:]], self.corners(cell)
+        edges = list(zip(around, [*around[1:], around[0]], strict=True))
+        while edges:
+            (i, j), (k, m) = edges.pop()
+            middle = (i + k) // 2, (j + m) // 2
+            if middle in ((i, j), (k, m)) or middle not in self.labels:
+                continue
+            if self.labels[middle] not in (label, NOWHERE):
+                return True
+            edges += [((i, j), middle), (middle, (k, m))]
+        return False
 
     def may_be_halved(self, cell: Cell) -> bool:
         """Whether it is none of the finest, nor between labels that are mixed."""
@@ -183,15 +200,21 @@ class Cells:
             if many and area > MIXED_FALL * before.get(pair, 0.0):
                 self.mixed_pairs.add(pair)
 
-    def unlike_areas(self, level: int) -> dict[Pair, float]:
-        """The area of cells with two unlike corners at a level, in coarsest cells."""
+    def unlike_areas(
+        self, level: int, area_of: Callable[[Cell], float] | None = None
+    ) -> dict[Pair, float]:
+        """The area of cells with two unlike corners at a level.
+
+        **Arguments:** `area_of`: a cell's; None counts in coarsest cells.
+        """
         parents = {cell for cell in self.halved if cell[0] == level - 1}
         cells = [q for cell in parents for q in self.children(cell)]
         cells = cells if level else list(self.coarsest())
         areas: dict[Pair, float] = {}
         for cell in cells:
             for pair in self.pairs(cell) if self.is_there(cell) else ():
-                areas[pair] = areas.get(pair, 0.0) + 0.25**level
+                area = 0.25**level if area_of is None else area_of(cell)
+                areas[pair] = areas.get(pair, 0.0) + area
         return areas
 
 

@@ -71,13 +71,15 @@ def halved_edges(
     edges: list[Edge],
     label_of: Callable[[list[tuple[float, float]]], list[int]],
     halvings: Halvings,
-) -> dict[Edge, list[Crossing]]:
+) -> tuple[dict[Edge, list[Crossing]], bool]:
     """Halve edges, all at once: where labels change along each.
 
     **Arguments:** `label_of`: computes points; it must know the labels of the unknown.
+
+    **Returns:** the changes, and whether the points were enough for all halvings.
     """
     is_unknown = halvings.is_unknown
-    open_, done, points = [], [], 0
+    open_, done, points, enough = [], [], 0, True
     for n, edge in enumerate(edges):
         ends = [cells.labels[place] for place in edge]
         count = halvings.unknown if any(map(is_unknown, ends)) else halvings.usual
@@ -88,7 +90,7 @@ def halved_edges(
         done += [i for i in open_ if not i.left or counts[i.edge] > MOST_CHANGES]
         points += len(now)
         if points > halvings.most_points:
-            done += now
+            done, enough = done + now, False
             break
         middles = [_along(edges[i.edge], (i.low + i.high) / 2) for i in now]
         labels = label_of(middles) if now else []
@@ -101,7 +103,8 @@ def halved_edges(
     for interval in sorted(done):
         along[interval.edge].append(interval)
     parts = zip(edges, along, strict=True)
-    return {edge: crossings(intervals, is_unknown) for edge, intervals in parts}
+    changes = {edge: crossings(intervals, is_unknown) for edge, intervals in parts}
+    return changes, enough
 
 
 def _halves(whole: _Interval, label: int, unknown: bool) -> list[_Interval]:

@@ -27,11 +27,13 @@ def merge(*sweeps: xr.Dataset) -> xr.Dataset:
     ds = zj.merge(one, other)  # q = 0.5, 1, 1.5, 2, 3
     ```
 
-    A point that several have computed must be the same in all, to the last bit; one
-    that none has is NaN, its codes `not_computed`.
+    A number that several hold must be the same in all, to the last bit; where one holds
+    NaN that of the other counts, and what none holds is NaN, its codes `not_computed`.
+    Values of axes are the same if all their bits are.
 
     **Arguments:** `sweeps`: of the same scene, options, versions and precision, over
-    axes of the same names, whatever their values.
+    axes of the same names, whatever their values. (Samples have no axis: join them by
+    `xr.concat` along their dimension.)
 
     **Returns:** a dataset over the unions of the axes, rising. Of the attributes,
     points and seconds are sums; what else belongs to a run (threads, batches, an audit)
@@ -43,6 +45,13 @@ def merge(*sweeps: xr.Dataset) -> xr.Dataset:
         raise ValueError("Arguments of `merge` must be datasets, but there are none.")
     for number, ds in enumerate(sweeps):
         instance(f"sweeps[{number}]", ds, xr.Dataset)
+        along = [n for n, c in ds.coords.items() if c.ndim and n not in ds.indexes]
+        if along:
+            raise ValueError(
+                f"Argument `sweeps[{number}]` must be over axes, but its `{along[0]}` "
+                f"has values along `{ds[along[0]].dims[0]}`: join samples by "
+                "`xr.concat` along their dimension."
+            )
     first = sweeps[0]
     for number, ds in enumerate(sweeps[1:], start=1):
         _check_same_scene(first, ds, number)
@@ -63,7 +72,8 @@ def merge(*sweeps: xr.Dataset) -> xr.Dataset:
             _put(str(name), whole, there, ds[name], axes)
         data[name] = variable.dims, whole, _labels(variable)
     coords = {name: (first[name].dims, axes[name], first[name].attrs) for name in axes}
-    return xr.Dataset(data, coords, _attributes(sweeps))
+    still = {n: fixed for n, fixed in first.coords.items() if fixed.ndim == 0}
+    return xr.Dataset(data, {**coords, **still}, _attributes(sweeps))
 
 
 def _put(
@@ -126,6 +136,9 @@ def _check_same_scene(first: xr.Dataset, other: xr.Dataset, number: int) -> None
         loose = [d for d in variable.dims if d not in first.indexes]
         if any(other[name].sizes[d] != variable.sizes[d] for d in loose):
             refuse(f"its `{name}` has the sizes", variable.sizes, other[name].sizes)
+    for name, fixed in first.coords.items():
+        if fixed.ndim == 0 and not fixed.equals(other.coords.get(name, xr.DataArray())):
+            refuse(f"its `{name}` is", fixed.item(), other.coords.get(name))
     ours, theirs = _of_the_scene(first), _of_the_scene(other)
     for key in sorted({*ours, *theirs}):
         if not _same(ours.get(key), theirs.get(key)):

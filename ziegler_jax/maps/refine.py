@@ -8,7 +8,7 @@ from tqdm import tqdm
 
 from ..numerics.numbers import instance
 from ..results import labels as attributes_of
-from ..sweep.axes import Returned
+from ..sweep.axes import Returned, check_signature
 from ..sweep.lanes import Lanes
 from .cells import exponent
 from .lines import Line
@@ -43,8 +43,9 @@ def refine(
     the changes are joined to lines. At last random points of the cells that stayed
     whole are computed: where one has another label its cell is halved as well, and how
     many have bounds the area that is missed (Clopper and Pearson's, at 95 %, before
-    that mending). Where two labels are mixed throughout, halving brings no line: their
-    cells are left, and the uncertainty exponent says so.
+    that mending). Where two labels are mixed throughout, halving brings no line: the
+    cells between these two are left, wherever they lie, the uncertainty exponent says
+    why, and `refine_complete` is 0.
 
     **Arguments:**
 
@@ -71,8 +72,8 @@ def refine(
         halves from level to level, near 0 where it does not fall.
 
     Attributes `refine_...` hold the options, how many points were computed, whether all
-    was followed to its end (`refine_complete`), the audit's points and how many had
-    another label, the share of the map in cells that stayed whole, and
+    was followed to its end within them (`refine_complete`), the audit's points and how
+    many had another label, the share of the map in cells that stayed whole, and
     `refine_missed_area`, the bound of the share of the map with another label in these.
 
     **Raises:** `ValueError` for a dataset that is no sweep over two axes, or not of
@@ -80,8 +81,15 @@ def refine(
     """
     instance("fineness", fineness, Fineness)
     instance("lanes", lanes, Lanes)
-    names = (label,) if isinstance(label, str) else tuple(label)
+    names = _labels(coarse, label)
     axes = _axes(coarse, names)
+    check_signature(point, list(axes), "point")
+    made_in = coarse.attrs.get("precision", lanes.precision)
+    if made_in != lanes.precision:
+        raise ValueError(
+            f"Argument `lanes` must have the precision of `coarse`, {made_in!r}, but "
+            f"has {lanes.precision!r}."
+        )
     sampler = Sampler(point, tuple(axes), lanes)
     study = Study(coarse, axes, names, sampler, fineness)
     with tqdm(unit="point", disable=None if progress is None else not progress) as bar:
@@ -91,7 +99,7 @@ def refine(
         audit = study.audited()
         complete &= study.grow(study.forced(audit.strangers))
         boundaries = study.lines()
-    return _dataset(study, boundaries, audit, complete)
+    return _dataset(study, boundaries, audit, complete and study.is_complete())
 
 
 def _dataset(
@@ -165,36 +173,64 @@ def _boundary(study: Study, boundaries: list[Line]) -> dict[str, tuple]:
 def _pairs(study: Study) -> dict[str, tuple]:
     """How the area between labels falls from level to level."""
     rows = {code: row for row, code in study.codes.items()}
-    by_level = [study.cells.unlike_areas(n) for n in range(study.cells.levels + 1)]
+    by_level = [
+        study.cells.unlike_areas(n, study.area) for n in range(study.cells.levels + 1)
+    ]
     pairs = sorted({pair for areas in by_level for pair in areas})
     table = np.array([[a.get(p, 0.0) for a in by_level] for p in pairs])
-    table = table.reshape(len(pairs), -1)
-    total = sum(study.cells.is_there(c) for c in study.cells.coarsest())
+    table = table.reshape(len(pairs), len(by_level))
+    total = study.map_area()
     data: dict[str, tuple] = {}
     for part, name in enumerate(study.names):
         both = [[rows[one][part], rows[other][part]] for one, other in pairs]
         values = np.array(both, int).reshape(-1, 2)
         data[f"pair_{name}"] = ("pair", "side"), values, study.coarse[name].attrs
     about = {"long_name": "share of the map in cells between both", "units": "1"}
-    data["pair_area"] = ("pair", "level"), table / max(total, 1), about
+    data["pair_area"] = ("pair", "level"), table / total, about
     slopes = np.array([exponent(list(row)) for row in table])
     about = {"long_name": "uncertainty exponent, 1 of a line", "units": "1"}
     data["pair_exponent"] = "pair", slopes, about
     return data
 
 
-def _axes(coarse: xr.Dataset, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """The two axes of a sweep, rising."""
+# Names in the result beside those of axes and labels.
+TAKEN = ("line", "width", "area", "exponent")
+
+
+def _labels(coarse: xr.Dataset, label: str | Sequence[str]) -> tuple[str, ...]:
+    """The names of the labels.
+
+    **Raises:** `ValueError` for what is no variable of the dataset.
+    """
     if not isinstance(coarse, xr.Dataset):
         raise ValueError(
-            f"Argument `coarse` must be a dataset from `sweep`, but is {coarse!r}."
+            "Argument `coarse` must be a dataset from `sweep`, but is a "
+            f"{type(coarse).__name__}."
         )
-    for name in names:
-        if name not in coarse.data_vars:
+    names = tuple(label) if isinstance(label, tuple | list) else (str(label),)
+    known = [str(name) for name in coarse.data_vars]
+    if not names or len(set(names)) < len(names) or not set(names) <= set(known):
+        raise ValueError(
+            "Argument `label` must be a variable of the dataset, or several unlike "
+            f"ones, of {', '.join(known)}, but is {label!r}."
+        )
+    refined = [name for name in known if name.startswith(("refined_", "boundary_"))]
+    if refined:
+        raise ValueError(
+            "Argument `coarse` must not be refined already, but holds "
+            f"`{refined[0]}`: refine the sweep itself, by all its labels at once."
+        )
+    for name in (*names, *map(str, coarse.dims)):
+        if name in TAKEN:
             raise ValueError(
-                f"Argument `label` must be a variable of the dataset, which holds "
-                f"{', '.join(map(str, coarse.data_vars))}, but is {name!r}."
+                f"Axes and labels of `coarse` must not be named `{name}`, as a number "
+                "of the result is: rename it."
             )
+    return names
+
+
+def _axes(coarse: xr.Dataset, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """The two axes of a sweep, rising."""
     dims = coarse[names[0]].dims
     if len(dims) != 2 or any(set(coarse[n].dims) != set(dims) for n in names):
         raise ValueError(
@@ -205,8 +241,8 @@ def _axes(coarse: xr.Dataset, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     for dim in map(str, dims):
         if dim not in coarse.coords or coarse[dim].size < 2:
             raise ValueError(
-                f"Axis `{dim}` of `coarse` must have two values at least, to have a "
-                "cell between them."
+                f"Axis `{dim}` of `coarse` must be an axis of its own with two values "
+                f"at least, and a cell between them, but has {coarse[dim].size}."
             )
         values = np.asarray(coarse[dim].values, float)
         if not (np.diff(values) > 0).all():

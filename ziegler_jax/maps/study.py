@@ -15,8 +15,10 @@ from .edges import Halvings, halved_edges, unlike_edges
 from .lines import Line, lines
 from .sampler import Sampler
 
+FINEST, MOST_LEVELS = 1e-13, 20
 CERTAINTY = 0.95  # of the bound of the area that is missed
 COMPARED, UNLIKE = 32, 0.1  # points of the map that are computed again; may be unlike
+MISSING, LARGEST = -(2**62), 2**53  # no label; and the largest that there may be
 # Labels that say that nothing is known: between two others they are a band.
 UNKNOWN = {"unsettled", "undecided", "failed", "not_finite", "step_vanished"}
 UNKNOWN |= {"budget_spent", "chattering"}
@@ -52,6 +54,20 @@ class Fineness:
             number(name, getattr(self, name), "positive")
         for name in ("levels", "audit", "max_points"):
             whole_number(name, getattr(self, name))
+        for name, value in (
+            ("width", self.width),
+            ("unknown_width", self.unknown_width),
+        ):
+            if value < FINEST:
+                raise ValueError(
+                    f"Argument `{name}` must be at least {FINEST:g}, near which places "
+                    f"are no longer told apart, but is {value:g}."
+                )
+        if self.levels > MOST_LEVELS:
+            raise ValueError(
+                f"Argument `levels` must be at most {MOST_LEVELS}, but is "
+                f"{self.levels}."
+            )
 
 
 class Audit(NamedTuple):
@@ -91,6 +107,7 @@ class Study:
         self.codes: dict[tuple[int, ...], int] = {}  # what labels go by, in order
         self.tell: Callable[[int, float], object] = lambda *_: None
         self.computed: list[dict[str, np.ndarray]] = []
+        self.enough = True  # points, for all halvings
         self.given = {n: whole(n, coarse[n].transpose(*axes).values) for n in names}
         absent = self._absent(self.given)
         shape = absent.shape
@@ -113,9 +130,10 @@ class Study:
         return self._coded(np.stack(columns, -1)).tolist()
 
     def _coded(self, rows: np.ndarray) -> np.ndarray:
-        """A number a label, in the order in which they came."""
+        """A number a label, in the order in which they came; `NOWHERE` without one."""
         codes = [
-            self.codes.setdefault(tuple(r), len(self.codes)) for r in rows.tolist()
+            NOWHERE if MISSING in row else self.codes.setdefault(row, len(self.codes))
+            for row in map(tuple, rows.tolist())
         ]
         return np.array(codes, int)
 
@@ -123,8 +141,7 @@ class Study:
         """Which points were left out."""
         absent = np.zeros(tuple(a.size for a in self.axes.values()), bool)
         for name, array in values.items():
-            if "not_computed" in self._meanings(name):
-                absent |= array == self._meanings(name)["not_computed"]
+            absent |= array == self._meanings(name).get("not_computed", MISSING)
         return absent
 
     def _meanings(self, name: str) -> dict[str, int]:
@@ -150,7 +167,7 @@ class Study:
         if not there:
             raise ValueError("Argument `coarse` must hold points, but holds none.")
         random = np.random.default_rng(0)
-        some = random.permutation(len(there))[:COMPARED]
+        some = random.permutation(len(there))[: min(COMPARED, self.left())]
         places = [there[n] for n in some]
         again = self.compute(places)
         others = [
@@ -187,10 +204,8 @@ class Study:
     def audited(self, seed: int = 1) -> Audit:
         """Random points of the cells that stayed whole."""
         whole = [c for c in self.cells.leaves() if not self.cells.pairs(c)]
-        areas = np.array([self._area(cell) for cell in whole])
-        map_area = sum(
-            self._area(c) for c in self.cells.coarsest() if self.cells.is_there(c)
-        )
+        areas = np.array([self.area(cell) for cell in whole])
+        map_area = self.map_area()
         count = min(self.fineness.audit, self.left())
         if not whole or not count:
             share = float(areas.sum() / map_area) if map_area else 0.0
@@ -211,7 +226,13 @@ class Study:
         ]
         return Audit(count, strangers, float(areas.sum() / map_area))
 
-    def _area(self, cell: Cell) -> float:
+    def map_area(self) -> float:
+        """Of all cells, in the axes' own measure."""
+        return sum(
+            self.area(c) for c in self.cells.coarsest() if self.cells.is_there(c)
+        )
+
+    def area(self, cell: Cell) -> float:
         """In the axes' own measure."""
         corners = np.array(self.cells.corners(cell), float) / self.cells.unit
         spans = [
@@ -225,17 +246,21 @@ class Study:
         pending: set[Cell] = set()
         for x, y in strangers:
             leaf = self.cells.leaf_at(x, y)
-            while (
-                leaf is not None
-                and leaf[0] < self.cells.levels
-                and not self.cells.pairs(leaf)
-                and self.left() >= 5
-            ):
+            while leaf is not None and self.cells.may_be_halved(leaf):
+                if self.cells.pairs(leaf):
+                    break
+                if self.left() < 5:
+                    self.enough = False
+                    break
                 places = self.cells.new_places([leaf])
                 labels = dict(zip(places, self.compute(places), strict=True))
                 pending |= self.cells.halve([leaf], labels)
                 leaf = self.cells.leaf_at(x, y)
         return {cell for cell in pending if cell not in self.cells.halved}
+
+    def is_complete(self) -> bool:
+        """Whether all was followed to its end."""
+        return self.enough and not self.cells.mixed_pairs
 
     def lines(self) -> list[Line]:
         """The edges' changes, joined."""
@@ -249,17 +274,16 @@ class Study:
         )
         edges = unlike_edges(self.cells)
         halvings = Halvings(usual, unknown, self.left(), self.is_unknown)
-        return lines(
-            self.cells, halved_edges(self.cells, edges, self.compute, halvings)
-        )
+        changes, self.enough = halved_edges(self.cells, edges, self.compute, halvings)
+        return lines(self.cells, changes)
 
 
 def whole(name: str, values: np.ndarray) -> np.ndarray:
-    """Labels as whole numbers; NaN, of points without one, is -1."""
+    """Labels as whole numbers; `MISSING` for NaN, of a point that has none."""
     numbers = np.asarray(values, float)
-    numbers = np.where(np.isnan(numbers), -1.0, numbers)
-    if (numbers != np.round(numbers)).any():
+    there = ~np.isnan(numbers)
+    if (np.abs(numbers[there]) > LARGEST).any() or (numbers % 1)[there].any():
         raise ValueError(
             f"Argument `label` must hold codes or whole numbers, but `{name}` does not."
         )
-    return numbers.astype(int)
+    return np.where(there, numbers, MISSING).astype(int)

@@ -225,17 +225,28 @@ def _motions(
 
 def _branch(ax: Axes, branch: xr.Dataset, variable: str) -> None:
     """A branch of cycles, solid where they attract."""
+    for name in ("parameter", "stable"):
+        if not isinstance(branch, xr.Dataset) or name not in branch:
+            raise ValueError(
+                "Argument `branch` must be the dataset of a branch of cycles, with "
+                f"`{name}`, but is {type(branch).__name__}."
+            )
     values = np.asarray(_variable(branch, variable, {"branch": "point"}), float)
     parameter = np.asarray(branch["parameter"], float)
     stable = np.asarray(branch["stable"], float) == 1
+    there = np.flatnonzero(np.isfinite(values[:-1]) & np.isfinite(values[1:]))
     for attracts, line, text in ((True, "-", "attracts"), (False, "--", "does not")):
         # a stretch has the look of the point at its beginning, and reaches the next
-        mine = stable == attracts
-        reach = mine | np.concatenate([[False], mine[:-1]])
-        shown = np.where(reach, values, np.nan)
-        if np.isfinite(shown).any():
-            label = f"branch: {text}"
-            ax.plot(parameter, shown, line, color="0.35", linewidth=1.2, label=label)
+        begins = there[stable[there] == attracts]
+        if not begins.size:
+            continue
+        gap, xy = np.full((1, 2), np.nan), []
+        for part in np.split(begins, np.flatnonzero(np.diff(begins) > 1) + 1):
+            run = slice(part[0], part[-1] + 2)
+            xy += [np.stack([parameter[run], values[run]], -1), gap]
+        label = f"branch: {text}"
+        shown = np.concatenate(xy[:-1]).T
+        ax.plot(*shown, line, color="0.35", linewidth=1.2, label=label)
 
 
 def _variable(dataset: xr.Dataset, variable: str, dims: dict[str, str]) -> xr.DataArray:

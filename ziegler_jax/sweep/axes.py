@@ -89,6 +89,12 @@ def _by_dimension(given: Mapping[str, ArrayLike]) -> dict[str, dict[str, ArrayLi
         name: str(values.dims[0]) if _is_labelled(values) else name
         for name, values in given.items()
     }
+    for name, dim in dims.items():
+        if dim != name and dims.get(dim, dim) != dim:
+            raise ValueError(
+                f"Axis `{name}` must not lie along `{dim}`, which is also the name of "
+                f"an axis along `{dims[dim]}`: rename the dimension."
+            )
     mates: dict[str, dict[str, ArrayLike]] = {}
     for name, values in given.items():
         alone = list(dims.values()).count(dims[name]) == 1
@@ -105,6 +111,7 @@ def _is_labelled(values: object) -> TypeGuard[xr.DataArray]:
 def _records(dim: str, mates: Mapping[str, ArrayLike]) -> np.ndarray:
     """Values that go together: one record a place along their dimension."""
     columns = {name: _numbers(name, values) for name, values in mates.items()}
+    _check_same_places(dim, mates)
     (first, length), *others = [(n, c.size) for n, c in columns.items()]
     for name, size in others:
         if size != length:
@@ -118,6 +125,22 @@ def _records(dim: str, mates: Mapping[str, ArrayLike]) -> np.ndarray:
     for name, column in columns.items():
         records[name] = column
     return records
+
+
+def _check_same_places(dim: str, mates: Mapping[str, ArrayLike]) -> None:
+    """Refuse DataArrays that go together but have unlike coordinates there."""
+    places = {
+        name: values.indexes[dim]
+        for name, values in mates.items()
+        if isinstance(values, xr.DataArray) and dim in values.indexes
+    }
+    for name, index in places.items():
+        first = next(iter(places))
+        if not index.equals(places[first]):
+            raise ValueError(
+                f"Axis `{name}` must have the coordinates of axis `{first}` along "
+                f"`{dim}`, but has others: write `xr.align({first}, {name})`."
+            )
 
 
 def _values(name: str, values: ArrayLike) -> np.ndarray:
