@@ -215,7 +215,11 @@ def other_lanes(watch):
             )
 
         run = functools.partial(
-            zj.sweep, point, q=np.linspace(1.8, 2.5, 64), progress=False
+            zj.sweep,
+            point,
+            q=np.linspace(1.8, 2.5, 64),
+            lanes=zj.Lanes(batch_size=128),  # whose instructions are counted
+            progress=False,
         )
         ds = watch(name, run)
         lines |= map_lines(name, ds)

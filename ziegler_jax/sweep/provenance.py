@@ -59,15 +59,15 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
     for name in _PACKAGES:
         if there[name] != here[name]:
             return f"was computed with {name} {there[name]}, and this is {here[name]}"
-    if list(there["dimensions"]) != list(here["dimensions"]):
-        return (
-            f"has the dimensions {', '.join(there['dimensions'])}, and this sweep has "
-            f"{', '.join(here['dimensions'])}"
-        )
     if list(there["axes"]) != list(here["axes"]):
         return (
             f"has the axes {', '.join(there['axes'])}, and this sweep has "
             f"{', '.join(here['axes'])}"
+        )
+    if list(there["dimensions"]) != list(here["dimensions"]):
+        return (
+            f"has the dimensions {', '.join(there['dimensions'])}, and this sweep has "
+            f"{', '.join(here['dimensions'])}"
         )
     for name, old in there["axes"].items():
         new = here["axes"][name]
