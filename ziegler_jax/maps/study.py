@@ -274,7 +274,8 @@ class Study:
         )
         edges = unlike_edges(self.cells)
         halvings = Halvings(usual, unknown, self.left(), self.is_unknown)
-        changes, self.enough = halved_edges(self.cells, edges, self.compute, halvings)
+        changes, enough = halved_edges(self.cells, edges, self.compute, halvings)
+        self.enough &= enough
         return lines(self.cells, changes)
 
 
