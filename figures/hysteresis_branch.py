@@ -19,13 +19,10 @@ def column(q):
     return zj.uniform_rods(q, friction=friction, damping=zj.Viscous(DAMPING, DAMPING))
 
 
-def up_and_down(scale):
-    kick = zj.State(omega=(0.0, KICK * scale))
-    return zj.sweep_up_down(column, np.linspace(1.4, HIGH, 41), kick=kick)
-
-
 def main():
-    ds = zj.sweep(up_and_down, scale=[1.0]).isel(scale=0)
+    kick = zj.State(omega=(0.0, KICK))
+    both = zj.sweep_up_down(column, np.linspace(1.4, HIGH, 41), kick=kick)
+    ds = both.to_dataset()
     settled = zj.settle(column(HIGH), zj.State(omega=(0.0, 0.6)))
     orbit = zj.periodic_orbit(column(HIGH), settled.final)
     arc = zj.Arc(direction=-1, bounds=(1.4, HIGH + 0.01))

@@ -1,7 +1,5 @@
 """Sweeps: labels, refusals, and lanes that depend on nothing but their own numbers."""
 
-import functools
-import itertools
 import threading
 
 import jax
@@ -10,47 +8,17 @@ import numpy as np
 import pytest
 import xarray as xr
 from jax import lax
+from small_map import MU, Q, point, same, sweep
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
-from ziegler_jax.sweep import lanes, program, progress, scheduler
-
-# A small scene with a loop: lanes of very unlike length, four times what a batch takes.
-
-
-def point(q, mu):
-    friction = zj.SmoothCoulomb(mu, pin_radius=0.05, v_smooth=0.05)
-    return zj.settle(
-        zj.uniform_rods(q, friction=friction),
-        zj.State(omega=(0.0, 0.3)),
-        windows=zj.Windows(transient=20.0, length=10.0, max_windows=4),
-        method=zj.Method(rtol=1e-4, atol=1e-4, max_steps=2000),
-        observers=(zj.Period(),),
-        certify=False,
-    )
-
-
-Q, MU = np.linspace(1.5, 3.5, 41), np.array([0.05, 0.1, 0.2])
-sweep = functools.partial(zj.sweep, point, lanes=zj.Lanes(32), progress=False)
+from ziegler_jax.sweep import program, progress, scheduler
 
 
 @pytest.fixture(scope="module")
 def whole():
     """The reference: one thread."""
     return sweep(q=Q, mu=MU, lanes=zj.Lanes(32, 1))
-
-
-def same(one: xr.Dataset, other: xr.Dataset) -> bool:
-    """To the last bit, NaN like NaN."""
-    assert set(one.data_vars) == set(other.data_vars)
-    return all(
-        np.array_equal(
-            one[name].transpose(*other[name].dims).values,
-            other[name].values,
-            equal_nan=one[name].dtype.kind == "f",
-        )
-        for name in one.data_vars
-    )
 
 
 # Labels -------------------------------------------------------------------------------
@@ -365,47 +333,3 @@ def test_left_out_points_are_nan_for_whole_and_complex_numbers():
 def test_useful_steps_are_not_invented_where_no_loop_is_cut():
     found = zj.sweep(third, x=[1.0], progress=False)
     assert np.isnan(found.attrs["useful_step_fraction"])
-
-
-# Batches that are computed twice ------------------------------------------------------
-
-
-def test_some_batches_are_computed_twice_and_give_the_same_bits(monkeypatch):
-    monkeypatch.setattr(lanes, "CANARY", 3)
-    found = sweep(q=Q, mu=MU)
-    assert found.attrs["canary_checks"] > 0 == found.attrs["canary_mismatches"]
-
-
-def test_a_batch_that_gives_other_bits_the_second_time_is_told(monkeypatch):
-    """As from a processor, or a compiled program, that is wrong now and then."""
-    monkeypatch.setattr(lanes, "CANARY", 3)
-    monkeypatch.setattr(lanes, "_CALLS", itertools.count(1))
-    run, calls = lanes.Work._run, []
-
-    def wrong_now_and_then(self, points, *arguments):
-        found = run(self, points, *arguments)
-        calls.append(points)
-        if len(calls) != 4:
-            return found
-        return jax.tree.map(lambda a: np.asarray(a) + 1, found)
-
-    monkeypatch.setattr(lanes.Work, "_run", wrong_now_and_then)
-    with pytest.warns(UserWarning, match="1 of .* computed twice gave other numbers"):
-        found = sweep(q=Q, mu=MU, lanes=zj.Lanes(32, 1))
-    assert found.attrs["canary_mismatches"] == 1
-
-
-def test_a_lane_that_takes_no_step_is_told_by_name(monkeypatch):
-    run = lanes.Work._run
-
-    def stuck(self, points, function, *arguments):
-        after = run(self, points, function, *arguments)
-        if len(arguments) < 3:
-            return after
-        state, phases, steps = after
-        at = np.asarray(arguments[1][0][0]) == Q[15]
-        return state, np.where(at, 0, phases), np.where(at, 0, steps)
-
-    monkeypatch.setattr(lanes.Work, "_run", stuck)
-    with pytest.raises(RuntimeError, match="no step .* at 2.25 <= q <= 2.25"):
-        sweep(q=Q, mu=MU, lanes=zj.Lanes(32, 1))

@@ -60,6 +60,11 @@ class Cells:
         (_, i, j), s = cell, self.size(cell)
         return [(i, j), (i + s, j), (i + s, j + s), (i, j + s)]
 
+    def edges(self, cell: Cell) -> list[tuple[Place, Place]]:
+        """Its four edges, each from corner to corner around the cell."""
+        around = self.corners(cell)
+        return list(zip(around, [*around[1:], around[0]], strict=True))
+
     def pairs(self, cell: Cell) -> set[Pair]:
         """The unlike labels of its corners, by twos."""
         labels = {self.labels[place] for place in self.corners(cell)}
@@ -144,8 +149,7 @@ class Cells:
         """Whether a known point on its border has another label than its corners."""
         if not self.is_there(cell):
             return False
-        label, around = self.labels[cell[1:]], self.corners(cell)
-        edges = list(zip(around, [*around[1:], around[0]], strict=True))
+        label, edges = self.labels[cell[1:]], self.edges(cell)
         while edges:
             (i, j), (k, m) = edges.pop()
             middle = (i + k) // 2, (j + m) // 2

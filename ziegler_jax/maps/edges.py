@@ -58,8 +58,7 @@ def unlike_edges(cells: Cells) -> list[Edge]:
     for cell in sorted(cells.leaves()):
         if cell[0] < cells.levels:
             continue
-        around = cells.corners(cell)
-        for one, other in zip(around, [*around[1:], around[0]], strict=True):
+        for one, other in cells.edges(cell):
             edge = min(one, other), max(one, other)
             if cells.labels[one] != cells.labels[other]:
                 edges[edge] = None

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .cells import Cells, Pair
+from .cells import Cell, Cells, Pair
 from .edges import Crossing, Edge
 
 Key = tuple  # of a vertex: an edge and which of its changes, or a cell
@@ -57,12 +57,11 @@ def lines(cells: Cells, changes: dict[Edge, list[Crossing]]) -> list[Line]:
 
 
 def _around(
-    cells: Cells, cell: tuple[int, int, int], changes: dict[Edge, list[Crossing]]
+    cells: Cells, cell: Cell, changes: dict[Edge, list[Crossing]]
 ) -> dict[Key, tuple[Vertex, Pair]]:
     """The changes on a cell's border, in their order around it."""
     here: dict[Key, tuple[Vertex, Pair]] = {}
-    around = cells.corners(cell)
-    for one, other in zip(around, [*around[1:], around[0]], strict=True):
+    for one, other in cells.edges(cell):
         edge = min(one, other), max(one, other)
         on_edge = list(enumerate(changes.get(edge, ())))
         for number, change in on_edge if edge[0] == one else reversed(on_edge):

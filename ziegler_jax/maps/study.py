@@ -50,14 +50,11 @@ class Fineness:
 
     def __post_init__(self):
         """Check them."""
-        for name in ("width", "unknown_width"):
-            number(name, getattr(self, name), "positive")
         for name in ("levels", "audit", "max_points"):
             whole_number(name, getattr(self, name))
-        for name, value in (
-            ("width", self.width),
-            ("unknown_width", self.unknown_width),
-        ):
+        for name in ("width", "unknown_width"):
+            value = getattr(self, name)
+            number(name, value, "positive")
             if value < FINEST:
                 raise ValueError(
                     f"Argument `{name}` must be at least {FINEST:g}, near which places "
@@ -108,11 +105,10 @@ class Study:
         self.tell: Callable[[int, float], object] = lambda *_: None
         self.computed: list[dict[str, np.ndarray]] = []
         self.enough = True  # points, for all halvings
-        self.given = {n: whole(n, coarse[n].transpose(*axes).values) for n in names}
-        absent = self._absent(self.given)
-        shape = absent.shape
-        here = self._coded(np.stack([v.ravel() for v in self.given.values()], -1))
-        coded = np.where(absent, NOWHERE, here.reshape(shape))
+        given = {n: whole(n, coarse[n].transpose(*axes).values) for n in names}
+        absent = self._absent(given)
+        here = self._coded(np.stack([v.ravel() for v in given.values()], -1))
+        coded = np.where(absent, NOWHERE, here.reshape(absent.shape))
         self.cells = Cells(coded, fineness.levels)
 
     # Points ---------------------------------------------------------------------------
@@ -203,18 +199,18 @@ class Study:
 
     def audited(self, seed: int = 1) -> Audit:
         """Random points of the cells that stayed whole."""
-        whole = [c for c in self.cells.leaves() if not self.cells.pairs(c)]
-        areas = np.array([self.area(cell) for cell in whole])
+        clean = [c for c in self.cells.leaves() if not self.cells.pairs(c)]
+        areas = np.array([self.area(cell) for cell in clean])
         map_area = self.map_area()
         count = min(self.fineness.audit, self.left())
-        if not whole or not count:
+        if not clean or not count:
             share = float(areas.sum() / map_area) if map_area else 0.0
             return Audit(0, [], share)
         random = np.random.default_rng(seed)
-        chosen = random.choice(len(whole), count, p=areas / areas.sum())
+        chosen = random.choice(len(clean), count, p=areas / areas.sum())
         places, expected = [], []
         for n in chosen.tolist():
-            (_, i, j), size = whole[n], self.cells.size(whole[n])
+            (_, i, j), size = clean[n], self.cells.size(clean[n])
             x, y = random.uniform(0, size, 2)
             places.append((i + x, j + y))
             expected.append(self.cells.labels[i, j])
