@@ -11,11 +11,11 @@ import style
 
 import ziegler_jax as zj
 
-TAU, DAMPING, KICK, HIGH = 0.1, 0.02, 0.1, 2.6
+MU, DAMPING, KICK, HIGH = 0.1, 0.02, 0.1, 2.6
 
 
 def column(q):
-    friction = zj.SmoothCoulomb(TAU, pin_radius=0.1, v_smooth=0.1)
+    friction = zj.SmoothCoulomb(MU, pin_radius=0.1, v_smooth=0.1)
     return zj.uniform_rods(q, friction=friction, damping=zj.Viscous(DAMPING, DAMPING))
 
 
@@ -36,8 +36,10 @@ def main():
     ax.set_ylabel(r"largest $|\varphi_2 - \varphi_1|$ (rad)")
     ax.set_xlabel("follower load $q = F l/k$")
     ax.set_title(
-        rf"$\mu$ = {TAU}, pins of 0.1 l, $v_0$ = 0.1; kicks $\dot\varphi_2$ += {KICK}",
+        rf"Uniform rods, $\mu$ = {MU}, pins of 0.1 l, $v_{{smooth}}$ = 0.1, "
+        rf"c = {DAMPING}; kicks $\dot\varphi_2$ += {KICK}",
         loc="left",
+        fontsize=11,
     )
     ax.spines[["top", "right"]].set_visible(False)
     style.save(figure, __file__)
