@@ -296,6 +296,33 @@ def test_lines_through_a_branchs_points_pass_through_stable_cycles_of_a_sweep():
     assert np.abs(drawn - ds.joint_amplitude.values).max() < 1e-4
 
 
+# Loads and periods at three folds of one branch by AUTO-07p's collocation
+# (`benchmarks/peers/auto_branch.py`): smoothed friction 0.1 at 0.05, damping 0.002.
+AUTO_FOLDS = [(1.612026339, 8.2639965678), (1.6510286132, 8.2696279843)]
+AUTO_FOLDS += [(1.6247482283, 8.3501537175)]
+
+
+@pytest.mark.slow
+def test_a_branch_passes_the_three_folds_that_auto_finds():
+    def column(q):
+        load = zj.ConstantLoad(1.0)
+        law = zj.SmoothCoulomb(0.1, pin_radius=1.0, v_smooth=0.05, load=load)
+        return zj.uniform_rods(q, friction=law, damping=zj.Viscous(0.002, 0.002))
+
+    @jax.jit
+    def follow():
+        near = zj.settle(column(1.8), zj.State(omega=(0.0, 1.2)), certify=False)
+        orbit = zj.periodic_orbit(column(1.8), near.final)
+        arc = zj.Arc(direction=-1, bounds=(1.5, 1.85))
+        return zj.continue_cycle(column, orbit, 1.8, arc=arc).special
+
+    special = follow()
+    assert special.kind.tolist() == [SPECIAL.fold] * 3 + [0]
+    mine = np.stack([special.parameter, special.period], axis=1)[:3]
+    # measured 1.5e-9, in a period; the loads agree to all digits that AUTO prints
+    np.testing.assert_allclose(mine, AUTO_FOLDS, rtol=0, atol=1e-8)
+
+
 def test_bad_arguments_are_named(refuses):
     def make(q):
         return zj.uniform_rods(q, damping=zj.Viscous(0.1, 0.1))
