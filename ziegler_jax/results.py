@@ -64,6 +64,8 @@ class UNDECIDED(Code):
     unstable_near = 2, "it was near an unstable cycle, on the way past it"
     slow = 3, "its returns draw near, but too slowly for a certificate"
     aperiodic = 4, "its returns do not draw near: a torus, chaos, a long transient"
+    growing = 5, "it grows slowly, on its way to a motion farther out"
+    lasting = 6, "it neither falls nor draws near a cycle: a torus or chaos that lasts"
 
 
 class VERDICT(Code):

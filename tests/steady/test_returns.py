@@ -1,12 +1,16 @@
 """When a motion has drawn near enough to an orbit."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ziegler_jax.steady.contraction import contraction_norm, spectral_radius
+from ziegler_jax.steady.course import no_course
 from ziegler_jax.steady.returns import (
     ACCEPTANCE,
+    LATER,
     NOTHING,
+    TIMES,
     Candidate,
     Ends,
     Lookout,
@@ -68,3 +72,46 @@ def test_a_motion_that_stands_still_beside_a_stable_orbit_is_no_arrival():
     slope = 0.5 * np.eye(3)
     assert asks_of(followed(BESIDE_THE_SADDLE, slope), slope) == ACCEPTANCE
     assert asks_of([BESIDE_THE_SADDLE] * 6, slope) == NOTHING
+
+
+def course_of(sizes):
+    """What the largest returns tell, one at each of the times."""
+    course = no_course(jnp.asarray(0.0))
+    for size in sizes:
+        course = course.after(jnp.asarray(size), True)
+    return course
+
+
+def test_a_motion_that_grows_or_lasts_endures_and_one_that_falls_does_not():
+    marks = np.arange(60)
+    assert course_of(1.02 ** marks[:5]).endures
+    # by less than 1 % from one time to the next, on both sides
+    assert course_of(1.005 ** marks[:11]).endures
+    assert not course_of(0.995**marks).endures
+    # what grew once, and then stands still, is looked at for as long as any other
+    assert not course_of([1.0, 1.5, 1.5, 1.5]).endures
+    wandering = 1 + 0.004 * np.cos(marks)
+    assert course_of(wandering[:12]).endures and not course_of(wandering[:8]).endures
+
+
+def test_the_largest_return_since_the_last_time_counts():
+    course = no_course(jnp.asarray(0.0))
+    for size, timed in ((1.0, True), (1.3, False), (0.2, True), (1.4, False)):
+        course = course.after(jnp.asarray(size), timed)
+    assert float(course.before) == np.float64(1.3)
+    assert float(course.peak) == np.float64(1.4)
+
+
+def test_shots_go_on_being_asked_for_at_times_that_grow():
+    point, eye = jnp.asarray(ORBIT), jnp.eye(3)
+    none = Candidate(jnp.asarray(False), jnp.asarray(0), point, eye, eye, point[0])
+    state, due = no_returns(jnp.asarray(0.0)), []
+    again = jax.jit(
+        lambda state, time: with_return(state, passing(ORBIT, time), False, none)
+    )
+    for time in np.arange(0.0, 4500.0, 10.0):
+        due.append(float(state.due))
+        state = again(state, time)._replace(asks=jnp.asarray(NOTHING, jnp.int32))
+    times = sorted(set(due))
+    assert times[: len(TIMES)] == list(TIMES)
+    assert times[len(TIMES) :] == [TIMES[-1] * LATER**n for n in range(1, 7)]

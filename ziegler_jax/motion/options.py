@@ -100,7 +100,7 @@ class Method(AbstractOptions):
     | `settle` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 |
     | `sweep_up_down` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
     | `regularisation_error` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
-    | `flutter_onset`, `critical_kick` | Tsit5 | 1e-8 | 1000000 (a motion) |
+    | `flutter_onset`, `critical_kick` | Tsit5 | 1e-8 | 3000000 (a motion) |
     | `trajectory` | Dopri8, set-valued Taylor8 | 1e-8 | 1000000 |
     | `periodic_orbit` | Dopri8, set-valued Tsit5 | 1e-10 | 100000 |
     | `continue_cycle`, `cycle_fold` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
@@ -171,7 +171,7 @@ class Windows(AbstractOptions):
     |---|---|---|---|---|---|
     | `settle`, `regularisation_error` | 100 | 40 | 40 | 2e-4 | pi |
     | `sweep_up_down` | 0 | 40 | 100 | 2e-4 | pi |
-    | `flutter_onset`, `critical_kick` | 0 | 40 | 200 | 5e-5 | pi |
+    | `flutter_onset`, `critical_kick` | 0 | 40 | 1000 | 5e-5 | pi |
 
     **Raises:** `ValueError` for numbers that break a rule.
     """
@@ -220,8 +220,8 @@ class Spans(AbstractOptions):
 _METHODS = {
     "settle": (1e-6, 1_000_000),
     "sweep_up_down": (1e-6, 1_000_000),
-    "flutter_onset": (1e-8, 1_000_000),
-    "critical_kick": (1e-8, 1_000_000),
+    "flutter_onset": (1e-8, 3_000_000),
+    "critical_kick": (1e-8, 3_000_000),
     "trajectory": (1e-8, 1_000_000),
     "periodic_orbit": (1e-10, 100_000),
     "continue_cycle": (1e-10, 10_000_000),
@@ -234,8 +234,8 @@ _METHODS = {
 _WINDOWS = {
     "settle": (100.0, 40.0, 40, 2e-4),
     "sweep_up_down": (0.0, 40.0, 100, 2e-4),
-    "flutter_onset": (0.0, 40.0, 200, 5e-5),
-    "critical_kick": (0.0, 40.0, 200, 5e-5),
+    "flutter_onset": (0.0, 40.0, 1000, 5e-5),
+    "critical_kick": (0.0, 40.0, 1000, 5e-5),
 }
 _SPANS = {name: (200.0, 50.0, 20) for name in ("lyapunov_exponents", "verdict")}
 

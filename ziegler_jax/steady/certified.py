@@ -68,6 +68,7 @@ from .returns import (
     A_SHOT,
     ACCEPTANCE,
     ARRIVED,
+    ENDURES,
     NOTHING,
     REST,
     Candidate,
@@ -100,7 +101,6 @@ STEPS_AT_ONCE = 16
 MARGIN = 1e-3  # of the radius below 1, a return
 COST = 2.5  # of a step with three tangents, against one without
 AT_REST = 2.0  # time units for which a motion that creeps is observed
-NEARLY = 0.01  # a motion whose returns come nearer than this is slow, not aperiodic
 
 
 class CertifiedMotion:
@@ -211,7 +211,9 @@ class CertifiedMotion:
 
             def look(place):
                 run, returns = place
-                after = with_return(returns, run.folded, self.odd, now.candidate)
+                after = with_return(
+                    returns, run.folded, self.odd, now.candidate, not self.watches
+                )
                 lookout = run.folded._replace(waits=0.0 * run.time)
                 run = run.paused(after.asks != NOTHING, lookout)
                 return replaced(waits, (run, after), place)
@@ -307,7 +309,7 @@ class CertifiedMotion:
         tries = well & (last == A_SHOT)
         accepted = well & (last == ACCEPTANCE)
         rests = well & (last == REST)
-        over = well & (last == NOTHING)
+        over = well & ((last == NOTHING) | (last == ENDURES))
         shoots, x, zero = tries, state.points[0], 0.0 * run.time
         if self.watches:
             shoots = tries | rests | over
@@ -380,10 +382,7 @@ class CertifiedMotion:
 
     def kind(self, now: Certifying) -> Int[Array, ""]:
         """Of which kind an undecided lane is."""
-        nearest = now.returns.nearest
-        kind = jnp.where(nearest < NEARLY, UNDECIDED.slow, UNDECIDED.aperiodic)
-        kind = jnp.where(jnp.isfinite(nearest), kind, UNDECIDED.none)
-        kind = jnp.where(now.unstable, UNDECIDED.unstable_near, kind)
+        kind = now.returns.course.kind(now.returns.nearest, now.unstable)
         open_ = now.outcome == OUTCOME.unsettled
         return jnp.where(open_, kind, UNDECIDED.decided).astype(jnp.int8)
 

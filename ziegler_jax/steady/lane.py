@@ -70,6 +70,13 @@ class Certifying(NamedTuple):
         return self.outcome == OUTCOME.not_computed
 
     @property
+    def moves(self) -> Bool[Array, ""]:
+        """Whether it has ended and will not come to rest."""
+        cycle = (self.outcome == OUTCOME.cycle) | (self.outcome == OUTCOME.escaped)
+        unsettled = self.outcome == OUTCOME.unsettled
+        return cycle | (unsettled & self.returns.course.endures)
+
+    @property
     def phase(self) -> Int[Array, ""]:
         """The program that it is in, or `ENDED`."""
         moves = jnp.where(self.shoots, self.shot.running, self.march.running)

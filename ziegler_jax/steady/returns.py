@@ -38,6 +38,7 @@ from .contraction import (
     largest,
     length,
 )
+from .course import Course, no_course
 from .growth import Grown, grown, kick_tangent
 
 RETURNS = (1, 2, 3, 4, 6)  # how many close an orbit
@@ -46,6 +47,7 @@ COUNTS = np.array(RETURNS, np.int32)
 # is small; where it is large again, the first level counts once more.
 LEVELS = (6e-4, 2e-4, 7e-5)
 TIMES = (130.0, 250.0, 500.0, 800.0, 1100.0, 1400.0)
+LATER = 1.25  # and from the last of them on at times that grow by this
 SMALL, LARGE = 0.01, 0.03
 EARLIEST = 15.0
 ALIKE = 3.0  # of fewer returns more is put up with: they close as well
@@ -58,7 +60,7 @@ LOST, NEAR, ARRIVED = 0.3, 0.1, 0.025
 NOISE = 2e-4  # of the state: what steps, and their jitter, leave in a return
 LEAK = 1.05  # what is forgotten at each return of the smallest d_n
 # What a motion that has stopped asks for
-NOTHING, A_SHOT, ACCEPTANCE, REST, ESCAPE = range(5)
+NOTHING, A_SHOT, ACCEPTANCE, ENDURES, REST, ESCAPE = range(6)
 
 
 class Candidate(NamedTuple):
@@ -203,7 +205,8 @@ class Returns(NamedTuple):
     last: Float[Array, " counts"]  # d_n at the newest
     nearest: Traced  # about the smallest of the last d_n
     level: Traced  # how many of them have been used up
-    timed: Traced  # the same of the times
+    due: Traced  # the next of the times
+    course: Course
     own: Traced  # returns since the shot that found the candidate
     follows: Traced  # how many of its own in a row draw near
     lost: Bool[Array, ""]  # whether the motion has left the candidate
@@ -221,7 +224,8 @@ def no_returns(zero: Traced) -> Returns:
         last=jnp.full(len(RETURNS), jnp.inf, zero.dtype),
         nearest=zero + jnp.inf,
         level=zero,
-        timed=zero,
+        due=zero + TIMES[0],
+        course=no_course(zero),
         own=zero,
         follows=zero,
         lost=jnp.asarray(False),
@@ -231,9 +235,17 @@ def no_returns(zero: Traced) -> Returns:
 
 
 def with_return(
-    state: Returns, lookout: Lookout, odd: Flag, orbit: Candidate
+    state: Returns,
+    lookout: Lookout,
+    odd: Flag,
+    orbit: Candidate,
+    until_it_endures: bool = False,
 ) -> Returns:
-    """After the return that waits; `orbit`: the one it may draw near to."""
+    """After the return that waits.
+
+    **Arguments:** `orbit`: the one it may draw near to; `until_it_endures`: whether a
+    motion that does is over.
+    """
     ends = lookout.passed
     sign = jnp.where(odd & (ends.y1[0] < ends.y0[0]), -1.0, 1.0)
     y0, y1, a0, a1 = (
@@ -257,7 +269,13 @@ def with_return(
         last=apart,
         nearest=jnp.minimum(LEAK * state.nearest, jnp.min(apart)),
     )
-    return _with_request(state, _drawn_near(after, orbit), orbit)
+    course = after.course.after(largest(point), after.times[0] > after.due)
+    after = after._replace(course=course)
+    after = _with_request(state, _drawn_near(after, orbit), orbit)
+    if not until_it_endures:
+        return after
+    over = course.endures & (after.asks == NOTHING)
+    return after._replace(asks=jnp.where(over, ENDURES, after.asks).astype(jnp.int32))
 
 
 def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
@@ -267,7 +285,10 @@ def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
     bound = _nth((*LEVELS, 0.0), level)
     passed = jnp.any((now.last < bound) & (now.last < before.last))
     passed &= t > EARLIEST
-    timed = t > _nth((*TIMES, np.inf), now.timed)
+    timed = t > now.due
+    times = np.array(TIMES)
+    following = jnp.min(jnp.where(times > now.due, times, jnp.inf))
+    following = jnp.where(now.due < TIMES[-1], following, LATER * now.due)
     asks = passed | (timed & (least < SMALL))
     # no shot at an orbit that is known, and that the motion has not left
     asks &= ~orbit.there | now.lost
@@ -277,7 +298,7 @@ def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
     below = jnp.sum(jnp.where(least < levels, 1.0, 0.0))
     return now._replace(
         level=jnp.where(passed, jnp.maximum(level, below), level),
-        timed=now.timed + jnp.where(timed, 1.0, 0.0),
+        due=jnp.where(timed, following, now.due),
         asks=jnp.where(asks, A_SHOT, now.asks).astype(jnp.int32),
         returns=jnp.where(asks, first, now.returns).astype(jnp.int32),
     )

@@ -85,7 +85,8 @@ def settle(
 
     It is at rest where both joints stay below `rate_cut` for 20 time units and are no
     faster in the second half of them (set-valued friction: where both stick), and
-    `unsettled` if neither came by the horizon, `transient + length * max_windows`. What
+    `unsettled` if neither came by the horizon, `transient + length * max_windows`
+    (`undecided` says of which kind it is). What
     observers give is, of a cycle, of exactly one turn of the orbit (of half a turn
     where the cycle is its own mirror image, and all observers say that this is enough);
     at rest, of the next 2 time units (set-valued: of `length`); else of the last

@@ -1,0 +1,66 @@
+"""How large a motion's returns are as time goes on: does it grow, does it last?
+
+At a few times the largest return since the last of them is looked at. A motion whose
+largest returns grow by more than 1 % three times in a row, or that nine times in a row,
+while time grows sevenfold at least, have not fallen by 1 %, endures: it will not come
+to rest, though no cycle is certain yet. Of 706 motions that grew none came to rest by
+t = 40 000 (three samples of scenes with smoothed and set-valued friction).
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from ..numerics.materialise import tree_where
+from ..numerics.numbers import Flag, Scalar, Traced
+from ..results import UNDECIDED
+
+GROWTH, FALL = 1.01, 0.99
+GROWN, LASTED = 3, 9  # times in a row
+NEARLY = 0.01  # a motion whose returns come nearer than this is slow, not aperiodic
+
+
+class Course(NamedTuple):
+    """What the largest returns have told."""
+
+    peak: Traced  # the largest since the last time
+    before: Traced  # and between the two times before
+    whence: Traced  # the same where it began to last
+    grew: Traced  # at how many times in a row
+    lasted: Traced
+
+    def after(self, size: Scalar, timed: Flag) -> "Course":
+        """One return more; `timed`: whether one of the times is over."""
+        peak = jnp.maximum(self.peak, size)
+        grows, lasts = peak > GROWTH * self.before, peak > FALL * self.whence
+        after = Course(
+            peak=0.0 * peak,
+            before=peak,
+            whence=jnp.where(lasts, self.whence, peak),
+            grew=jnp.where(grows, self.grew + 1, 0.0),
+            lasted=jnp.where(lasts, self.lasted + 1, 0.0),
+        )
+        return tree_where(timed, after, self._replace(peak=peak))
+
+    @property
+    def endures(self) -> Bool[Array, ""]:
+        """Whether the motion will not come to rest."""
+        return (self.grew >= GROWN) | (self.lasted >= LASTED)
+
+    def kind(self, nearest: Scalar, unstable: Flag) -> Int[Array, ""]:
+        """Of which kind the motion is, if nothing is certain.
+
+        **Arguments:** `nearest`: about the smallest distance of its last returns;
+        `unstable`: whether an unstable cycle was met.
+        """
+        kind = jnp.where(nearest < NEARLY, UNDECIDED.slow, UNDECIDED.aperiodic)
+        kind = jnp.where(jnp.isfinite(nearest), kind, UNDECIDED.none)
+        kind = jnp.where(self.lasted >= LASTED, UNDECIDED.lasting, kind)
+        kind = jnp.where(self.grew >= GROWN, UNDECIDED.growing, kind)
+        return jnp.where(unstable, UNDECIDED.unstable_near, kind)
+
+
+def no_course(zero: Traced) -> Course:
+    """Before the first return."""
+    return Course(zero, zero + jnp.inf, zero + jnp.inf, zero, zero)
