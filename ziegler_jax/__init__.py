@@ -29,6 +29,7 @@ from .linear.spectrum import (
 from .linear.stabilise import stabilise
 from .maps.merge import merge
 from .maps.refine import refine
+from .maps.scene import motion, scene
 from .maps.study import Fineness
 from .model.column import (
     Column,
@@ -150,8 +151,9 @@ __all__ = [
     "flutter_onset",
     "is_stiff",
     "linearise",
-    "merge",
     "lyapunov_exponents",
+    "merge",
+    "motion",
     "open_sweep",
     "periodic_orbit",
     "poincare",
@@ -161,6 +163,7 @@ __all__ = [
     "refine",
     "regime",
     "regularisation_error",
+    "scene",
     "sensitivity",
     "settle",
     "spectral_abscissa",

@@ -229,7 +229,7 @@ class SI(eqx.Module):
         **Arguments:** `result`: a `Trajectory`; a dataset of `sweep`, whose variables
         and coordinates are converted by their `units`; or another result of the
         library (`settle`, `periodic_orbit`, ...) outside a sweep. Angles and pure
-        numbers, q among them, stay as they are.
+        numbers, q among them, stay as they are, and so do axes in units of their own.
 
         **Returns:** a `Trajectory`, else an `xarray.Dataset` with the names and units
         of a sweep; axes of `jax.vmap` are its dimensions `lane_1`, `lane_2`, ...
@@ -287,15 +287,18 @@ class SI(eqx.Module):
             unit = values.attrs.get("units", "1")
             if unit in ("1", "rad"):
                 return values
+            if unit not in units and name in dataset.coords:
+                return values  # an axis of the scene's own, in its own unit
             if unit not in units:
                 raise ValueError(
                     f"Variable `{name}` of the dataset must be in one of "
                     f"{', '.join(units)}, rad or 1, but is in {unit}."
                 )
             factor, name_si = units[unit]
-            return (values * float(factor)).assign_attrs(
-                {**values.attrs, "units": name_si}
-            )
+            about = {**values.attrs, "units": name_si}
+            if name in dataset.coords:  # for `motion`: scenes are in the old unit
+                about["si_unit"] = float(factor)
+            return (values * float(factor)).assign_attrs(about)
 
         # without the old coordinates, which each variable still carries
         data = {n: restored(n, v).variable for n, v in dataset.data_vars.items()}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..context import Context, is_traced, within
 from ..numerics.numbers import instance
 from ..runtime import all_cores
-from .axes import Returned, check_signature, checked_axes, parameters
+from .axes import Returned, check_signature, checked_axes, own_labels, parameters
 from .cluster import Arrays, Client, Recipe, check_client, run_blocks
 from .differences import audit_attributes, checked_share, drawn, settled_late
 from .lanes import Lanes
@@ -115,7 +115,9 @@ def sweep(
         them alike. An axis that is named like an option goes into `axes`. Names are of
         letters, digits and underscores, as those of results are. Parameters that are
         `xarray.DataArray`s of one dimension vary together along it, as in xarray:
-        samples, or a path through the parameters (see the second example).
+        samples, or a path through the parameters (see the second example). What their
+        attributes `long_name`, `units` and `symbol` say stands in the dataset and in
+        pictures, e.g. `xr.DataArray(F, attrs={"long_name": "load", "units": "N"})`.
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
     or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
@@ -172,7 +174,8 @@ def sweep(
     threads = lanes.threads or (all_cores() if client is None else 1)
     run = _Run(scene, blocks, threads, client, store)
     origin = provenance(scene, blocks.points)
-    nothing = template(grid, scene, blocks.shape, origin)
+    own = own_labels({**named_axes, **(axes or {})})
+    nothing = template(grid, scene, blocks.shape, origin, own)
     if store is None:
         backend: Memory | SweepStore = Memory(nothing)
     else:
