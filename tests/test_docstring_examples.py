@@ -79,8 +79,13 @@ def of_a_variable(names):
 
 
 def of_units(names):
-    assert names["end"].period.attrs["units"] == "s"
+    assert names["end"].time.attrs["units"] == "s"
     assert float(names["motion"].ts[-1]) == pytest.approx(3.0)
+
+
+def of_a_cell(names):
+    assert np.isfinite(names["section"].times).all()
+    assert float(names["column"].friction.mu_s) == 0.1
 
 
 def of_a_kick(names):
@@ -120,8 +125,10 @@ CASES = {
     "sweep/sweep.py 1": ({"xr": xr}, of_samples),
     "maps/merge.py 0": ({}, of_a_union),
     "maps/refine.py 0": ({}, of_a_boundary),
+    "maps/scene.py 0": ({}, of_a_cell),
+    "maps/scene.py 1": ({}, None),
     "results.py 0": ({}, of_a_variable),
-    "units.py 0": ({"ts": np.linspace(0, 3, 7)}, of_units),
+    "units/si.py 0": ({"ts": np.linspace(0, 3, 7)}, of_units),
     "plot/maps.py 0": ({"ds": small_map}, None),
     "plot/maps.py 1": ({"ds": small_map}, None),
     "analysis/onset.py 0": ({}, of_a_kick),

@@ -80,7 +80,7 @@ from .sweep.lanes import Lanes
 from .sweep.store import Store, open_sweep
 from .sweep.sweep import sweep
 from .sweep.work_precision import work_precision
-from .units import SI
+from .units.si import SI
 
 __version__ = metadata.version("ziegler_jax")
 
