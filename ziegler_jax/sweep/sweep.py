@@ -26,7 +26,7 @@ from .partition import (
     evaluate_where,
 )
 from .program import Scene, compiled, traced
-from .progress import Progress
+from .progress import Progress, tracing
 from .provenance import check_names, identity, provenance, template
 from .scheduler import Effort, run_lanes
 from .store import Store, SweepStore, prepared
@@ -108,7 +108,8 @@ def sweep(
     - `client`: a `dask.distributed.Client`: blocks become tasks of its cluster, one a
         worker's thread at a time. Its workers must be able to import the package and
         what `point` needs, and to write to `store` where there is one.
-    - `progress`: a bar with points per second; None shows it on a terminal only.
+    - `progress`: a bar with points per second; None shows it on a terminal and in a
+        notebook. While the scene is traced and compiled it says so, with the seconds.
     - `log`: a file to which a line of JSON is added for every finished block: where
         it lies, its points, seconds, steps and outcomes.
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
@@ -166,7 +167,8 @@ def sweep(
         blocks = Blocks(grid, where)
     wide = lanes.precision == "float64"
     names = tuple(parameters(grid))
-    scene = traced(point, names, wide, lanes.batch_size, blocks.points)
+    with tracing(progress):
+        scene = traced(point, names, wide, lanes.batch_size, blocks.points)
     check_names(scene, grid)
     if store is None:
         check_room(f"the results of {size} points", scene.bytes_a_point * size)
@@ -240,7 +242,8 @@ def _filled(
         if not missing:
             return backend.dataset({})
         if run.client is None:
-            program = compiled(scene)
+            with progress.compiling():
+                program = compiled(scene)
             seconds += program.compile_seconds
             assembler = BlockAssembler(blocks, scene.variables, write_block)
             effort = run_lanes(
