@@ -2,6 +2,7 @@
 
 from importlib import metadata
 
+from .accessor import Accessor as _Accessor  # noqa: F401, `ds.zj`
 from .analysis.branch_point import Arc
 from .analysis.classify import Verdict, verdict
 from .analysis.continuation import (
