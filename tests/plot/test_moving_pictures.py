@@ -97,7 +97,7 @@ def test_a_click_on_a_map_shows_the_motion_of_the_cell():
     shown = view.axes["history"].lines[0].get_ydata()
     np.testing.assert_array_equal(shown, expected.phi[:, 0])
     before = view.axes["column"].lines[1].get_xydata().copy()
-    for _ in range(20):
+    for _ in range(3):
         view._next()
     assert not np.array_equal(before, view.axes["column"].lines[1].get_xydata())
     elsewhere = MouseEvent("", canvas, 1, 1, 1)

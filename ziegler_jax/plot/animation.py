@@ -24,13 +24,14 @@ class MovingColumn:
         """Draw the column upright."""
         self.l2 = l2
         reach = 1.15 * (1 + l2) + ARROW
-        ax.set(xlim=(-reach, reach), ylim=(-0.6, reach), aspect="equal")
+        ax.set(xlim=(-reach, reach), ylim=(-0.3, reach), aspect="equal")
         ax.axhline(0, color="0.5", lw=1, zorder=0)
         (self.one,) = ax.plot([], [], color=PHI1, lw=5, solid_capstyle="round")
         (self.two,) = ax.plot([], [], color=PHI2, lw=3, solid_capstyle="round")
         (self.joints,) = ax.plot([], [], "o", color="black", mfc="white", ms=7)
         (self.trace,) = ax.plot([], [], color=BLUE, lw=0.8, alpha=0.6, zorder=0)
         look = {"arrowstyle": "-|>", "color": VERMILLION, "lw": 2}
+        look |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 16}
         self.load = ax.annotate("", (0, 0), (0, 1), arrowprops=look)
         ax.set(xticks=[], yticks=[])
         ax.spines[:].set_visible(False)

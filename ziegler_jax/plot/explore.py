@@ -15,7 +15,7 @@ from .maps import map as draw_map
 from .motions import time_history
 from .style import VERMILLION
 
-FRAME = 40  # milliseconds between two pictures of the moving column
+FRAME = 100  # milliseconds between two pictures of the moving column
 SPEED = 2.0  # time units a second
 
 
