@@ -4,7 +4,7 @@ import numpy as np
 
 import ziegler_jax as zj
 
-POINTS = 6  # along each axis
+POINTS = 5  # along each axis
 SPANS = zj.Spans(transient=100, length=25, count=8, escape=60)
 
 
@@ -14,6 +14,6 @@ def point(q, mu_k):
     return zj.verdict(column, zj.State(omega=(0, 0.3)), spans=SPANS)
 
 
-q, mu_k = np.linspace(2, 7, POINTS), np.linspace(0.02, 0.25, POINTS)
+q, mu_k = np.linspace(3.7, 4.3, POINTS), np.linspace(0.11, 0.15, POINTS)
 ds = zj.sweep(point, q=q, mu_k=mu_k)
 ds.zj.map("verdict", x="q", y="mu_k").figure.savefig("chaos.png")

@@ -4,7 +4,7 @@ import numpy as np
 
 import ziegler_jax as zj
 
-POINTS = 6
+POINTS = 4
 DEVICE = zj.SI(m=0.1, l=0.2, k=0.5)
 WINDOWS = DEVICE.windows(transient=10.0, length=5.0)  # seconds
 
@@ -20,4 +20,4 @@ F, kick = np.linspace(3, 8, POINTS), np.linspace(0.5, 4, POINTS)
 ds = DEVICE.restore(zj.sweep(point, F=F, kick=kick).sel(joint=2))
 ds.zj.map("joint_amplitude", x="F", y="kick").figure.savefig("device.png")
 motion = DEVICE.restore(ds.zj.motion(F=F[-1], kick=kick[-1]))
-print("followed for", motion.ts[-1], "s; came to an end after", ds.time.max(), "s")
+print("the longest motion took", float(ds.time.max()), "s; this one", motion.ts[-1])

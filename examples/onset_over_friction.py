@@ -4,7 +4,7 @@ import numpy as np
 
 import ziegler_jax as zj
 
-POINTS = 4  # along each axis
+POINTS = 3  # along each axis
 KICK = zj.State(omega=(0, 0.3))
 
 
@@ -13,7 +13,8 @@ def point(mu_s, mu_k):
         friction = zj.SetValuedCoulomb(mu_s, mu_k, pin_radius=0.1)
         return zj.uniform_rods(q, friction=friction)
 
-    return zj.flutter_onset(column, KICK, (1.0, 3.0), search=zj.Search(scan=5))
+    search = zj.Search(scan=3, halvings=4)
+    return zj.flutter_onset(column, KICK, (1.0, 3.0), search=search)
 
 
 mu = np.linspace(0.1, 0.4, POINTS)

@@ -61,7 +61,8 @@ def test_samples_are_cells_too(refuses):
 
 def in_newtons(F, omega2):  # noqa: N803
     column = UNITS.uniform_rods(F=F)
-    return zj.trajectory(column, zj.State(omega=(0, omega2)), [0.0, 1.0])
+    motion = zj.trajectory(column, zj.State(omega=(0, omega2)), [0.0, 1.0])
+    return {"time": zj.Variable(motion.ts[1] * 30, "time", "sqrt(m l^2/k)")}
 
 
 def test_a_restored_map_has_the_same_cells():
@@ -75,6 +76,9 @@ def test_a_restored_map_has_the_same_cells():
     column, start = zj.scene(si, F=6.5, omega2=second)
     assert float(column.q) == pytest.approx(6.5 * 0.2 / 0.5, abs=1e-12)
     assert float(start.omega[1]) == pytest.approx(0.4, abs=1e-12)
+    motion = zj.motion(si, F=6.5, omega2=second)  # in the column's units, to 30
+    assert float(motion.ts[-1]) == pytest.approx(30.0, rel=1e-12)
+    assert float(si.time[0, 0]) == pytest.approx(30 * UNITS.time, rel=1e-12)
 
 
 def test_a_store_of_another_process_knows_its_function(tmp_path):

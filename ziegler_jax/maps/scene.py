@@ -105,7 +105,7 @@ def motion(
     """
     asked = _asked(dataset, {**(at or {}), **named}, point)
     if ts is None:
-        end = float(asked.cell.get("time", xr.DataArray(np.nan)))
+        end = _own(asked.cell.get("time", xr.DataArray(np.nan)))
         end = min(end, LONGEST) if end > 0 else LONGEST / 2
         ts = np.linspace(0.0, end, SAMPLES)
     with jax.enable_x64(True):
@@ -240,10 +240,12 @@ def _cell(
         )
     places = {dim: _nearest(dataset, dim, value) for dim, value in at.items()}
     cell = dataset.isel(places)
-    # what `SI.restore` made of an axis is undone: scenes are in the column's units
-    return cell, {
-        name: float(cell[name]) / cell[name].attrs.get("si_unit", 1.0) for name in axes
-    }
+    return cell, {name: _own(cell[name]) for name in axes}
+
+
+def _own(number: xr.DataArray) -> float:
+    """A number in the column's unit, which `SI.restore` may have changed."""
+    return float(number) / number.attrs.get("si_unit", 1.0)
 
 
 def _nearest(dataset: xr.Dataset, dim: str, value: float) -> int:

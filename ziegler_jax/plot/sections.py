@@ -48,7 +48,21 @@ def section(points: PoincareSection, *, rod: int = 2, ax: Axes | None = None) ->
         ylabel=rf"rate $\dot\varphi_{rod}$ (rad {rates})",
     )
     ax.set_title(_plane(dict(points.settings)), loc="left")
+    ax.set(xlim=_limits(phi), ylim=_limits(omega))
     return ax
+
+
+LEAST = 0.02  # of its distance from zero: a cycle's points are no cloud of rounding
+
+
+def _limits(values: np.ndarray) -> tuple[float, float] | None:
+    """Limits of an axis that magnify no points which are one but for errors."""
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return None
+    low, high = float(values.min()), float(values.max())
+    half = 1.1 * max((high - low) / 2, LEAST * max(abs(low), abs(high)), 1e-9)
+    return (low + high) / 2 - half, (low + high) / 2 + half
 
 
 def _plane(settings: dict) -> str:

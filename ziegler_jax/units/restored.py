@@ -69,9 +69,8 @@ def restored_dataset(dataset: xr.Dataset, si: Scales) -> xr.Dataset:
                 f"{', '.join(units)}, rad or 1, but is in {unit}."
             )
         factor, name_si = units[unit]
-        about = {**values.attrs, "units": name_si}
-        if name in dataset.coords:  # for `motion`: scenes are in the old unit
-            about["si_unit"] = float(factor)
+        # `zj.motion` needs the factor: scenes are in the column's own units
+        about = {**values.attrs, "units": name_si, "si_unit": float(factor)}
         return (values * float(factor)).assign_attrs(about)
 
     # without the old coordinates, which each variable still carries
