@@ -33,14 +33,15 @@ def main():
     fold = np.asarray(folds(tau).fold)
     tau, fold = tau[np.isfinite(fold)], fold[np.isfinite(fold)]
     q_cr = float(zj.critical_load(zj.uniform_rods()).q_cr)
-    left.fill_betweenx(tau, fold, 3, color=zj.plot.PALE_ORANGE, lw=0)
+    both = np.append(14 / 11, fold)  # from its limit on
+    left.fill_betweenx(np.append(0, tau), both, 3, color=zj.plot.PALE_ORANGE, lw=0)
     left.plot(fold, tau, "o-", color=zj.plot.BLUE, lw=2.5, label="fold of cycles")
     left.plot(
         14 / 11, 0, "o", color="w", mec=zj.plot.BLUE, label="its limit, $q = 14/11$"
     )
     left.axvline(q_cr, color=zj.plot.VERMILLION, ls="--", label="$q_{cr}$, no friction")
     left.text(0.84, 0.05, "no cycle on\nthis branch", fontsize=11)
-    left.text(1.62, 0.04, "rest and flutter")
+    left.text(1.62, 0.06, "rest and flutter")
     left.set(xlim=(0.8, 3), ylim=(0, tau.max()), ylabel=r"friction torque $\tau$ ($k$)")
     left.set_title(r"set-valued friction, $\tau_s = \tau_k = \tau$", loc="left")
     points = branch(0.1).points
@@ -64,7 +65,7 @@ def main():
     for ax in (left, middle, right):
         ax.set_xlabel("load $q = Fl/k$")
         ax.spines[["top", "right"]].set_visible(False)
-    left.legend(loc="upper right", fontsize=10)
+    left.legend(loc="lower right", fontsize=10, frameon=True)
     right.legend(loc="upper right", fontsize=11)
     figure.tight_layout()
     style.save(figure, __file__)

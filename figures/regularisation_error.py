@@ -54,8 +54,9 @@ def main():
     right.set_xlabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
     right.axhline(1.0, color="0.6", lw=1)
     figure.suptitle(
-        rf"tanh law against set-valued friction, $\tau_s = \tau_k = {TAU}\,k$ in both joints; "
-        rf"kick $\dot\varphi_2(0) = {KICK[1]}\sqrt{{k/(m l^2)}}$",
+        r"tanh law against set-valued friction, both joints "
+        rf"$\tau_s = \tau_k = {TAU}\,k$; kick $\dot\varphi_2(0)$ = "
+        rf"{KICK[1]} $\sqrt{{k/(m l^2)}}$",
         fontsize=11,
     )
     style.save(figure, __file__)

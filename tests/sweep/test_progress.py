@@ -53,7 +53,8 @@ def test_the_bar_is_shown_on_a_terminal_and_in_a_notebook(
     stream.isatty = lambda: terminal
     kernel = types.SimpleNamespace(get_ipython=shell)
     monkeypatch.setitem(sys.modules, "IPython", kernel)
-    monkeypatch.setattr(sys, "stderr", stream)
+    notebook = shell is ZMQInteractiveShell
+    monkeypatch.setattr(sys, "stdout" if notebook else "stderr", stream)
     zj.sweep(lambda x: 2 * x, x=[1.0, 2.0], progress=show)
     assert ("100%" in stream.getvalue()) == shown
     assert progress.shown(show) == shown

@@ -17,6 +17,11 @@ from .partition import Block, Tally
 TICK = 0.5  # seconds
 
 
+def stream() -> TextIO:
+    """Where a bar goes: a notebook shows what goes to stderr as if it were wrong."""
+    return sys.stdout if in_notebook() else sys.stderr
+
+
 def shown(show: bool | None) -> bool:
     """Whether the bar is shown: by default on a terminal and in a notebook."""
     if show is not None:
@@ -55,7 +60,7 @@ def announced(bar: tqdm, what: str) -> Iterator[None]:
 @contextmanager
 def tracing(show: bool | None) -> Iterator[None]:
     """Say that a scene is traced, before there is a bar of its points."""
-    bar = tqdm(bar_format="{desc}", leave=False, disable=not shown(show))
+    bar = tqdm(file=stream(), bar_format="{desc}", leave=False, disable=not shown(show))
     with bar, announced(bar, "tracing the scene"):
         yield
 
@@ -78,6 +83,7 @@ class Progress:
         )
         self._lock = threading.Lock()
         self._bar = tqdm(
+            file=stream(),
             initial=done,
             total=total,
             unit="point",
