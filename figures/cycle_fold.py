@@ -52,11 +52,11 @@ def main():
         middle.plot(
             along, points.joint_amplitude[:, 1], dash, color=zj.plot.BLUE, lw=2.5
         )
-        for i, colour in ((1, zj.plot.BLUE), (2, zj.plot.GREEN)):
+        for i, colour in ((1, zj.plot.BLUE), (2, zj.plot.ORANGE)):
             right.plot(along, moduli[:, i], dash, color=colour, lw=2)
     right.axhline(1, color="0.6", lw=1)
     right.plot([], color=zj.plot.BLUE, label="the largest beside 1")
-    right.plot([], color=zj.plot.GREEN, label="the next")
+    right.plot([], color=zj.plot.ORANGE, label="the next")
     middle.set(ylabel=r"largest $|\varphi_2 - \varphi_1|$ (rad)", ylim=(0, None))
     right.set(ylabel="modulus of Floquet multipliers", ylim=(0, 2.5))
     for ax in (middle, right):

@@ -103,7 +103,7 @@ def _draw_onset(
     ax.set_title("flutter onset: the first load with a cycle")
     handles, _ = ax.get_legend_handles_labels()
     handles.append(Patch(facecolor="0.85", label="above the last stuck load"))
-    ax.legend(handles=handles, loc="center right", frameon=False)
+    ax.legend(handles=handles, loc="center right", framealpha=1, edgecolor="white")
 
 
 def _mark_critical(ax: Axes, colour: str) -> None:
