@@ -166,8 +166,18 @@ def compare(results):
     return table
 
 
+TITLES = {
+    "smooth": "friction smoothed by tanh",
+    "viscous": "viscous damping",
+    "frictionless": "no friction",
+    "stiff_1e-3": "friction in a layer of 1e-3",
+    "stiff_1e-4": "friction in a layer of 1e-4",
+    "stiff_1e-5": "friction in a layer of 1e-5",
+}
+
+
 def draw(about, results, path):
-    """Log-log, one line a contestant: ours thick, theirs thin and broken."""
+    """Log-log, one line a contestant: ours thick and filled, theirs thin and open."""
     import matplotlib.pyplot as plt
 
     colours = zj.plot.LINE_COLOURS
@@ -175,24 +185,28 @@ def draw(about, results, path):
     figure, ax = plt.subplots(figsize=(8.3, 5.0), layout="constrained")
     mine = [n for n in results if n.startswith("ziegler_jax") and results[n]]
     theirs = [n for n in results if n not in mine and results[n]]
+    codes = list(dict.fromkeys(name.split()[0] for name in theirs))
     for i, name in enumerate([*mine, *theirs]):
         entries = [e for e in results[name] if np.isfinite(e["median"])]
         x = [np.median(e["microseconds"]) for e in entries]
         y = [max(e["median"], 1e-16) for e in entries]
         own = name in mine
-        j = i if own else i - len(mine)
+        j = i if own else codes.index(name.split()[0])  # a code has one colour
+        colour = colours[j % len(colours)]
+        marker = markers[(i if own else i - len(mine)) % len(markers)]
         ax.plot(
-            x, y, ("-" if own else "--") + markers[j % len(markers)],
-            color=colours[j % len(colours)] if own else str(0.15 + 0.07 * (j % 8)),
-            lw=2 if own else 1, ms=5, label=name,
+            x, y, ("-" if own else ":") + marker, color=colour,
+            mfc=colour if own else "white", lw=2.5 if own else 1, ms=5 if own else 6,
+            label=name if len(x) > 1 else f"{name}, at 1e-6",
         )  # fmt: skip
     clock = "processor time / cores" if about["clock"] == "cpu" else "wall time"
+    title = TITLES.get(about["scene"], about["scene"])
     ax.set(
         xscale="log",
         yscale="log",
         xlabel=rf"{clock} of a trajectory, {about['cores']} cores ($\mu$s)",
         ylabel=r"median error of the final state $(\varphi_i, \dot\varphi_i)$",
-        title=f"{about['scene']}: q on {about['lanes']} lanes, t = {about['span']:g}",
+        title=f"{title}: {about['lanes']} loads q, to t = {about['span']:g}",
     )
     ax.grid(alpha=0.3)
     ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=8.5, frameon=False)

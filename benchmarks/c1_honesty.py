@@ -95,29 +95,36 @@ def draw(result, path):
     import matplotlib.pyplot as plt
 
     with plt.rc_context({"font.size": 10}):
-        figure, (left, right) = plt.subplots(
-            1, 2, figsize=(8.3, 3.6), layout="constrained"
-        )
+        figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), layout="constrained")
+        left, *volumes = axes
         colours = zj.plot.LINE_COLOURS[: len(SOLVERS)]
         for name, marker, colour in zip(SOLVERS, "osD^v", colours, strict=True):
             look = {"marker": marker, "color": colour}
             drift = np.abs(np.array(result["energy_drift"][name]))
             left.loglog(TOLERANCES, drift, **look, label=name)
-            for q, style in zip(LOADS, ("-", "--"), strict=True):
+            for ax, q in zip(volumes, LOADS, strict=True):
                 rate = np.array(result["volume_rate"][f"{q:g}"][name])
-                right.loglog(TOLERANCES, np.abs(rate), style, **look)
+                ax.loglog(TOLERANCES, np.abs(rate), **look)
                 grows = np.where(rate > 0, rate, np.nan)
-                right.loglog(TOLERANCES, grows, marker, color=colour, mfc="w")
-        for q, style in zip(LOADS, ("-", "--"), strict=True):
-            right.plot([], [], style, color="0.3", label=f"$q$ = {q:g}")
+                ax.loglog(TOLERANCES, grows, marker, color=colour, mfc="w")
         left.set_ylabel(r"$|E/E_0 - 1|$ after $10^4$ time units (–)")
-        left.set_title(r"energy at $q$ = 0", fontsize=10)
-        right.set_ylabel(r"$|\mathrm{d} \log V/\mathrm{d} t|$ ($\sqrt{k/(m l^2)}$)")
-        right.set_title("phase volume: shrinks, or grows (open)", fontsize=10)
-        for ax in (left, right):
+        left.set_title(r"energy, $q$ = 0", fontsize=10)
+        volumes[0].set_ylabel(
+            r"$|\mathrm{d} \log V/\mathrm{d} t|$ ($\sqrt{k/(m l^2)}$)"
+        )
+        low = min(ax.get_ylim()[0] for ax in volumes)
+        high = max(ax.get_ylim()[1] for ax in volumes)
+        for ax, q in zip(volumes, LOADS, strict=True):
+            ax.set_title(f"phase volume, $q$ = {q:g}", fontsize=10)
+            ax.set_ylim(low, high)
+        for face, text in (("0.3", "shrinks"), ("w", "grows")):
+            look = {"color": "0.3", "mfc": face, "label": text}
+            volumes[0].plot([], [], "o", **look)
+        for ax in axes:
             ax.set_xlabel("tolerance rtol = atol (–)")
-            ax.legend(fontsize=8, frameon=False)
             ax.spines[["top", "right"]].set_visible(False)
+        for ax in (left, volumes[0]):
+            ax.legend(fontsize=9, frameon=False)
         figure.savefig(path, dpi=150)
         plt.close(figure)
 

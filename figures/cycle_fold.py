@@ -33,16 +33,17 @@ def main():
     fold = np.asarray(folds(tau).fold)
     tau, fold = tau[np.isfinite(fold)], fold[np.isfinite(fold)]
     q_cr = float(zj.critical_load(zj.uniform_rods()).q_cr)
-    left.fill_betweenx(tau, fold, 3, color=zj.plot.PALE_ORANGE, lw=0)
+    both = np.append(14 / 11, fold)  # from its limit on
+    left.fill_betweenx(np.append(0, tau), both, 3, color=zj.plot.PALE_ORANGE, lw=0)
     left.plot(fold, tau, "o-", color=zj.plot.BLUE, lw=2.5, label="fold of cycles")
     left.plot(
         14 / 11, 0, "o", color="w", mec=zj.plot.BLUE, label="its limit, $q = 14/11$"
     )
     left.axvline(q_cr, color=zj.plot.VERMILLION, ls="--", label="$q_{cr}$, no friction")
-    left.text(0.84, 0.07, "no cycle on\nthis branch", fontsize=11)
-    left.text(1.62, 0.05, "rest and flutter")
-    left.set(xlim=(0.8, 3), ylim=(0, 0.14), ylabel=r"friction torque $\tau$ ($k$)")
-    left.set_title("set-valued friction, $\\mu_s = \\mu_k$", loc="left")
+    left.text(0.84, 0.05, "no cycle on\nthis branch", fontsize=11)
+    left.text(1.62, 0.06, "rest and flutter")
+    left.set(xlim=(0.8, 3), ylim=(0, tau.max()), ylabel=r"friction torque $\tau$ ($k$)")
+    left.set_title(r"set-valued friction, $\tau_s = \tau_k = \tau$", loc="left")
     points = branch(0.1).points
     q, stable = np.asarray(points.parameter), np.asarray(points.stable)
     moduli = np.abs(np.asarray(points.multipliers))
@@ -51,20 +52,20 @@ def main():
         middle.plot(
             along, points.joint_amplitude[:, 1], dash, color=zj.plot.BLUE, lw=2.5
         )
-        for i, colour in ((1, zj.plot.BLUE), (2, zj.plot.GREEN)):
+        for i, colour in ((1, zj.plot.BLUE), (2, zj.plot.ORANGE)):
             right.plot(along, moduli[:, i], dash, color=colour, lw=2)
     right.axhline(1, color="0.6", lw=1)
     right.plot([], color=zj.plot.BLUE, label="the largest beside 1")
-    right.plot([], color=zj.plot.GREEN, label="the next")
+    right.plot([], color=zj.plot.ORANGE, label="the next")
     middle.set(ylabel=r"largest $|\varphi_2 - \varphi_1|$ (rad)", ylim=(0, None))
-    right.set(ylabel=r"Floquet multipliers $|\mu|$", ylim=(0, 2.5))
+    right.set(ylabel="modulus of Floquet multipliers", ylim=(0, 2.5))
     for ax in (middle, right):
         ax.set_title(r"$\tau$ = 0.1: stable —, unstable - -", loc="left")
         ax.set_xlim(1.5, 2.7)
     for ax in (left, middle, right):
         ax.set_xlabel("load $q = Fl/k$")
         ax.spines[["top", "right"]].set_visible(False)
-    left.legend(loc="upper left", fontsize=11)
+    left.legend(loc="lower right", fontsize=10, frameon=True)
     right.legend(loc="upper right", fontsize=11)
     figure.tight_layout()
     style.save(figure, __file__)

@@ -6,7 +6,7 @@ import style
 
 import ziegler_jax as zj
 
-LOADS = np.linspace(1.2, 2.6, 43)
+LOADS, KICK = np.linspace(1.2, 2.6, 43), 0.2
 SCENES = ((0.02, 0.02), (0.04, 0.04), (0.06, 0.03))  # tau_s, tau_k
 WAYS = (("down", "v", zj.plot.BLUE), ("up", "^", zj.plot.VERMILLION))
 
@@ -15,7 +15,7 @@ def point(mu_s, ratio):
     return zj.sweep_up_down(
         lambda q: style.dry(q, mu_s, ratio * mu_s),
         LOADS,
-        kick=zj.State(omega=(0.0, 0.2)),
+        kick=zj.State(omega=(0.0, KICK)),
         windows=zj.Windows(agreement=1e-3),
         observers=(zj.StickFraction(),),
     )
@@ -43,6 +43,11 @@ def main():
     axes[0, 0].legend(title="load goes")
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
+    figure.suptitle(
+        "Set-valued friction, constant torques in both joints; at each load a kick "
+        rf"$\dot\varphi_2$ += {KICK} $\sqrt{{k/(m l^2)}}$",
+        fontsize=12,
+    )
     figure.tight_layout()
     style.save(figure, __file__)
 

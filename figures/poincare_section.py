@@ -34,19 +34,24 @@ def free(kick):
 
 def main():
     jax.config.update("jax_enable_x64", True)
-    _, axes = plt.subplots(1, 2, figsize=(8.3, 3.8), layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(8.3, 4.1), layout="constrained")
+    figure.suptitle(
+        r"Passages of the section $\varphi_1 = 0$, $\dot\varphi_1 > 0$", fontsize=11
+    )
     found = jax.jit(jax.vmap(chaotic))(np.array([0.3, 0.4, 0.5, 0.6]))
     axes[0].plot(
         np.ravel(found.phi[..., 1]), np.ravel(found.omega[..., 1]), "k.", ms=1.2
     )
-    axes[0].set_title(rf"$q = {Q}$, $\tau_s = {TAU_S}\,k$, $\tau_k = {TAU_K}\,k$")
+    axes[0].set_title(
+        rf"chaotic: $q = {Q}$, $\tau_s = {TAU_S}\,k$, $\tau_k = {TAU_K}\,k$"
+    )
     found = jax.jit(jax.vmap(free))(KICKS)
     colours = plt.colormaps["viridis"](np.linspace(0, 0.9, KICKS.size))
     for phi, omega, kick, colour in zip(
         found.phi, found.omega, KICKS, colours, strict=True
     ):
         axes[1].plot(phi[:, 1], omega[:, 1], ".", ms=2, color=colour, label=f"{kick:g}")
-    axes[1].set_title(f"$q = {Q_FREE}$, no friction")
+    axes[1].set_title(f"no friction, $q = {Q_FREE}$: a curve each start")
     axes[0].set_xticks([-0.110, -0.105, -0.100])
     axes[1].legend(
         title="kick $\\dot\\varphi_2$\n($\\sqrt{k/(m l^2)}$)",

@@ -53,6 +53,12 @@ def main():
     right.set(xscale="log", ylabel="order of convergence, $q \\geq 2$")
     right.set_xlabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
     right.axhline(1.0, color="0.6", lw=1)
+    figure.suptitle(
+        r"tanh law against set-valued friction, both joints "
+        rf"$\tau_s = \tau_k = {TAU}\,k$; kick $\dot\varphi_2(0)$ = "
+        rf"{KICK[1]} $\sqrt{{k/(m l^2)}}$",
+        fontsize=11,
+    )
     style.save(figure, __file__)
     print(np.c_[between, middle], int(wrong.sum()), "wrong verdicts of", wrong.size)
 

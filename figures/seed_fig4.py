@@ -34,9 +34,9 @@ def main():
             panels, shown, f"$R = {radius:g}$ m, kick {kick_si:.2g} rad/s"
         )
         cycle = style.UNITS.restore(style.part(motion, late, np.inf))
-        orange = {"color": zj.plot.ORANGE, "lw": 1.6, "zorder": 4}
+        black = {"color": "black", "lw": 1.6, "zorder": 4}
         phase.plot(cycle.phi[:, 0], cycle.omega[:, 0], **orange)
-        phase.plot(cycle.phi[:, 1], cycle.omega[:, 1], label="settled", **orange)
+        phase.plot(cycle.phi[:, 1], cycle.omega[:, 1], label="settled", **black)
         rate = np.asarray(shown.omega[:, 1] - shown.omega[:, 0])
         history.fill_between(
             style.seconds(np.asarray(shown.ts)),

@@ -79,7 +79,7 @@ def draw(axes, motion, title):
     other = history.secondary_xaxis(
         "top", functions=(lambda s: s * scale, lambda s: s / scale)
     )
-    other.set_xlabel("the paper's time")
+    other.set_xlabel(r"the paper's time, $\sqrt{2}\,t\,/\sqrt{m l^2/k}$ (–)")
     phase.ticklabel_format(scilimits=(-2, 3), useMathText=True)
     for panel, width in ((history, 0.8), (phase, 0.5)):
         for line, depth in zip(panel.lines, (3, 2), strict=True):

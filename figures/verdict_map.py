@@ -11,7 +11,7 @@ import style
 import ziegler_jax as zj
 from ziegler_jax import VERDICT
 
-POINTS = 64
+POINTS, KICK = 64, 0.3
 # cycles by their passages of phi1 = 0 a period: dark to light; then the other verdicts
 BLUES = plt.get_cmap("Blues")
 KINDS = {
@@ -20,8 +20,8 @@ KINDS = {
     "cycle of 2": BLUES(0.7),
     "cycle of 3": BLUES(0.5),
     "cycle of 4 to 16": BLUES(0.25),
-    "cycle of more, or slow": "white",
-    "quasi-periodic": zj.plot.YELLOW,
+    "cycle of more, or slow": BLUES(0.1),
+    "quasi-periodic": zj.plot.ORANGE,
     "chaotic": zj.plot.VERMILLION,
     "undecided": "0.5",
 }
@@ -30,7 +30,7 @@ KINDS = {
 def point(q, mu_k):
     friction = zj.SetValuedCoulomb(4 * mu_k, mu_k, pin_radius=0.1)
     column = zj.uniform_rods(q, friction=friction)
-    return zj.verdict(column, zj.State(omega=(0.0, 0.3)), spans=zj.Spans(escape=60.0))
+    return zj.verdict(column, zj.State(omega=(0.0, KICK)), spans=zj.Spans(escape=60.0))
 
 
 def main():
@@ -53,7 +53,12 @@ def main():
     handles = ax.get_legend().legend_handles
     ax.legend(handles=handles, loc="center left", bbox_to_anchor=(1, 0.5))
     ax.set(xlabel="follower load $q = F l/k$", ylabel=r"kinetic friction $\mu_k$")
-    ax.set_title(r"$\mu_s = 4\mu_k$, $R_{pin}/l = 0.1$, $N = q$", loc="left")
+    ax.set_title(
+        r"set-valued friction, $\mu_s = 4\mu_k$, $R_{pin}/l = 0.1$, $N = q$; "
+        rf"kick $\dot\varphi_2(0) = {KICK}\sqrt{{k/(m l^2)}}$",
+        loc="left",
+        fontsize=10,
+    )
     style.save(figure, __file__)
     for name in ("compile_seconds", "run_seconds", "points"):
         print(name, ds.attrs[name])

@@ -27,6 +27,7 @@ ROOMS += [
     {"maps"},
     {"units"},
     {"plot"},
+    {"accessor"},
     {"__init__"},
     {"__main__"},
 ]

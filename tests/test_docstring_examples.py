@@ -62,6 +62,27 @@ def small_map():
     return zj.sweep(point, q=[1.0, 2.0, 3.0], mu_s=mu, mu_k=mu, progress=False)
 
 
+def both_ways():
+    law = zj.SetValuedCoulomb(0.02, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+    return zj.sweep_up_down(
+        lambda q: zj.uniform_rods(q, friction=law), [1.4, 2.0], kick=KICK
+    )
+
+
+def cycles():
+    """A branch of two points, the second unstable; the fold is between them."""
+    nan, zeros = np.full(1, np.nan), np.zeros((2, 2))
+    about = {"parameter": np.array([1.6, 1.5]), "phi": zeros, "omega": zeros}
+    about |= {"period": np.ones(2), "rod_amplitude": zeros, "joint_amplitude": zeros}
+    growth = np.stack([np.diag([1, f, 0.1, 0.1]) for f in (0.5, 2.0)])
+    points = zj.CyclePoints(**about, monodromy=growth, kind=np.zeros(2, int))
+    special = {name: np.repeat(nan, 1) for name in ("parameter", "period")}
+    pairs = ("phi", "omega", "rod_amplitude", "joint_amplitude")
+    special |= {name: np.full((1, 2), np.nan) for name in pairs}
+    special = zj.CyclePoints(**special, monodromy=growth[:1], kind=np.ones(1, int))
+    return zj.Branch(points, special, 2, zj.ORBIT.found, 10, ())
+
+
 def run(name, **given):
     names = {"zj": zj, "np": np, "jnp": jnp, **given}
     exec(compile(BLOCKS[name], name, "exec"), names)  # noqa: S102
@@ -79,8 +100,13 @@ def of_a_variable(names):
 
 
 def of_units(names):
-    assert names["end"].period.attrs["units"] == "s"
+    assert names["end"].time.attrs["units"] == "s"
     assert float(names["motion"].ts[-1]) == pytest.approx(3.0)
+
+
+def of_a_cell(names):
+    assert np.isfinite(names["section"].times).all()
+    assert float(names["column"].friction.mu_s) == 0.1
 
 
 def of_a_kick(names):
@@ -120,10 +146,19 @@ CASES = {
     "sweep/sweep.py 1": ({"xr": xr}, of_samples),
     "maps/merge.py 0": ({}, of_a_union),
     "maps/refine.py 0": ({}, of_a_boundary),
+    "maps/scene.py 0": ({}, of_a_cell),
+    "maps/scene.py 1": ({}, None),
     "results.py 0": ({}, of_a_variable),
-    "units.py 0": ({"ts": np.linspace(0, 3, 7)}, of_units),
+    "units/si.py 0": ({"ts": np.linspace(0, 3, 7)}, of_units),
     "plot/maps.py 0": ({"ds": small_map}, None),
     "plot/maps.py 1": ({"ds": small_map}, None),
+    "plot/maps.py 2": ({"both": both_ways, "branch": cycles}, None),
+    "plot/branches.py 0": ({"cycles": cycles}, None),
+    "plot/sections.py 0": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
+    "plot/sections.py 1": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
+    "plot/animation.py 0": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
+    "plot/explore.py 0": ({"ds": small_map}, None),
+    "accessor.py 0": ({"ds": small_map}, None),
     "analysis/onset.py 0": ({}, of_a_kick),
     "motion/stiffness.py 0": (
         {
@@ -165,9 +200,10 @@ def test_no_block_is_left_out():
     ],
 )
 @pytest.mark.usefixtures("unoptimised")
-def test_a_block_runs_as_it_stands(name):
+def test_a_block_runs_as_it_stands(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     given, check = CASES[name]
-    made = ("ds", "settled")
+    made = ("ds", "settled", "both", "branch", "cycles")
     names = run(name, **{k: v() if k in made else v for k, v in given.items()})
     if check is not None:
         assert check(names) in (None, True)

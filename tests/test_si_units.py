@@ -107,7 +107,7 @@ def test_lanes_of_a_result_are_dimensions_after_restoring():
     found = load(np.array([0.5, 1.0]))
     si = UNITS.restore(found)
     assert si.q_cr.dims == ("lane_1",)
-    np.testing.assert_array_equal(si.q_cr, found.q_cr)
+    np.testing.assert_array_equal(si.q_cr, found.q_cr * UNITS.force)
 
 
 def test_masses_are_in_kilograms_and_lengths_in_metres():
@@ -213,3 +213,54 @@ def joint(**changes):
 def test_misuse_is_named(misuse, sentence):
     with pytest.raises(ValueError, match=sentence):
         misuse()
+
+
+def test_laws_starts_and_bounds_in_si_are_those_of_the_equations_in_si():
+    """A pin radius in m, damping in N m s/rad, rates in rad/s, windows in s."""
+    m, l, k, force = 0.1, 0.2, 0.5, 6.5  # noqa: E741
+    units = zj.SI(m, l, k)
+    c, radius, mu, v = 2e-4, 0.004, 0.15, 0.3
+
+    def direct(t, y):
+        slope = newtons(t, y, m, l, k, force)
+        joints = y[2], y[3] - y[2]
+        one, two = (
+            mu * radius * force * np.tanh(u / v) + c * u for u in joints
+        )  # N m: both pins carry F
+        s = np.cos(y[0] - y[1])
+        inertia = m * l**2 * np.array([[4 / 3, s / 2], [s / 2, 1 / 3]])
+        more = np.linalg.solve(inertia, [-one + two, -two])
+        return [*slope[:2], *(slope[2:] + more)]
+
+    seconds = np.linspace(0, 2, 21)
+    truth = solve_ivp(
+        direct, (0, 2), (0, 0, 0, 2.0), "DOP853", seconds, rtol=1e-11, atol=1e-12
+    )
+    friction = units.smooth_coulomb(mu, pin_radius=radius, v_smooth=v)
+    column = units.uniform_rods(force, friction=friction, damping=units.viscous(c, c))
+    motion = units.restore(
+        zj.trajectory(column, units.state(omega=(0, 2.0)), seconds / units.time)
+    )
+    # worst cases 1.3e-8, 1.5e-7: the motion's own tolerance
+    np.testing.assert_allclose(motion.phi, truth.y[:2].T, atol=1e-7)
+    np.testing.assert_allclose(motion.omega, truth.y[2:].T, atol=1e-6)
+    windows = units.windows(transient=4.0, rate_cut=0.1, max_windows=3)
+    assert windows.transient * units.time == pytest.approx(4.0, rel=1e-15)
+    assert windows.rate_cut == pytest.approx(0.1 * units.time, rel=1e-15)
+    dry = units.set_valued_coulomb(mu, pin_radius=(radius, 2 * radius))
+    assert dry.pin_radius == (radius / l, 2 * radius / l)
+    assert units.constant_load(5.0).n == pytest.approx(5.0 * l / k, rel=1e-15)
+
+
+def test_loads_come_back_in_newtons_also_in_a_sweep():
+    def point(q, kappa):
+        return zj.critical_load(zj.uniform_rods(q, kappa=kappa))
+
+    ds = zj.sweep(point, q=[1.0, 2.0], kappa=[1.0, 3.0], progress=False)
+    si = UNITS.restore(ds)
+    newton = 4.0 / 0.7
+    np.testing.assert_allclose(si.q, newton * ds.q, rtol=1e-14)
+    np.testing.assert_allclose(si.q_cr.values, newton * ds.q_cr.values, rtol=1e-14)
+    assert si.q.attrs["units"] == si.q_cr.attrs["units"] == "N"
+    assert si.q.attrs["symbol"] == "$F$"
+    assert si.q_cr.attrs["long_name"] == "critical load"

@@ -2,6 +2,7 @@
 
 from importlib import metadata
 
+from .accessor import Accessor as _Accessor  # noqa: F401, `ds.zj`
 from .analysis.branch_point import Arc
 from .analysis.classify import Verdict, verdict
 from .analysis.continuation import (
@@ -29,6 +30,7 @@ from .linear.spectrum import (
 from .linear.stabilise import stabilise
 from .maps.merge import merge
 from .maps.refine import refine
+from .maps.scene import motion, scene
 from .maps.study import Fineness
 from .model.column import (
     Column,
@@ -79,7 +81,7 @@ from .sweep.lanes import Lanes
 from .sweep.store import Store, open_sweep
 from .sweep.sweep import sweep
 from .sweep.work_precision import work_precision
-from .units import SI
+from .units.si import SI
 
 __version__ = metadata.version("ziegler_jax")
 
@@ -150,8 +152,9 @@ __all__ = [
     "flutter_onset",
     "is_stiff",
     "linearise",
-    "merge",
     "lyapunov_exponents",
+    "merge",
+    "motion",
     "open_sweep",
     "periodic_orbit",
     "poincare",
@@ -161,6 +164,7 @@ __all__ = [
     "refine",
     "regime",
     "regularisation_error",
+    "scene",
     "sensitivity",
     "settle",
     "spectral_abscissa",

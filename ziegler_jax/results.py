@@ -347,6 +347,7 @@ DIMENSIONS = {"rod": (1, 2), "joint": (1, 2)}
 # Names that scenes give their axes: meaning, units, symbol.
 AXES = {
     "q": ("follower load F l/k", "1", "$q$"),
+    "F": ("follower load", "N", "$F$"),
     "mu_s": ("static friction coefficient", "1", r"$\mu_s$"),
     "mu_k": ("kinetic friction coefficient", "1", r"$\mu_k$"),
     "mu": ("friction coefficient", "1", r"$\mu$"),

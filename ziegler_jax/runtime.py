@@ -136,6 +136,24 @@ def held_interrupts() -> Iterator[None]:
             raise KeyboardInterrupt
 
 
+@contextmanager
+def quiet_compiler() -> Iterator[None]:
+    """Compile without XLA's log: its alarm of a slow compilation is no error.
+
+    What does go wrong is raised. Afterwards the log says again what JAX had it say.
+    """
+    try:
+        from jaxlib.utils import absl_set_min_log_level as least
+    except ImportError:  # not public: then it is heard
+        yield
+        return
+    least(3)
+    try:
+        yield
+    finally:
+        least(int(os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1")))
+
+
 def own_flags() -> AbstractContextManager[ExitStack | None]:
     """A context without JAX's debugging flags; nothing where none is set.
 

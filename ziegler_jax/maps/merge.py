@@ -11,7 +11,7 @@ from ..numerics.numbers import instance
 SUMS = ("points", "points_done", "compile_seconds", "run_seconds", "canary_checks")
 SUMS += ("canary_mismatches",)
 OF_A_RUN = {"points_per_second", "useful_step_fraction", "threads", "batch_size"}
-OF_A_RUN |= {"blocks", "blocks_done"}
+OF_A_RUN |= {"blocks", "blocks_done", "scene_function"}  # where its code was
 LABELS = ("long_name", "units", "symbol", "flag_values", "flag_meanings", "comment")
 
 
@@ -172,4 +172,5 @@ def _attributes(sweeps: tuple[xr.Dataset, ...]) -> dict[str, object]:
         for key in SUMS
         if all(key in ds.attrs for ds in sweeps)
     }
-    return _of_the_scene(sweeps[0]) | sums
+    code = {k: v for k, v in sweeps[0].attrs.items() if k == "scene_function"}
+    return _of_the_scene(sweeps[0]) | code | sums

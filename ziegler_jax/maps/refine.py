@@ -10,6 +10,7 @@ from ..numerics.numbers import instance
 from ..results import labels as attributes_of
 from ..sweep.axes import Returned, check_signature
 from ..sweep.lanes import Lanes
+from ..sweep.progress import shown, stream
 from .cells import exponent
 from .lines import Line
 from .sampler import Sampler
@@ -92,7 +93,7 @@ def refine(
         )
     sampler = Sampler(point, tuple(axes), lanes)
     study = Study(coarse, axes, names, sampler, fineness)
-    with tqdm(unit="point", disable=None if progress is None else not progress) as bar:
+    with tqdm(file=stream(), unit="point", disable=not shown(progress)) as bar:
         study.tell = lambda count, _: bar.update(count)
         study.check()
         complete = study.grow(study.unlike())

@@ -1,11 +1,15 @@
-"""Pictures of sweeps, motions and linear results.
+"""Pictures of sweeps, motions, cycles and linear results.
 
 Matplotlib is imported with this room only, on the first use of `ziegler_jax.plot`.
 """
 
+from .animation import animate
+from .branches import branch
+from .explore import explore
 from .linear import sensitivity
-from .maps import bifurcation_diagram, map
+from .maps import bifurcation_diagram, map, up_down
 from .motions import time_history
+from .sections import section, spectrum
 from .style import (
     BLUE,
     GREEN,
@@ -35,9 +39,15 @@ __all__ = [
     "SKY",
     "VERMILLION",
     "YELLOW",
+    "animate",
     "bifurcation_diagram",
+    "branch",
+    "explore",
     "map",
+    "section",
     "sensitivity",
+    "spectrum",
     "time_history",
+    "up_down",
     "work_precision",
 ]

@@ -18,7 +18,7 @@ from .maps import map as draw_map
 from .style import BLUE, GREEN, VERMILLION
 
 Q_CRITICAL = (18 - 2 * 7**0.5) / 5  # undamped and without friction
-LEFT, RIGHT, TOP = 1.0, 3.5, 0.4  # of the last panel; of all
+TOP = 0.4
 Onset = tuple[np.ndarray, np.ndarray]  # from the last stuck q to the first cycle's
 
 
@@ -31,7 +31,7 @@ def draw_sections(
     """Draw sections of the map over (q, mu_s), and their flutter onsets, to a file."""
     with plt.rc_context({"font.size": 9.5, "hatch.linewidth": 0.6}):
         figure, axes = plt.subplots(
-            2, 2, figsize=(8.5, 6.6), sharey=True, layout="constrained"
+            2, 2, figsize=(8.5, 6.6), sharex=True, sharey=True, layout="constrained"
         )
         _draw_maps(figure, axes.flat[:3], planes, titles)
         _draw_onset(axes[1, 1], planes, titles, onsets)
@@ -89,31 +89,21 @@ def _draw_onset(
     titles: Sequence[str],
     onsets: Sequence[Onset],
 ) -> None:
-    colours = (BLUE, VERMILLION, GREEN)
-    rows = zip(planes, titles, onsets, colours, strict=True)
-    for plane, title, (low, high), colour in rows:
+    colours, dashes = (BLUE, VERMILLION, GREEN), ("-", (0, (4, 1.5)), (0, (1, 1)))
+    rows = zip(planes, titles, onsets, colours, dashes, strict=True)
+    for plane, title, (low, high), colour, dash in rows:
         mu = plane["mu_s"].values
-        # an edge is upright within a row of the grid, and not joined to the next
+        # upright within a row of the grid, and level between two of them
         edges = np.concatenate([mu[:1], (mu[:-1] + mu[1:]) / 2, mu[-1:]])
-        lines = {"ymin": edges[:-1], "ymax": edges[1:], "color": colour}
-        ax.barh(
-            edges[:-1],
-            high - low,
-            np.diff(edges),
-            low,
-            align="edge",
-            color=colour,
-            alpha=0.15,
-            lw=0,
-        )
-        ax.vlines(low, lw=1, **lines)
-        ax.vlines(high, lw=2.5, label=title, **lines)
+        up = np.stack([edges[:-1], edges[1:]], axis=1).ravel()
+        last, first = (np.repeat(x, 2) for x in (low, high))
+        ax.fill_betweenx(up, last, first, color=colour, alpha=0.15, lw=0)
+        ax.plot(first, up, color=colour, linestyle=dash, lw=2, label=title)
     _mark_critical(ax, "black")
-    ax.set_xlim(LEFT, RIGHT)
-    ax.set_title(r"flutter onset $q_{on}$: from last stuck to first cycle")
+    ax.set_title("flutter onset: the first load with a cycle")
     handles, _ = ax.get_legend_handles_labels()
-    handles.append(Patch(facecolor="0.75", label="unsettled"))
-    ax.legend(handles=handles, loc="center right", frameon=False, handlelength=1)
+    handles.append(Patch(facecolor="0.85", label="above the last stuck load"))
+    ax.legend(handles=handles, loc="center right", framealpha=1, edgecolor="white")
 
 
 def _mark_critical(ax: Axes, colour: str) -> None:

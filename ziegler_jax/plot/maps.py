@@ -5,7 +5,6 @@ failed ones are hatched, and rest has a colour of its own. Axes take their names
 symbols and units from the dataset.
 """
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,12 +18,13 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 from matplotlib.typing import ColorType
 
-from ..numerics.numbers import choice
+from ..analysis.continuation import Branch
+from ..analysis.hysteresis import UpDownSweep
 from ..results import OUTCOME
+from .branches import branch_dataset, draw_branch, of_dims, second
 from .style import (
     AT_REST,
     BLUE,
-    CODE_COLOURS,
     FAILED_COLOUR,
     FAILED_HATCH,
     GREY,
@@ -32,7 +32,10 @@ from .style import (
     REST_COLOUR,
     UNSETTLED_HATCH,
     VERMILLION,
-    unit_label,
+    code_colours,
+    flags_of,
+    in_lines,
+    label_of,
 )
 
 Edges = tuple[np.ndarray, np.ndarray]  # of the cells, along x and y
@@ -80,7 +83,7 @@ def map(
     the dataset does not have, for dimensions left over, for values that a logarithmic
     axis does not have, and for colours of codes where there are none, or the reverse.
     """
-    chosen = _variable(dataset, variable, {"x": x, "y": y})
+    chosen = of_dims(dataset, variable, {"x": x, "y": y})
     flags = "flag_values" in chosen.attrs
     misplaced = {"cmap", "norm", "vmin", "vmax"} & set(style) if flags else colours
     if misplaced:
@@ -108,11 +111,12 @@ def map(
         mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(numbers), **style)
         mesh.set_rasterized(True)
         if colorbar:
-            plt.colorbar(mesh, ax=ax, label=_label(values))
+            plt.colorbar(mesh, ax=ax, label=in_lines(label_of(values)))
         if outcome is not None:
             handles = _outcomes(ax, edges, outcome)
     _boundaries(ax, dataset, x, y)
-    ax.set(xlabel=_label(dataset[x]), ylabel=_label(dataset[y]))
+    ax.set(xlabel=in_lines(label_of(dataset[x])))
+    ax.set(ylabel=in_lines(label_of(dataset[y])))
     if legend and handles:
         # beside the plane, not on its data
         ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=4)
@@ -167,10 +171,10 @@ def bifurcation_diagram(
     """
     ways = [str(way) for way in dataset["branch"].values] if _goes_ways(dataset) else []
     parts = [dataset.sel(branch=way) for way in ways] or [dataset]
-    values = [_variable(part, variable, {"along": along}) for part in parts]
+    values = [of_dims(part, variable, {"along": along}) for part in parts]
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     if branch is not None:
-        _branch(ax, branch, variable)
+        draw_branch(ax, branch, variable)
     for way, part, of_it in zip(ways or [""], parts, values, strict=True):
         places, numbers = np.asarray(dataset[along]), np.asarray(of_it, dtype=float)
         if _has_motions(part):
@@ -179,8 +183,50 @@ def bifurcation_diagram(
             ax.plot(places, numbers, "o", color=BLUE, markersize=3)
     if ax.get_legend_handles_labels()[0]:
         ax.legend()
-    ax.set(xlabel=_label(dataset[along]), ylabel=_label(values[0]))
+    ax.set(xlabel=label_of(dataset[along]), ylabel=in_lines(label_of(values[0])))
     return ax
+
+
+def up_down(
+    motions: UpDownSweep | xr.Dataset,
+    variable: str = "joint_amplitude",
+    *,
+    branch: Branch | xr.Dataset | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw a hysteresis: what the column settles to on the way up and on the way down.
+
+    ```python
+    zj.plot.up_down(both, branch=branch)
+    ```
+
+    Triangles point the way that the load went.
+
+    **Arguments:**
+
+    - `motions`: of `sweep_up_down`, or a dataset of it: of a sweep, reduced to one
+        place by `sel`.
+    - `variable`: what is drawn, of joint 2 or rod 2 where it has one a joint or rod and
+        none was chosen.
+    - `branch`: of `continue_cycle`: a line between, see `branch`.
+    - `ax`: where to draw, None opens a figure.
+
+    **Returns:** the axes.
+
+    **Raises:** `ValueError` for what is no such result, and as `bifurcation_diagram`.
+    """
+    dataset = motions.to_dataset() if isinstance(motions, UpDownSweep) else motions
+    if not _goes_ways(dataset):
+        raise ValueError(
+            "Argument `motions` must be of `sweep_up_down`, with the ways of the load "
+            f"along `branch`, but is {type(motions).__name__}."
+        )
+    if branch is not None:
+        branch = second(branch_dataset(branch))
+    dataset = second(dataset)
+    dims = [d for d in of_dims(dataset, variable).dims if d != "branch"]
+    along = str(dims[0]) if dims else "branch"
+    return bifurcation_diagram(dataset, variable, along, branch=branch, ax=ax)
 
 
 WAYS = {"up": "^", "down": "v"}
@@ -221,63 +267,6 @@ def _motions(
             clip_on=False,
             label=before + "failed",
         )
-
-
-def _branch(ax: Axes, branch: xr.Dataset, variable: str) -> None:
-    """A branch of cycles, solid where they attract."""
-    for name in ("parameter", "stable"):
-        if not isinstance(branch, xr.Dataset) or name not in branch:
-            raise ValueError(
-                "Argument `branch` must be the dataset of a branch of cycles, with "
-                f"`{name}`, but is {type(branch).__name__}."
-            )
-    values = np.asarray(_variable(branch, variable, {"branch": "point"}), float)
-    parameter = np.asarray(branch["parameter"], float)
-    stable = np.asarray(branch["stable"], float) == 1
-    there = np.flatnonzero(np.isfinite(values[:-1]) & np.isfinite(values[1:]))
-    for attracts, line, text in ((True, "-", "attracts"), (False, "--", "does not")):
-        # a stretch has the look of the point at its beginning, and reaches the next
-        begins = there[stable[there] == attracts]
-        if not begins.size:
-            continue
-        gap, xy = np.full((1, 2), np.nan), []
-        for part in np.split(begins, np.flatnonzero(np.diff(begins) > 1) + 1):
-            run = slice(part[0], part[-1] + 2)
-            xy += [np.stack([parameter[run], values[run]], -1), gap]
-        label = f"branch: {text}"
-        shown = np.concatenate(xy[:-1]).T
-        ax.plot(*shown, line, color="0.35", linewidth=1.2, label=label)
-
-
-def _variable(dataset: xr.Dataset, variable: str, dims: dict[str, str]) -> xr.DataArray:
-    """The variable, if it spans these dimensions and no others."""
-    if not isinstance(dataset, xr.Dataset):
-        raise ValueError(
-            "Argument `dataset` must be an `xarray.Dataset`, but is "
-            f"{type(dataset).__name__}."
-        )
-    if variable not in dataset.data_vars:
-        choice("variable", variable, [str(name) for name in dataset.data_vars])
-    values = dataset[variable]
-    for argument, dim in dims.items():
-        if dim not in values.dims:
-            raise ValueError(
-                f"Argument `{argument}` must be a dimension of `{variable}`, which has "
-                f"{', '.join(str(d) for d in values.dims) or 'none'}, but is {dim!r}."
-            )
-    names = list(dims.values())
-    if len(set(names)) < len(names):
-        raise ValueError(
-            f"Arguments `x` and `y` must differ, but both are {names[0]!r}."
-        )
-    spare = [str(dim) for dim in values.dims if dim not in names]
-    if spare:
-        raise ValueError(
-            f"Argument `dataset` must have no dimension but {', '.join(names)} in "
-            f"`{variable}`, but has {', '.join(spare)}; choose with "
-            f"`dataset.sel({spare[0]}=...)`."
-        )
-    return values
 
 
 def _has_motions(dataset: xr.Dataset) -> bool:
@@ -359,12 +348,11 @@ def _codes(
 ) -> list[Patch]:
     """One colour a code of a CF flag variable, blank where nothing was computed."""
     codes = np.asarray(values)
-    flags = np.atleast_1d(values.attrs["flag_values"])
-    names = str(values.attrs["flag_meanings"]).split()
-    usual = zip(flags, CODE_COLOURS, strict=False)
-    chosen = {int(flag): colour for flag, colour in usual} | dict(colours)
-    cmap = ListedColormap([chosen[int(flag)] for flag in flags])
-    norm = BoundaryNorm([*(flags - 0.5), flags[-1] + 0.5], len(flags))
+    flags, names = flags_of(values)
+    usual = dict(zip(flags, code_colours(names), strict=True))
+    chosen: dict[int, ColorType] = {**usual, **colours}
+    cmap = ListedColormap([chosen[flag] for flag in flags])
+    norm = BoundaryNorm([*(f - 0.5 for f in flags), flags[-1] + 0.5], len(flags))
     shown = np.ma.masked_equal(codes, OUTCOME.not_computed)
     mesh = ax.pcolormesh(*edges, shown, cmap=cmap, norm=norm, **style)
     mesh.set_rasterized(True)
@@ -373,18 +361,3 @@ def _codes(
         for flag, name in zip(flags, names, strict=True)
         if flag != OUTCOME.not_computed and (codes == flag).any()
     ]
-
-
-def _label(values: xr.DataArray) -> str:
-    """Meaning, symbol and units; of one rod or joint, which."""
-    name = str(values.name)
-    text = str(values.attrs.get("long_name", name))
-    for dim in ("rod", "joint"):
-        if dim in values.coords and dim not in values.dims:
-            number = int(values.coords[dim])
-            text = re.sub(rf"(?:the )?\b{dim}\b", f"{dim} {number}", text)
-    symbol = str(values.attrs.get("symbol", name))
-    if symbol != name and name in values.dims:
-        text = f"{text}, {symbol}"
-    units = str(values.attrs.get("units", ""))
-    return f"{text} ({unit_label(units)})" if units else text

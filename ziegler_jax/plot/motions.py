@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ..motion.trajectory import Trajectory
 from ..results import OUTCOME
-from ..units import SI
+from ..units.si import SI
 from .style import PHI1, PHI2, unit_label
 
 

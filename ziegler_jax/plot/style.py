@@ -1,6 +1,10 @@
 """Colours, hatches and units that all pictures share."""
 
 import re
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
 
 from ..results import OUTCOME
 
@@ -15,12 +19,34 @@ PHI1, PHI2 = "navy", "red"
 
 AT_REST = (OUTCOME.stuck, OUTCOME.rest)
 REST_COLOUR, FAILED_COLOUR = "#E8DCC8", "#F2F2F2"
+VIOLET = "#4B2E83"
 FAILED_HATCH, UNSETTLED_HATCH = "////", "...."
-# in the order of OUTCOME: failures, unsettled, stuck and rest, cycle and complete
-CODE_COLOURS = (
-    ("#FFFFFF", "#000000", "#7F7F7F", PURPLE, YELLOW, GREEN, VERMILLION)
-    + (ORANGE, REST_COLOUR, "#F6EFE2", BLUE, SKY)
-)  # fmt: skip
+# Of codes, by their names: one colour in the whole package. Those of one map are at
+# least 10 apart (CIE 1976) for normal eyes and for three kinds of colour-blind ones.
+COLOUR_OF = {
+    "not_computed": "#FFFFFF",
+    "invalid": "#000000",
+    "not_finite": "#5A5A5A",
+    "step_vanished": PURPLE,
+    "budget_spent": YELLOW,
+    "chattering": GREEN,
+    "escaped": VIOLET,
+    "unsettled": ORANGE,
+    "stuck": REST_COLOUR,
+    "rest": "#C9B58F",
+    "cycle": BLUE,
+    "complete": SKY,
+    "failed": "#5A5A5A",
+    "undecided": "#9A9A9A",
+    "conservative": SKY,
+    "quasi_periodic": ORANGE,
+    "chaotic": VERMILLION,
+    "stable": PALE_BLUE,
+    "marginal": SKY,
+    "flutter": VERMILLION,
+    "divergence": VIOLET,
+}
+OTHERS = (SKY, ORANGE, BLUE, VERMILLION, GREEN, PURPLE, VIOLET, YELLOW, "#7F7F7F")
 MARKERS = {
     OUTCOME.cycle: ("o", BLUE),
     OUTCOME.complete: ("o", BLUE),
@@ -37,3 +63,47 @@ def unit_label(units: str) -> str:
     if "sqrt" not in units:
         return units
     return "$" + re.sub(r"sqrt\((.*)\)", r"\\sqrt{\1}", units) + "$"
+
+
+def code_colours(names: Sequence[str]) -> list[str]:
+    """The colours of the codes of one family, by their names; no two alike."""
+    known = [COLOUR_OF.get(name) for name in names]
+    spare = iter(colour for colour in OTHERS if colour not in known)
+    return [colour or next(spare, GREY) for colour in known]
+
+
+def flags_of(values: xr.DataArray) -> tuple[list[int], list[str]]:
+    """The codes of a flag variable, and their names."""
+    codes = np.atleast_1d(values.attrs["flag_values"])
+    return [int(c) for c in codes], str(values.attrs["flag_meanings"]).split()
+
+
+def label_of(values: xr.DataArray) -> str:
+    """Meaning, symbol and units; of one rod or joint, which."""
+    name = str(values.name)
+    text = str(values.attrs.get("long_name", name))
+    for dim in ("rod", "joint"):
+        if dim in values.coords and dim not in values.dims:
+            number = int(values.coords[dim])
+            text = re.sub(rf"(?:the )?\b{dim}\b", f"{dim} {number}", text)
+    symbol = str(values.attrs.get("symbol", name))
+    if symbol != name and name in values.dims:
+        text = f"{text}, {symbol}"
+    units = str(values.attrs.get("units", ""))
+    return f"{text} ({unit_label(units)})" if units else text
+
+
+LINE = 44  # letters of a label: what an axis of the usual height has room for
+
+
+def in_lines(label: str) -> str:
+    """A label that fits beside an axis; formulas are not parted."""
+    words = re.findall(r"(?:\$[^$]*\$|\S)+", label)
+    lines = [""]
+    for word in words:
+        longer = f"{lines[-1]} {word}".strip()
+        if len(longer) > LINE and lines[-1]:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return "\n".join(lines)

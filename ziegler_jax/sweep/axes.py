@@ -21,6 +21,7 @@ _OF_LANES = {
 Number = jax.typing.ArrayLike | Variable
 Entry = Number | AbstractResult
 Returned = Entry | Mapping[str, Entry]
+AXIS_LABELS = ("long_name", "units", "symbol")
 LONGEST_NAME = 60  # characters: a file system allows names of 255 bytes
 
 
@@ -59,6 +60,26 @@ def checked_axes(
         dim: _records(dim, mates) if len(mates) > 1 else _values(*mates.popitem())
         for dim, mates in _by_dimension(given).items()
     }
+
+
+def own_labels(given: Mapping[str, ArrayLike]) -> dict[str, dict[str, str]]:
+    """What DataArrays say of the axes that they are: name, unit and symbol.
+
+    **Raises:** `ValueError` for what is no text.
+    """
+    labels: dict[str, dict[str, str]] = {}
+    for name, values in given.items():
+        if not isinstance(values, xr.DataArray):
+            continue
+        about = {k: v for k, v in values.attrs.items() if k in AXIS_LABELS}
+        for key, text in about.items():
+            if not isinstance(text, str) or not text:
+                raise ValueError(
+                    f"Attribute `{key}` of axis `{name}` must be a text, but is "
+                    f"{text!r}."
+                )
+        labels[name] = {str(key): text for key, text in about.items()}
+    return labels
 
 
 def parameters(grid: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -27,7 +27,13 @@ from jax.stages import Lowered
 
 from ..context import Cuts, may_cut, of_its_own, within
 from ..results import DIMENSIONS, Variable
-from ..runtime import all_cores, compiles_whole_loops, held_interrupts, own_flags
+from ..runtime import (
+    all_cores,
+    compiles_whole_loops,
+    held_interrupts,
+    own_flags,
+    quiet_compiler,
+)
 from .axes import Returned, empty, labelled
 from .stages import Packing, Stage, stages
 
@@ -270,7 +276,8 @@ def compiled(scene: Scene) -> Program:
     started = time.perf_counter()
     keys = [(d, s.callbacks) for d, s in zip(scene.digests, scene.stages, strict=True)]
     unlike = dict(zip(keys, scene.stages, strict=True))
-    with ThreadPoolExecutor(min(len(unlike), all_cores())) as pool:
+    pool = ThreadPoolExecutor(min(len(unlike), all_cores()))
+    with pool, quiet_compiler():
         done = pool.map(_compiled, unlike.values(), unlike, repeat(scene.wide))
         made = dict(zip(unlike, done, strict=True))
     runs = [made[key] for key in keys]

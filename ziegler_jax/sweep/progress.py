@@ -2,13 +2,67 @@
 
 import json
 import os
+import sys
 import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TextIO
 
 import numpy as np
 from tqdm import tqdm
 
 from .partition import Block, Tally
+
+TICK = 0.5  # seconds
+
+
+def stream() -> TextIO:
+    """Where a bar goes: a notebook shows what goes to stderr as if it were wrong."""
+    return sys.stdout if in_notebook() else sys.stderr
+
+
+def shown(show: bool | None) -> bool:
+    """Whether the bar is shown: by default on a terminal and in a notebook."""
+    if show is not None:
+        return show
+    return in_notebook() or (sys.stderr is not None and sys.stderr.isatty())
+
+
+def in_notebook() -> bool:
+    """Whether a notebook's kernel runs this process."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return type(shell).__name__ == "ZMQInteractiveShell"
+
+
+@contextmanager
+def announced(bar: tqdm, what: str) -> Iterator[None]:
+    """Say what is being waited for, and for how many seconds, in front of a bar."""
+    began, over = time.perf_counter(), threading.Event()
+
+    def tick() -> None:
+        while not over.wait(TICK):
+            seconds = time.perf_counter() - began
+            bar.set_description_str(f"{what}, {seconds:.0f} s")
+
+    ticks = threading.Thread(target=tick, daemon=True)
+    if not bar.disable:
+        ticks.start()
+    try:
+        yield
+    finally:
+        over.set()
+        if not bar.disable:
+            ticks.join()
+            bar.set_description_str("")
+
+
+@contextmanager
+def tracing(show: bool | None) -> Iterator[None]:
+    """Say that a scene is traced, before there is a bar of its points."""
+    bar = tqdm(file=stream(), bar_format="{desc}", leave=False, disable=not shown(show))
+    with bar, announced(bar, "tracing the scene"):
+        yield
 
 
 class Progress:
@@ -29,12 +83,13 @@ class Progress:
         )
         self._lock = threading.Lock()
         self._bar = tqdm(
+            file=stream(),
             initial=done,
             total=total,
             unit="point",
             unit_scale=True,
             smoothing=0.05,
-            disable=None if show is None else not show,
+            disable=not shown(show),
         )
         self._failures = 0
 
@@ -47,6 +102,14 @@ class Progress:
         self._bar.close()
         if self._log is not None:
             self._log.close()
+
+    @contextmanager
+    def compiling(self) -> Iterator[None]:
+        """Say that the scene is compiled, and how long that takes."""
+        with announced(self._bar, "compiling the scene"):
+            yield
+        if not self._bar.disable:
+            self._bar.unpause()  # points per second are counted from here
 
     def advance(self, points: int, useful_steps: float) -> None:
         """So many points more have ended."""

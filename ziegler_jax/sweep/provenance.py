@@ -134,8 +134,9 @@ def template(
     scene: Scene,
     shape: tuple[int, ...],
     attributes: Mapping[str, object],
+    own: Mapping[str, Mapping[str, str]],
 ) -> xr.Dataset:
-    """The dataset with nothing computed."""
+    """The dataset with nothing computed; `own`: what the user says of the axes."""
     data, used, coords = {}, {}, {}
     along = {name: dim for dim in grid for name in parameters({dim: grid[dim]})}
     for name, variable in scene.variables.items():
@@ -145,28 +146,56 @@ def template(
         used |= {dim: known[dim] for dim in variable.dims if dim in known}
     for name, values in {**used, **parameters(grid)}.items():
         _, *labelled = coordinate(name, values)
-        if name in along and name not in AXES:  # an axis of the scene's own
-            attrs = {"long_name": name, "units": "1", "symbol": name}
-            labelled = [np.asarray(values), attrs]
+        if name in along:
+            usual = {"long_name": name, "units": "1", "symbol": name}
+            about = labelled[1] if name in AXES else usual
+            labelled = [np.asarray(values), {**about, **own.get(name, {})}]
         coords[name] = (along.get(name, name), *labelled)
     return xr.Dataset(data, coords, attributes)
 
 
 def provenance(scene: Scene, points: int) -> dict[str, object]:
     """Where a sweep's numbers come from."""
-    try:
-        source = inspect.getsource(scene.point)
-    except (OSError, TypeError):
-        source = repr(scene.point)
     return {
         **_versions(),
-        "scene": source,
-        "scene_constants": json.dumps(constants(scene.point)),
+        **origin(scene.point),
+        "scene_axes": ", ".join(scene.names),
         **scene.attributes,
         "precision": "float64" if scene.wide else "float32",
         "batch_size": scene.batch_size,
         "points": points,
     }
+
+
+def origin(point: Callable[..., object]) -> dict[str, str]:
+    """What a point is, for the record: its name, source and the numbers around it."""
+    try:
+        source = inspect.getsource(point)
+    except (OSError, TypeError):
+        source = repr(point)
+    module, name = (getattr(point, key, "") for key in ("__module__", "__qualname__"))
+    known = {
+        "scene": source,
+        "scene_function": f"{module}:{name}" if name else "",
+        "scene_constants": json.dumps(constants(point)),
+    }
+    _recent[_key(known)] = point
+    while len(_recent) > RECENT_POINTS:
+        _recent.pop(next(iter(_recent)))
+    return known
+
+
+RECENT_POINTS = 32
+_recent: dict[tuple[object, ...], Callable[..., object]] = {}
+
+
+def _key(record: Mapping[Any, object]) -> tuple[object, ...]:
+    return tuple(record.get(key) for key in ("scene", "scene_constants"))
+
+
+def recent_point(record: Mapping[Any, object]) -> Callable[..., object] | None:
+    """The point of this process that has this origin, among the last ones."""
+    return _recent.get(_key(record))
 
 
 @functools.cache  # reading them takes 25 ms

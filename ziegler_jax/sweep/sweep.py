@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..context import Context, is_traced, within
 from ..numerics.numbers import instance
 from ..runtime import all_cores
-from .axes import Returned, check_signature, checked_axes, parameters
+from .axes import Returned, check_signature, checked_axes, own_labels, parameters
 from .cluster import Arrays, Client, Recipe, check_client, run_blocks
 from .differences import audit_attributes, checked_share, drawn, settled_late
 from .lanes import Lanes
@@ -26,7 +26,7 @@ from .partition import (
     evaluate_where,
 )
 from .program import Scene, compiled, traced
-from .progress import Progress
+from .progress import Progress, tracing
 from .provenance import check_names, identity, provenance, template
 from .scheduler import Effort, run_lanes
 from .store import Store, SweepStore, prepared
@@ -108,14 +108,17 @@ def sweep(
     - `client`: a `dask.distributed.Client`: blocks become tasks of its cluster, one a
         worker's thread at a time. Its workers must be able to import the package and
         what `point` needs, and to write to `store` where there is one.
-    - `progress`: a bar with points per second; None shows it on a terminal only.
+    - `progress`: a bar with points per second; None shows it on a terminal and in a
+        notebook. While the scene is traced and compiled it says so, with the seconds.
     - `log`: a file to which a line of JSON is added for every finished block: where
         it lies, its points, seconds, steps and outcomes.
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
         them alike. An axis that is named like an option goes into `axes`. Names are of
         letters, digits and underscores, as those of results are. Parameters that are
         `xarray.DataArray`s of one dimension vary together along it, as in xarray:
-        samples, or a path through the parameters (see the second example).
+        samples, or a path through the parameters (see the second example). What their
+        attributes `long_name`, `units` and `symbol` say stands in the dataset and in
+        pictures, e.g. `xr.DataArray(F, attrs={"long_name": "load", "units": "N"})`.
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
     or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
@@ -164,7 +167,8 @@ def sweep(
         blocks = Blocks(grid, where)
     wide = lanes.precision == "float64"
     names = tuple(parameters(grid))
-    scene = traced(point, names, wide, lanes.batch_size, blocks.points)
+    with tracing(progress):
+        scene = traced(point, names, wide, lanes.batch_size, blocks.points)
     check_names(scene, grid)
     if store is None:
         check_room(f"the results of {size} points", scene.bytes_a_point * size)
@@ -172,7 +176,8 @@ def sweep(
     threads = lanes.threads or (all_cores() if client is None else 1)
     run = _Run(scene, blocks, threads, client, store)
     origin = provenance(scene, blocks.points)
-    nothing = template(grid, scene, blocks.shape, origin)
+    own = own_labels({**named_axes, **(axes or {})})
+    nothing = template(grid, scene, blocks.shape, origin, own)
     if store is None:
         backend: Memory | SweepStore = Memory(nothing)
     else:
@@ -237,7 +242,8 @@ def _filled(
         if not missing:
             return backend.dataset({})
         if run.client is None:
-            program = compiled(scene)
+            with progress.compiling():
+                program = compiled(scene)
             seconds += program.compile_seconds
             assembler = BlockAssembler(blocks, scene.variables, write_block)
             effort = run_lanes(

@@ -8,7 +8,7 @@ of joint 2, k (N m/rad). They make the unit of every result:
 | time | $\sqrt{m l^2/k}$ s |
 | rate | $\sqrt{k/(m l^2)}$ rad/s |
 | torque, energy | k N m |
-| force | k/l N |
+| force, and the load q = F l/k | k/l N |
 | joint damping | $\sqrt{k m l^2}$ N m s/rad |
 | power | $k\sqrt{k/(m l^2)}$ W |
 
@@ -17,9 +17,8 @@ a pin radius in metres and a transition velocity in m/s become other dimensionle
 numbers on another column.
 """
 
-import dataclasses
 import math
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from typing import TypedDict, Unpack, cast
 
 import equinox as eqx
@@ -27,22 +26,28 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from .model.column import Column
-from .model.friction import SmoothCoulomb
-from .model.loads import AbstractLoad, JointReaction
-from .model.rods import Parts, point_masses, uniform_rods
-from .motion.trajectory import Trajectory
-from .numerics.numbers import (
+from ..model.column import Column, State
+from ..model.damping import Viscous
+from ..model.friction import SmoothCoulomb
+from ..model.loads import AbstractLoad, ConstantLoad, JointReaction
+from ..model.rods import Parts, point_masses, uniform_rods
+from ..model.set_valued import SetValuedCoulomb
+from ..motion.options import Windows
+from ..motion.trajectory import Trajectory
+from ..numerics.numbers import (
     Joints,
     OneOrTwo,
     Pair,
     Scalar,
+    Two,
     both,
     is_concrete,
     number,
     number_or_pair,
+    pair,
 )
-from .results import AbstractResult
+from ..results import AbstractResult
+from .restored import Scales, restored_dataset, restored_motion
 
 # Half of the fall from mu_s to mu_k, in transition velocities: the middle of 1 to 1.5.
 HALF_FALL = 1.25
@@ -61,17 +66,27 @@ class Bodies(TypedDict):
     l2: Scalar
 
 
+class PureWindows(TypedDict, total=False):
+    """What of `Windows` is neither a time nor a rate."""
+
+    max_windows: int | None
+    agreement: Scalar | None
+    escape: Scalar | None
+
+
 class SI(eqx.Module):
     r"""A column's units.
 
     ```python
-    units = zj.SI(m=1.0, l=1.0, k=10.0)
-    column = units.uniform_rods(F=26.0)  # newtons: q = 2.6
-    start = zj.State(omega=(0, 2.0 * units.time))  # 2 rad/s
-    motion = zj.trajectory(column, start, ts / units.time)
-    motion = units.restore(motion)  # seconds, rad/s
-    end = units.restore(zj.settle(column, start))
-    end.period  # seconds
+    units = zj.SI(m=0.1, l=0.2, k=0.5)
+    friction = units.set_valued_coulomb(0.15, pin_radius=0.004)  # metres
+    damping = units.viscous(1e-4, 1e-4)  # N m s/rad
+    column = units.uniform_rods(F=6.5, friction=friction, damping=damping)  # newtons
+    start = units.state(omega=(0.0, 2.0))  # rad/s
+    motion = units.restore(zj.trajectory(column, start, ts / units.time))  # seconds
+    windows = units.windows(transient=10.0)  # seconds
+    end = units.restore(zj.settle(column, start, windows=windows))
+    end.time  # seconds
     ```
 
     **Arguments:** `m` (kg), `l` (m), `k` (N m/rad), positive.
@@ -140,6 +155,85 @@ class SI(eqx.Module):
         """
         rods = self._bodies(m1=(m1, 2.0), m2=(m2, 1.0), l2=l2)
         return point_masses(q=self._load(F), **rods, **parts)
+
+    def set_valued_coulomb(
+        self,
+        mu_s: Joints,
+        mu_k: Joints | None = None,
+        *,
+        pin_radius: Joints,
+        load: AbstractLoad | None = None,
+    ) -> SetValuedCoulomb:
+        r"""`SetValuedCoulomb` on pins of a radius in m: $\rho = R/l$.
+
+        **Arguments:** `load`: see `constant_load`; else as `SetValuedCoulomb`.
+
+        **Raises:** `ValueError` as `SetValuedCoulomb`.
+        """
+        radius = self._lengths("pin_radius", pin_radius)
+        return SetValuedCoulomb(mu_s, mu_k, pin_radius=radius, load=load)
+
+    def smooth_coulomb(
+        self,
+        mu_s: Joints,
+        mu_k: Joints | None = None,
+        *,
+        pin_radius: Joints,
+        v_smooth: Scalar,
+        v_stribeck: Joints | None = None,
+        load: AbstractLoad | None = None,
+    ) -> SmoothCoulomb:
+        r"""`SmoothCoulomb` on pins of a radius in m, with joint rates in rad/s.
+
+        **Arguments:** `load`: see `constant_load`; else as `SmoothCoulomb`.
+
+        **Raises:** `ValueError` as `SmoothCoulomb`.
+        """
+        if v_stribeck is not None:
+            fall = number_or_pair("v_stribeck", v_stribeck, "positive")
+            v_stribeck = _each(lambda v: v * self.time, fall)
+        return SmoothCoulomb(
+            mu_s,
+            mu_k,
+            pin_radius=self._lengths("pin_radius", pin_radius),
+            v_smooth=number("v_smooth", v_smooth, "positive") * self.time,
+            v_stribeck=v_stribeck,
+            load=load,
+        )
+
+    def constant_load(self, n: Joints) -> ConstantLoad:
+        """`ConstantLoad` of the pins in N; one number, or one a joint."""
+        normal = number_or_pair("n", n, "nonnegative")
+        return ConstantLoad(_each(lambda x: x / self.force, normal))
+
+    def viscous(self, c1: Scalar, c2: Scalar) -> Viscous:
+        r"""`Viscous` joints, with coefficients in N m s/rad, of $\sqrt{k m l^2}$."""
+        unit = self.k * self.time
+        one, two = number("c1", c1, "nonnegative"), number("c2", c2, "nonnegative")
+        return Viscous(one / unit, two / unit)
+
+    def state(self, phi: Two = (0.0, 0.0), omega: Two = (0.0, 0.0)) -> State:
+        """A `State` of angles in rad and rates in rad/s."""
+        first, second = pair("omega", omega)
+        return State(phi, (first * self.time, second * self.time))
+
+    def windows(
+        self,
+        transient: Scalar | None = None,
+        length: Scalar | None = None,
+        rate_cut: Scalar | None = None,
+        **others: Unpack[PureWindows],
+    ) -> Windows:
+        """`Windows` of times in s and a rate in rad/s.
+
+        **Arguments:** as `Windows`; None is the question's own.
+
+        **Raises:** `ValueError` as `Windows`.
+        """
+        times = {"transient": transient, "length": length}
+        scaled = {n: t if t is None else t / self.time for n, t in times.items()}
+        cut = rate_cut if rate_cut is None else rate_cut * self.time
+        return Windows(**scaled, rate_cut=cut, **others)
 
     def joint_friction(
         self,
@@ -229,19 +323,20 @@ class SI(eqx.Module):
         **Arguments:** `result`: a `Trajectory`; a dataset of `sweep`, whose variables
         and coordinates are converted by their `units`; or another result of the
         library (`settle`, `periodic_orbit`, ...) outside a sweep. Angles and pure
-        numbers, q among them, stay as they are.
+        numbers, q among them, stay as they are, and so do axes in units of their own.
 
         **Returns:** a `Trajectory`, else an `xarray.Dataset` with the names and units
         of a sweep; axes of `jax.vmap` are its dimensions `lane_1`, `lane_2`, ...
 
         **Raises:** `ValueError` for anything else, and for a unit that is not known.
         """
+        scales = Scales(self.time, self.force, self.k, self.l)
         if isinstance(result, Trajectory):
-            return self._motion(result)
+            return restored_motion(result, scales)
         if isinstance(result, xr.Dataset):
-            return self._dataset(result)
+            return restored_dataset(result, scales)
         if isinstance(result, AbstractResult):
-            return self._dataset(result.to_dataset())
+            return restored_dataset(result.to_dataset(), scales)
         raise ValueError(
             "Argument `result` must be a `Trajectory`, an `xarray.Dataset` or a result "
             f"of the library with named numbers, but is {type(result).__name__}."
@@ -249,6 +344,11 @@ class SI(eqx.Module):
 
     def _load(self, force: Scalar) -> Scalar:
         return number("F", force) / self.force
+
+    def _lengths(self, name: str, given: Joints) -> OneOrTwo:
+        """Metres in l."""
+        known = number_or_pair(name, given, "nonnegative")
+        return _each(lambda x: x / self.l, known)
 
     def _bodies(self, *, m1: Mass, m2: Mass, l2: Scalar | None) -> Bodies:
         """Masses in m, where None is the number beside it, and rod 2's length in l."""
@@ -258,49 +358,6 @@ class SI(eqx.Module):
         }
         length = 1.0 if l2 is None else number("l2", l2, "positive") / self.l
         return cast(Bodies, {**bodies, "l2": length})
-
-    def _motion(self, motion: Trajectory) -> Trajectory:
-        events = motion.events
-        if events is not None:
-            events = eqx.tree_at(lambda e: e.times, events, events.times * self.time)
-        times = motion.times
-        return dataclasses.replace(
-            motion,
-            ts=motion.ts * self.time,
-            omega=motion.omega / self.time,
-            events=events,
-            times=times and tuple(float(t * self.time) for t in times),
-        )
-
-    def _dataset(self, dataset: xr.Dataset) -> xr.Dataset:
-        units = {
-            "sqrt(m l^2/k)": (self.time, "s"),
-            "sqrt(k/(m l^2))": (1 / self.time, "rad/s"),
-            "sqrt(k m l^2)": (self.k * self.time, "N m s"),
-            "k sqrt(k/(m l^2))": (self.k / self.time, "W"),
-            "k/l": (self.force, "N"),
-            "k": (self.k, "N m"),
-            "l": (self.l, "m"),
-        }
-
-        def restored(name: Hashable, values: xr.DataArray) -> xr.DataArray:
-            unit = values.attrs.get("units", "1")
-            if unit in ("1", "rad"):
-                return values
-            if unit not in units:
-                raise ValueError(
-                    f"Variable `{name}` of the dataset must be in one of "
-                    f"{', '.join(units)}, rad or 1, but is in {unit}."
-                )
-            factor, name_si = units[unit]
-            return (values * float(factor)).assign_attrs(
-                {**values.attrs, "units": name_si}
-            )
-
-        # without the old coordinates, which each variable still carries
-        data = {n: restored(n, v).variable for n, v in dataset.data_vars.items()}
-        coords = {n: restored(n, v).variable for n, v in dataset.coords.items()}
-        return xr.Dataset(data, coords, dataset.attrs)
 
 
 def _each(function: Callable[..., Scalar], *values: OneOrTwo) -> OneOrTwo:

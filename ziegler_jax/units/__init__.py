@@ -1,0 +1,1 @@
+"""SI units: a device in kilograms, metres and newtons, results in seconds."""

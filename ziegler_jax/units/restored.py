@@ -1,0 +1,79 @@
+"""Results back in SI units."""
+
+import dataclasses
+from collections.abc import Hashable
+from typing import NamedTuple
+
+import equinox as eqx
+import xarray as xr
+
+from ..motion.trajectory import Trajectory
+from ..numerics.numbers import Scalar
+
+LOAD = " F l/k"  # ends the name of a number that is a load
+
+
+class Scales(NamedTuple):
+    """A column's units: s, N, N m and m."""
+
+    time: Scalar
+    force: Scalar
+    torque: Scalar
+    length: Scalar
+
+
+def restored_motion(motion: Trajectory, si: Scales) -> Trajectory:
+    """A motion in seconds and rad/s."""
+    events = motion.events
+    if events is not None:
+        events = eqx.tree_at(lambda e: e.times, events, events.times * si.time)
+    times = motion.times
+    return dataclasses.replace(
+        motion,
+        ts=motion.ts * si.time,
+        omega=motion.omega / si.time,
+        events=events,
+        times=times and tuple(float(t * si.time) for t in times),
+    )
+
+
+def restored_dataset(dataset: xr.Dataset, si: Scales) -> xr.Dataset:
+    """A dataset whose variables and coordinates are in SI units.
+
+    **Raises:** `ValueError` for a variable in a unit that is not known.
+    """
+    units = {
+        "sqrt(m l^2/k)": (si.time, "s"),
+        "sqrt(k/(m l^2))": (1 / si.time, "rad/s"),
+        "sqrt(k m l^2)": (si.torque * si.time, "N m s"),
+        "k sqrt(k/(m l^2))": (si.torque / si.time, "W"),
+        "k/l": (si.force, "N"),
+        "k": (si.torque, "N m"),
+        "l": (si.length, "m"),
+    }
+
+    def restored(name: Hashable, values: xr.DataArray) -> xr.DataArray:
+        unit, meaning = (str(values.attrs.get(k, "")) for k in ("units", "long_name"))
+        if unit == "1" and meaning.endswith(LOAD):
+            unit, about = "k/l", {"long_name": meaning.removesuffix(LOAD)}
+            if values.attrs.get("symbol") == "$q$":
+                about["symbol"] = "$F$"
+            values = values.assign_attrs(about)
+        if unit in ("", "1", "rad"):
+            return values
+        if unit not in units and name in dataset.coords:
+            return values  # an axis of the scene's own, in its own unit
+        if unit not in units:
+            raise ValueError(
+                f"Variable `{name}` of the dataset must be in one of "
+                f"{', '.join(units)}, rad or 1, but is in {unit}."
+            )
+        factor, name_si = units[unit]
+        # `zj.motion` needs the factor: scenes are in the column's own units
+        about = {**values.attrs, "units": name_si, "si_unit": float(factor)}
+        return (values * float(factor)).assign_attrs(about)
+
+    # without the old coordinates, which each variable still carries
+    data = {n: restored(n, v).variable for n, v in dataset.data_vars.items()}
+    coords = {n: restored(n, v).variable for n, v in dataset.coords.items()}
+    return xr.Dataset(data, coords, dataset.attrs)
