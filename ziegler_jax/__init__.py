@@ -12,6 +12,7 @@ from .analysis.continuation import (
     cycle_fold,
 )
 from .analysis.hysteresis import UpDownSweep, sweep_up_down
+from .analysis.least_kick import Directions, LeastKick, least_kick
 from .analysis.lyapunov import Exponents, lyapunov_exponents
 from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
@@ -62,6 +63,8 @@ from .motion.stiffness import is_stiff
 from .motion.trajectory import Trajectory, trajectory
 from .results import (
     CRITICAL,
+    EDGE,
+    KICK,
     ONSET,
     ORBIT,
     OUTCOME,
@@ -85,6 +88,8 @@ __version__ = metadata.version("ziegler_jax")
 
 __all__ = [
     "CRITICAL",
+    "EDGE",
+    "KICK",
     "ONSET",
     "ORBIT",
     "OUTCOME",
@@ -106,6 +111,7 @@ __all__ = [
     "ConstantLoad",
     "CycleFold",
     "CyclePoints",
+    "Directions",
     "EnergyBalance",
     "Explicit",
     "Exponents",
@@ -114,6 +120,7 @@ __all__ = [
     "Growth",
     "JointReaction",
     "Lanes",
+    "LeastKick",
     "Mean",
     "Method",
     "Onset",
@@ -149,6 +156,7 @@ __all__ = [
     "energy",
     "flutter_onset",
     "is_stiff",
+    "least_kick",
     "linearise",
     "merge",
     "lyapunov_exponents",

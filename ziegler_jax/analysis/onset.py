@@ -293,7 +293,8 @@ def _search(problem: _Problem, bracket: Two, long_name: str) -> Onset:
     )
 
 
-def _verdict(outcome: Int[Array, ""]) -> Float[Array, ""]:
+def verdict_of(outcome: Int[Array, ""]) -> Float[Array, ""]:
+    """What the outcome of a motion says: `RESTS`, `MOVES` or `NONE`."""
     rests = (outcome == OUTCOME.stuck) | (outcome == OUTCOME.rest)
     moves = (outcome == OUTCOME.cycle) | (outcome == OUTCOME.escaped)
     return jnp.where(rests, RESTS, jnp.where(moves, MOVES, NONE))
@@ -308,7 +309,7 @@ def _updated(
 ) -> _Search:
     """The search after one more motion: along the scan, then by halves."""
     scan, halvings = how.scan, how.halvings
-    verdict = _verdict(outcome)
+    verdict = verdict_of(outcome)
     decided, scanning = verdict != NONE, search.tried <= scan
     change = scanning & decided & (search.verdict * verdict < 0)
     first = change & (search.changes == 0)
