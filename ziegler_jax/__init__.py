@@ -11,7 +11,9 @@ from .analysis.continuation import (
     continue_cycle,
     cycle_fold,
 )
+from .analysis.edge import EDGE
 from .analysis.hysteresis import UpDownSweep, sweep_up_down
+from .analysis.kick_search import KICK
 from .analysis.least_kick import Directions, LeastKick, least_kick
 from .analysis.lyapunov import Exponents, lyapunov_exponents
 from .analysis.onset import Onset, Search, critical_kick, flutter_onset
@@ -63,8 +65,6 @@ from .motion.stiffness import is_stiff
 from .motion.trajectory import Trajectory, trajectory
 from .results import (
     CRITICAL,
-    EDGE,
-    KICK,
     ONSET,
     ORBIT,
     OUTCOME,

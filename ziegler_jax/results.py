@@ -124,30 +124,6 @@ class ONSET(Code):
     found = 6, "the verdict changes once along the scanned bracket, here"
 
 
-class KICK(Code):
-    """How the search for the least kick ended.
-
-    Up to `moves` there is no kick to name, but for `undecided`, whose interval may be
-    known and wide.
-    """
-
-    not_computed = 0, "the point was left out or has not been computed yet"
-    invalid = 1, "the scene's numbers, its norm or the bracket break a rule"
-    undecided = 2, "a motion that mattered neither came to rest nor settled in time"
-    rests = 3, "the column comes to rest after every kick that was tried"
-    moves = 4, "the smallest kicks flutter already"
-    found = 5, "neighbours of this kick have no lower threshold"
-
-
-class EDGE(Code):
-    """What the motion on a threshold draws near, between rest and flutter."""
-
-    none = 0, "there is no threshold to start from"
-    unknown = 1, "Newton's method found neither an unstable cycle nor an equilibrium"
-    cycle = 2, "an unstable cycle, with one multiplier outside the unit circle"
-    equilibrium = 3, "an unstable equilibrium; where joints slip, under their friction"
-
-
 class ORBIT(Code):
     """How the search for a periodic orbit ended, in order of precedence.
 

@@ -18,13 +18,22 @@ from ..model.set_valued import in_modes
 from ..motion.implicit import fixed
 from ..motion.scene import prepared
 from ..numerics.numbers import Pair, Vector4
-from ..results import EDGE, ORBIT
+from ..results import ORBIT, Code
 from .periodic_orbit import periodic_orbit
 from .threshold import Middle
 
 MOST_STEPS = 20  # of Newton's method to an equilibrium
 NEAR = 0.1  # of the motion's size: it has drawn near to that equilibrium
 BALANCED = 1e-9  # the accelerations left of it, over the motion's size
+
+
+class EDGE(Code):
+    """What the motion on a threshold draws near, between rest and flutter."""
+
+    none = 0, "there is no threshold to start from"
+    unknown = 1, "Newton's method found neither an unstable cycle nor an equilibrium"
+    cycle = 2, "an unstable cycle, with one multiplier outside the unit circle"
+    equilibrium = 3, "an unstable equilibrium; where joints slip, under their friction"
 
 
 class Edge(NamedTuple):

@@ -20,14 +20,20 @@ A verdict is a single bit, so that jumps and edges of the threshold, as sticking
 them, are no matter; the error in the energy is of the second order in the last h.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..model.column import Column, State
+from ..motion.implicit import fixed
 from ..numerics.materialise import tree_where
-from ..results import KICK, OUTCOME
+from ..numerics.numbers import Scalar, Vector4
+from ..results import OUTCOME, Code
 from .onset import MOVES, NONE, verdict_of
 
 RAY, HALVE, POLL, DOWN, CHECK = range(5)  # what the present motion is for
@@ -35,11 +41,75 @@ MARGIN = 1.25  # how far beyond the best threshold a ray is followed
 FIRST, LEAST_STEP = 0.2, 0.02  # h: at first, and where a descent is given up
 FINE = 0.05  # at first in the last descent
 ROUGH = 0.02  # the widest interval, relative, from which neighbours are tried
-SCREEN = 6.0  # resting motions came to NNN at most
+SCREEN = 4.0  # of 34 617 resting motions none came to 3, three to 2
 NOTHING = 1e-6  # of the largest size: a threshold below it is none
 POLLS = 256  # directions in the table of neighbours
 
 Point = Float[Array, " k"]
+Norm = Callable[[Column, Vector4], Scalar]
+RENORMALISED = 6  # times: the energy is a square but for a cosine
+
+
+class KICK(Code):
+    """How the search for the least kick ended.
+
+    Up to `moves` there is no kick to name, but for `undecided`, whose interval may be
+    known and wide.
+    """
+
+    not_computed = 0, "the point was left out or has not been computed yet"
+    invalid = 1, "the scene's numbers, its norm or the bracket break a rule"
+    undecided = 2, "a motion that mattered neither came to rest nor settled in time"
+    rests = 3, "the column comes to rest after every kick that was tried"
+    moves = 4, "the smallest kicks flutter already"
+    found = 5, "neighbours of this kick have no lower threshold"
+
+
+class Rays:
+    """Starts by direction and size, in a norm.
+
+    **Arguments:** `norm`, of the second order in the start; `free`: which of its four
+    numbers differ from zero.
+    """
+
+    def __init__(self, column: Column, norm: Norm, free: tuple[int, ...]):
+        """Make a basis of starts that is orthonormal at rest."""
+        self.column, self.norm = column, norm
+        k, dtype = len(free), jnp.result_type(float)
+        measure = partial(self.measure, fixed(column))
+        square = jax.hessian(measure)(jnp.zeros(4, dtype))[np.ix_(free, free)]
+        factor = jnp.linalg.cholesky(square)
+        self.positive = jnp.all(jnp.isfinite(factor))
+        factor = jnp.where(self.positive, factor, jnp.eye(k, dtype=dtype))
+        inverse = jnp.linalg.inv(factor).T
+        self.basis = jnp.zeros((4, k), dtype).at[free, :].set(inverse)
+
+    def measure(self, column: Column, y: Float[Array, "4"]) -> Scalar:
+        """The norm of a start."""
+        return self.norm(column, state_of(y).y)
+
+    def at(self, column: Column, c: Point, r: Scalar) -> Float[Array, "4"]:
+        """The start on a ray whose norm is r^2 / 2."""
+        y = r * (self.basis @ c)
+        for _ in range(RENORMALISED):
+            now = 2 * self.measure(column, y)
+            y = y * jnp.where(now > 0, r / jnp.sqrt(jnp.where(now > 0, now, 1.0)), 1.0)
+        return y
+
+    def angle(
+        self, y: Float[Array, "4"], normal: Float[Array, "4"]
+    ) -> Float[Array, ""]:
+        """Between the norm's gradient and a normal, in the norm, of what is free."""
+        gradient = jax.grad(partial(self.measure, fixed(self.column)))(y)
+        # a covector's coordinates in the basis
+        a, b = (g @ self.basis for g in (gradient, normal))
+        across = jnp.linalg.norm(a / jnp.linalg.norm(a) - b / jnp.linalg.norm(b))
+        return 2 * jnp.arcsin(jnp.minimum(across / 2, 1.0))
+
+
+def state_of(y: Float[Array, "4"]) -> State:
+    """Four numbers as a start."""
+    return State((y[0], y[1]), (y[2], y[3]))
 
 
 class Ray(NamedTuple):
@@ -56,7 +126,7 @@ class Descent(NamedTuple):
     phase: Int[Array, ""]
     c: Point  # the next motion's ray and size
     r: Float[Array, ""]
-    index: Int[Array, ""]  # of the ray in the table
+    row: Int[Array, ""]  # of the ray in the table
     level: Int[Array, ""]  # of the size along it
     ray: Ray  # the descent's, and the best of those that are over
     best: Ray
@@ -93,7 +163,7 @@ class Plan(NamedTuple):
             phase=none,
             c=c,
             r=self.least,
-            index=none,
+            row=none,
             level=none,
             ray=ray,
             best=ray,
@@ -250,17 +320,17 @@ class Plan(NamedTuple):
 
     def _next_ray(self, now: Descent) -> Descent:
         """The next ray of the table; behind the last one the best, finely."""
-        index = now.index + 1
+        row = now.row + 1
         count = len(self.rays)
         rays = jnp.asarray(self.rays, now.c.dtype)
-        last = index >= jnp.where(self.odd, count, 2 * count)
+        last = row >= jnp.where(self.odd, count, 2 * count)
         # where a kick and its opposite differ, both are tried
-        place = jnp.where(self.odd, index, index // 2)
-        sign = jnp.where(self.odd | (index % 2 == 0), 1.0, -1.0)
+        place = jnp.where(self.odd, row, row // 2)
+        sign = jnp.where(self.odd | (row % 2 == 0), 1.0, -1.0)
         c = sign * rays[jnp.minimum(place, count - 1)]
         known = jnp.isfinite(now.best.high)
         next_ = now._replace(
-            phase=jnp.full_like(now.phase, RAY), c=c, index=index, level=0 * now.level
+            phase=jnp.full_like(now.phase, RAY), c=c, row=row, level=0 * now.level
         )
         next_ = next_._replace(r=self._size(next_, next_.level))
         finely = now._replace(ray=now.best, fine=~now.fine, h=0.0 * now.h + FINE)

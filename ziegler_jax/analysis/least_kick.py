@@ -13,7 +13,7 @@ Small motions with Coulomb friction are homogeneous in state and torque: $E^* / 
 is a number of the load alone, from which the geometry departs by a share of $\tau^2$.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar, cast
 
@@ -30,18 +30,17 @@ from ..motion.options import Method, Windows, recorded
 from ..motion.scene import check_scene
 from ..motion.sequence import run_in_sequence
 from ..numerics.numbers import (
+    Count,
     Scalar,
     Two,
-    Vector4,
     choice,
     instance,
     is_concrete,
+    keeps,
     pair,
     whole_number,
 )
 from ..results import (
-    EDGE,
-    KICK,
     OUTCOME,
     RATE,
     TIME,
@@ -54,15 +53,24 @@ from ..solvers import Explicit
 from ..steady.certified import CertifiedMotion
 from ..steady.lane import Certifying
 from ..steady.oddness import is_odd
-from .edge import edge_state
-from .kick_search import CHECK, POLLS, SCREEN, Descent, Plan, sphere
+from .edge import EDGE, edge_state
+from .kick_search import (
+    CHECK,
+    KICK,
+    POLLS,
+    SCREEN,
+    Descent,
+    Norm,
+    Plan,
+    Rays,
+    sphere,
+    state_of,
+)
 from .threshold import Place, carried, manifold_at
 
-Norm = Callable[[Column, Vector4], Scalar]
 FREE = {"rates": (2, 3), "angles": (0, 1), "both": (0, 1, 2, 3)}
 COUNTS = {2: 24, 4: 96}  # of rays, by the numbers that are free
 TURNS = 4  # of the march: how many of its looks at a batch make one of the sequence
-RENORMALISED = 6  # times: a norm is a square but for the cosine in the energy
 SMOOTH = 0.05  # a misalignment above it is an edge
 
 
@@ -206,8 +214,6 @@ def least_kick(
         law = zj.SetValuedCoulomb(tau, pin_radius=1, load=zj.ConstantLoad(1))
         column = zj.uniform_rods(q, friction=law)
         return zj.least_kick(column, (0, 200 * tau**2))
-
-    ds = zj.sweep(point, q=[1.8, 2.1], tau=[0.02])
     ```
 
     **Arguments:**
@@ -240,9 +246,10 @@ def least_kick(
     085901, on minimal seeds.
     """
     problem = _Problem(column, norm, directions, windows, method)
-    least, largest = problem.sizes(bracket)
-    plan = problem.plan(least, largest)
-    first = plan.begin(jnp.isfinite(largest) & (least < largest) & problem.positive)
+    plan = problem.plan(bracket)
+    valid = jnp.isfinite(plan.largest) & (plan.least < plan.largest)
+    valid &= keeps("positive", problem.escape) & problem.rays.positive
+    first = plan.begin(valid)
 
     def update(search: Descent, motion: CertifiedMotion, run: Certifying) -> Descent:
         del motion
@@ -251,13 +258,9 @@ def least_kick(
     def running(search: Descent):
         return search.outcome == KICK.not_computed
 
-    def motion(search: Descent) -> CertifiedMotion:
-        screen = jnp.where(search.phase == CHECK, jnp.inf, search.screen)
-        return problem.motion(search.c, search.r, screen)
-
-    begun = motion(first)
+    begun = problem.motion(first)
     at_once = TURNS * begun.at_once
-    search, steps = run_in_sequence(motion, update, running, first, at_once)
+    search, steps = run_in_sequence(problem.motion, update, running, first, at_once)
     return problem.result(search, steps, begun)
 
 
@@ -282,67 +285,38 @@ class _Problem:
                 "Argument `norm` must be a function of a column and four numbers, "
                 f"but is {norm!r}."
             )
-        self.column, self.norm, self.directions = column, norm, directions
+        self.column, self.directions = column, directions
         self.windows, self.method = fixed((windows, method))
         self.escape = np.pi if windows.escape is None else self.windows.escape
-        self.free = FREE[directions.free]
         self.odd = is_odd(fixed(column))
-        dtype = jnp.result_type(float)
-        # columns of the basis are orthonormal in the norm at rest
-        square = jax.hessian(partial(self._norm_of, fixed(column)))(jnp.zeros(4, dtype))
-        part = square[np.ix_(self.free, self.free)]
-        factor = jnp.linalg.cholesky(part)
-        self.positive = jnp.all(jnp.isfinite(factor))
-        factor = jnp.where(self.positive, factor, jnp.eye(len(self.free), dtype=dtype))
-        inverse = jnp.linalg.inv(factor).T
-        self.basis = jnp.zeros((4, len(self.free)), dtype).at[self.free, :].set(inverse)
-        self.square = part
+        self.rays = Rays(column, norm, FREE[directions.free])
 
-    def _norm_of(self, column: Column, y: Float[Array, "4"]) -> Scalar:
-        return self.norm(column, (y[0], y[1], y[2], y[3]))
-
-    def sizes(self, bracket: Two) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        r"""The least and the largest $\sqrt{2 E}$."""
+    def plan(self, bracket: Two) -> Plan:
+        """The search's."""
         least, largest = fixed(pair("bracket", bracket, "nonnegative"))
         if is_concrete(least) and is_concrete(largest) and not least < largest:
             raise ValueError(
                 f"Argument `bracket` must increase, but is ({least:g}, {largest:g})."
             )
         dtype = jnp.result_type(float)
-        both = (jnp.sqrt(2 * jnp.asarray(x, dtype)) for x in (least, largest))
-        least, largest = both
-        return least, largest
+        least, largest = (jnp.sqrt(2 * jnp.asarray(x, dtype)) for x in (least, largest))
+        how, k = self.directions, len(FREE[self.directions.free])
+        rays, neighbours = sphere(how.count, k), sphere(POLLS, k, 0.25)
+        odd, sizes = jnp.asarray(self.odd), (least, largest)
+        return Plan(*sizes, odd, how.scan, how.width, rays, neighbours)
 
-    def plan(self, least: Float[Array, ""], largest: Float[Array, ""]) -> Plan:
-        """The search's."""
-        how, k = self.directions, len(self.free)
-        rays, polls = sphere(how.count, k), sphere(POLLS, k, 0.25)
-        odd = jnp.asarray(self.odd)
-        return Plan(least, largest, odd, how.scan, how.width, rays, polls)
-
-    def on_ray(
-        self, column: Column, c: Float[Array, " k"], r: Scalar
-    ) -> Float[Array, "4"]:
-        """The start on a ray whose norm is r^2 / 2."""
-        y = r * (self.basis @ c)
-        for _ in range(RENORMALISED):
-            now = 2 * self._norm_of(column, y)
-            y = y * jnp.where(now > 0, r / jnp.sqrt(jnp.where(now > 0, now, 1.0)), 1.0)
-        return y
-
-    def motion(
-        self, c: Float[Array, " k"], r: Scalar, screen: Scalar
-    ) -> CertifiedMotion:
-        """The motion from a place on a ray; beyond `screen` sizes it has moved."""
+    def motion(self, search: Descent) -> CertifiedMotion:
+        """The next motion; a screened one has moved beyond so many times its start."""
         column = fixed(self.column)
-        y = self.on_ray(column, c, r)
-        start = State((y[0], y[1]), (y[2], y[3]))
-        four = cast(Vector4, tuple(y[i] for i in range(4)))
-        size = jnp.sqrt(2 * jnp.maximum(energy(column, four), 0.0))
-        limit = jnp.where(size > 0, screen * size, jnp.inf)
-        limit = jnp.minimum(limit, self.escape)
+        start = state_of(self.rays.at(column, search.c, search.r))
+        size = jnp.sqrt(2 * jnp.maximum(energy(column, start.y), 0.0))
+        screened = (size > 0) & (search.phase != CHECK)
+        limit = jnp.where(screened, search.screen * size, jnp.inf)
         windows = eqx.tree_at(
-            lambda w: w.escape, self.windows, limit, is_leaf=lambda x: x is None
+            lambda w: w.escape,
+            self.windows,
+            jnp.minimum(limit, cast(Scalar, self.escape)),
+            is_leaf=lambda x: x is None,
         )
         given = windows, None, self.method, self.odd
         return CertifiedMotion(column, start, "least_kick", *given)
@@ -352,31 +326,25 @@ class _Problem:
     ) -> LeastKick:
         """What it amounts to."""
         best, still = fixed(search.best), fixed(self.column)
-        named = (search.outcome == KICK.found) | (search.outcome == KICK.undecided)
+        sure = search.outcome == KICK.found
+        named = sure | (search.outcome == KICK.undecided)
         named &= jnp.isfinite(best.high)
         r = jnp.where(named, (best.low + best.high) / 2, 1.0)
         width = jnp.where(named, best.high - best.low, 1.0)
-        found = search.outcome == KICK.found
-        solver = motion.method.solver
-        tangent = solver if isinstance(solver, Explicit) else Explicit()
-        method = Method(tangent, motion.method.rtol, motion.method.atol)
-        method = method.at_most(motion.method.max_steps)
+        method = _with_tangents(motion.method)
 
         def scene(r: Scalar) -> tuple[Column, State]:
-            y = self.on_ray(self.column, best.c, r)
-            return self.column, State((y[0], y[1]), (y[2], y[3]))
+            return self.column, state_of(self.rays.at(self.column, best.c, r))
 
-        y, line = jax.jvp(
-            partial(self.on_ray, still, best.c), (r,), (jnp.ones_like(r),)
-        )
-        place = Place(line, width, found, motion.last, motion.horizon)
+        along = partial(self.rays.at, still, best.c)
+        y, line = jax.jvp(along, (r,), (jnp.ones_like(r),))
+        place = Place(line, width, sure, motion.last, motion.horizon)
         normal, middle, followed = manifold_at(still, y, place, method)
-        misalignment = self._angle(y, normal)
-        edge = edge_state(self.column, middle, jnp.max(jnp.abs(y)), found)
-        smooth = found & (misalignment < SMOOTH)
+        misalignment = self.rays.angle(y, normal)
+        edge = edge_state(self.column, middle, jnp.max(jnp.abs(y)), sure)
+        smooth = sure & (misalignment < SMOOTH)
         change = carried(scene, r, width, smooth, motion.last, motion.horizon, method)
         mark = jnp.where(named, 1.0, jnp.nan)
-        how = self.directions
         return LeastKick(
             energy=(r + change) ** 2 / 2 * mark,
             width=r * width * mark,
@@ -392,25 +360,23 @@ class _Problem:
             obstacle=search.obstacle.astype(jnp.int8),
             steps=steps + followed + edge.steps,
             outcome=search.outcome.astype(jnp.int8),
-            settings=recorded(
-                **{**motion.settings(), "escape": self.escape, "screen": SCREEN},
-                directions=how.free,
-                count=how.count,
-                scan=how.scan,
-                relative_width=how.width,
-                norm=getattr(self.norm, "__name__", "own"),
-            ),
+            settings=self._settings(motion),
         )
 
-    def _angle(
-        self, y: Float[Array, "4"], normal: Float[Array, "4"]
-    ) -> Float[Array, ""]:
-        """Between the norm's gradient and the normal, among what is free, in the norm.
+    def _settings(self, motion: CertifiedMotion) -> Settings:
+        how, norm = self.directions, self.rays.norm
+        return recorded(
+            **{**motion.settings(), "escape": self.escape, "screen": SCREEN},
+            directions=how.free,
+            count=how.count,
+            scan=how.scan,
+            relative_width=how.width,
+            norm=getattr(norm, "__name__", "own"),
+        )
 
-        A covector g has the coordinates basis^T g, orthonormal at rest.
-        """
-        slope = jax.grad(partial(self._norm_of, fixed(self.column)))(y)
-        a, b = slope @ self.basis, normal @ self.basis
-        cosine = a @ b / jnp.sqrt((a @ a) * (b @ b))
-        across = jnp.linalg.norm(a / jnp.linalg.norm(a) - b / jnp.linalg.norm(b))
-        return jnp.where(cosine > 0, 2 * jnp.arcsin(jnp.minimum(across / 2, 1)), jnp.pi)
+
+def _with_tangents(method: Method) -> Method:
+    """A method that can carry tangents, of the same tolerances."""
+    solver = method.solver if isinstance(method.solver, Explicit) else Explicit()
+    usual = Method(solver, method.rtol, method.atol)
+    return usual.at_most(cast(Count, method.max_steps))

@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Int
 
 from ..context import ENDED, Phase, resumable
 from ..numerics.materialise import if_any_lane, replaced
-from ..numerics.numbers import Count
 
 # The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
 LONGEST_CHUNK = 256
@@ -96,7 +95,9 @@ def run_in_sequence(
     first = _Sequence(state, begun.begin(), jnp.asarray(False), zero)
     count = len(begun.phases)
 
-    def chunk(number: int, now: _Sequence[State], max_steps: Count) -> _Sequence[State]:
+    def chunk(
+        number: int, now: _Sequence[State], max_steps: Int[Array, ""]
+    ) -> _Sequence[State]:
         most = jnp.minimum(max_steps, LONGEST_CHUNK)
         if number or at_once == LONGEST_CHUNK:
             return part(number, now, most)
@@ -104,7 +105,9 @@ def run_in_sequence(
         turns = jnp.maximum(most // at_once, 1)
         return lax.fori_loop(0, turns, lambda _, now: part(0, now, steps), now)
 
-    def part(number: int, now: _Sequence[State], max_steps: Count) -> _Sequence[State]:
+    def part(
+        number: int, now: _Sequence[State], max_steps: Int[Array, ""]
+    ) -> _Sequence[State]:
         present, run, fresh = motion(now.state), now.run, now.fresh
         if number == 0:
             run, fresh = replaced(fresh, present.begin(), run), jnp.zeros_like(fresh)
