@@ -47,7 +47,7 @@ POLLS = 256  # directions in the table of neighbours
 
 Point = Float[Array, " k"]
 Norm = Callable[[Column, Vector4], Scalar]
-RENORMALISED = 6  # times: the energy is a square but for a cosine
+CORRECTIONS = 5  # of a size: the energy is a square but for a cosine
 
 
 class KICK(Code):
@@ -90,10 +90,14 @@ class Rays:
 
     def at(self, column: Column, c: Point, r: Scalar) -> Float[Array, "4"]:
         """The start on a ray whose norm is r^2 / 2."""
-        y = r * (self.basis @ c)
-        for _ in range(RENORMALISED):
-            now = 2 * self.measure(column, y)
-            y = y * jnp.where(now > 0, r / jnp.sqrt(jnp.where(now > 0, now, 1.0)), 1.0)
+        y, wanted = r * (self.basis @ c), r * r / 2
+        for _ in range(CORRECTIONS):
+            now, slope = jax.jvp(partial(self.measure, column), (y,), (y,))
+            # Newton's method in logarithms: a square needs no correction
+            there = (now > 0) & (slope > 0)
+            now, slope = (jnp.where(there, x, 1.0) for x in (now, slope))
+            share = jnp.where(there, wanted / now, 1.0)
+            y = y * share ** (now / slope)
         return y
 
     def angle(

@@ -338,10 +338,10 @@ class _Problem:
 
         along = partial(self.rays.at, still, best.c)
         y, line = jax.jvp(along, (r,), (jnp.ones_like(r),))
-        place = Place(line, width, sure, motion.last, motion.horizon)
+        place = Place(line, width, named, motion.last, motion.horizon)
         normal, middle, followed = manifold_at(still, y, place, method)
         misalignment = self.rays.angle(y, normal)
-        edge = edge_state(self.column, middle, jnp.max(jnp.abs(y)), sure)
+        edge = edge_state(self.column, middle, jnp.max(jnp.abs(y)), named)
         smooth = sure & (misalignment < SMOOTH)
         change = carried(scene, r, width, smooth, motion.last, motion.horizon, method)
         mark = jnp.where(named, 1.0, jnp.nan)
