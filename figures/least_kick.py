@@ -23,28 +23,31 @@ def main():
     print({k: ds.attrs[k] for k in ("run_seconds", "compile_seconds")})
     for name in ("outcome", "edge"):
         print(name, np.unique(ds[name], return_counts=True))
-    print({"misaligned": float((ds.misalignment > 0.05).mean())})
-    ds["scaled"] = ds.energy / ds.tau**2
-    ds.scaled.attrs = {"long_name": r"least energy over torque squared", "units": "1/k"}
+    scaled = (ds.energy / ds.tau**2).where(ds.outcome == zj.KICK.found)
+    scaled.attrs = {"long_name": "least energy over torque squared", "units": "1/k"}
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), width_ratios=(1.2, 1))
     left.set_yscale("log")
-    zj.plot.map(ds, "scaled", x="q", y="tau", ax=left, norm="log")
-    left.set_xlabel("load $q = Fl/k$")
+    zj.plot.map(scaled.to_dataset(name="scaled"), "scaled", x="q", y="tau", ax=left)
+    left.set_facecolor(zj.plot.REST_COLOUR)
+    slow = ds.outcome == zj.KICK.undecided
+    qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
+    left.plot(qs[slow], ts[slow], "k.", ms=3)
+    left.set_xlabel("load $q = Fl/k$ (black: undecided)")
     left.set_ylabel(r"friction torque $\tau$ (k)")
-    left.set_title(r"$E^*/\tau^2$: kicks below it come to rest", loc="left")
+    left.set_title(r"$E^*/\tau^2$: every kick below it comes to rest", loc="left")
     colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, 4))
     for q, colour in zip((1.8, 2.0, 2.3, 2.6), colours, strict=True):
-        one = ds.scaled.sel(q=q, method="nearest")
-        right.loglog(taus[1:], abs(one[1:] / one[0] - 1), color=colour, label=f"{q:g}")
-    right.loglog(taus[8:], 3 * taus[8:] ** 2, "k--", lw=1, label=r"$3\,\tau^2$")
+        one = scaled.sel(q=q, method="nearest")
+        apart = abs(one / one[0] - 1)[taus > 0.003]
+        right.loglog(apart.tau, apart, color=colour, label=f"{q:g}")
+    right.loglog(apart.tau, 5 * apart.tau**2, "k--", lw=1, label=r"$5\,\tau^2$")
     right.set_xlabel(r"friction torque $\tau$ (k)")
     right.set_ylabel(r"departure of $E^*/\tau^2$ from its limit")
-    right.set_title("One curve of the load where motions are small", loc="left")
+    right.set_title("One curve where motions are small", loc="left")
     right.legend(title="load $q$")
     right.spines[["top", "right"]].set_visible(False)
     figure.tight_layout()
     style.save(figure, __file__)
-    ds.drop_vars("scaled").to_dataframe().to_pickle("/tmp/w10/kick/map.pkl")
 
 
 if __name__ == "__main__":

@@ -100,7 +100,8 @@ def test_the_search_ends_at_the_lowest_threshold_or_says_why_not():
     low, high = now.best.low[:5], now.best.high[:5]
     assert ((low <= threshold[:5]) & (threshold[:5] <= high)).all()
     np.testing.assert_allclose(high, low, rtol=1e-6)
-    # of second order in the last step, 1e-3, where it is smooth: NNN; else of first
+    # of second order in the last step, 1e-3, where it is smooth: 9.9e-7; of first on
+    # a jump, 1.3e-5, and on an edge, 4.7e-4
     np.testing.assert_allclose(high[jnp.array([0, 3, 4])], 1.0, rtol=1e-5)
     np.testing.assert_allclose(high[1:3], 1.0, rtol=2e-3)
     assert now.best.high[7] > 1.001 - 1e-9 and now.best.low[7] < 0.999
@@ -109,7 +110,7 @@ def test_the_search_ends_at_the_lowest_threshold_or_says_why_not():
 def test_the_search_ends_at_the_lowest_threshold_in_four_dimensions():
     now, _ = searched(4, [(plane, True, 0.0)])
     assert now.outcome[0] == zj.KICK.found
-    np.testing.assert_allclose(now.best.high, 1.0, rtol=2e-5)  # NNN
+    np.testing.assert_allclose(now.best.high, 1.0, rtol=2e-5)  # 2.1e-6
 
 
 def test_a_start_has_the_energy_that_is_asked_for():
@@ -132,6 +133,7 @@ def kick(q, tau1, tau2, eta, escape, largest):
         (0.0, largest),
         directions=zj.Directions(count=12, scan=4),
         windows=zj.Windows(escape=escape),
+        method=zj.Method(atol=1e-8 * tau1),
     )
 
 
@@ -154,6 +156,7 @@ LANES = [
     (2.3, TAU, TAU, 1.0, np.pi, 20 * TAU**2),
     (1.8, TAU, TAU, 1.0, np.pi, 2 * TAU**2),  # less than the least kick
     (1.8, TAU, -TAU, 1.0, np.pi, 2 * TAU**2),
+    *((2.1, tau, tau, 1.0, np.pi, 20 * tau**2) for tau in (0.001, 0.02, 0.04)),
 ]
 
 
@@ -181,8 +184,9 @@ def test_a_stiff_column_is_overturned_by_the_energy_of_the_saddle(least):
         angle, one = top(q, tau), least.isel(lane=lane)
         work = angle**2 / 2 - 2 * q * (1 - np.cos(angle)) + tau * angle
         assert one.outcome == zj.KICK.found
-        # the share of rates that the stiff joint stops: measured NNN
-        np.testing.assert_allclose(one.energy, work, rtol=1e-5)
+        # the share of rates that the stiff joint stops: measured
+        # 3.3e-7; the verdict's own interval is 1.2e-6
+        np.testing.assert_allclose(one.energy, work, rtol=5e-6)
         np.testing.assert_allclose(*one.rate, rtol=1e-2)
         assert one.edge == zj.EDGE.equilibrium
         phi1, d = one.edge_amplitude.values  # joint 2 holds a little
@@ -229,7 +233,7 @@ def test_the_least_kick_is_a_critical_kick_with_its_normal_along_the_gradient(le
     for lane in (2, 3):
         one = least.isel(lane=lane)
         assert one.outcome == zj.KICK.found and one.edge == zj.EDGE.cycle
-        assert one.misalignment < 0.01 and one.edge_multiplier > 1  # 0.0040
+        assert one.misalignment < 0.02 and one.edge_multiplier > 1  # 0.0013
         assert one.width / one.energy < 4e-6
 
 
@@ -237,25 +241,15 @@ def test_lanes_without_a_least_kick_say_why(least):
     assert least.outcome[4] == zj.KICK.rests and least.edge[4] == zj.EDGE.none
     assert least.outcome[5] == zj.KICK.invalid
     for name in ("energy", "width", "rate", "misalignment", "edge_period"):
-        assert np.isnan(least[name][4:]).all(), name
+        assert np.isnan(least[name][4:6]).all(), name
 
 
-@pytest.mark.slow
-def test_the_energy_over_the_square_of_the_torque_departs_as_its_square():
+def test_the_energy_over_the_square_of_the_torque_departs_as_its_square(least):
     """Small motions with Coulomb friction are homogeneous in state and torque."""
-    taus = np.array([0.001, 0.01, 0.02, 0.04])
-
-    def point(q, tau):
-        column = zj.uniform_rods(q, friction=sliding(tau, tau))
-        method = zj.Method(rtol=1e-9, atol=1e-9 * tau)
-        return zj.least_kick(column, (0.0, 20 * tau**2), method=method)
-
-    ds = zj.sweep(point, q=[1.8, 2.1, 2.5], tau=taus, progress=False)
-    assert (ds.outcome == zj.KICK.found).all()
-    scaled = (ds.energy / ds.tau**2).values
-    departure = scaled[:, 1:] / scaled[:, :1] - 1
-    ratios = departure[:, 1:] / departure[:, :-1]
-    assert (np.abs(ratios - 4) < 0.4).all()
+    small, *larger = (i for i, lane in enumerate(LANES) if lane[0] == 2.1)
+    scaled = least.energy.values / least.tau1.values**2
+    one, two = (scaled[i] / scaled[small] - 1 for i in larger)
+    assert 0 < one < 2e-3 and abs(two / one - 4) < 0.1  # NNN
 
 
 @pytest.mark.slow
