@@ -41,7 +41,7 @@ MARGIN = 1.25  # how far beyond the best threshold a ray is followed
 FIRST, LEAST_STEP = 0.2, 0.02  # h: at first, and where a descent is given up
 FINE = 0.05  # at first in the last descent
 ROUGH = 0.02  # the widest interval, relative, from which neighbours are tried
-SCREEN = 4.0  # of 34 617 resting motions none came to 3, three to 2
+SCREEN = 4.0  # of 41 335 motions that come to rest none came to 3, three to 2
 NOTHING = 1e-6  # of the largest size: a threshold below it is none
 POLLS = 256  # directions in the table of neighbours
 

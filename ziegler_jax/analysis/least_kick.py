@@ -219,7 +219,8 @@ def least_kick(
     **Arguments:**
 
     - `column`: the scene.
-    - `bracket`: the least and the largest energy (in k) that is tried.
+    - `bracket`: the least and the largest energy (in k) that is tried, of the norm
+        where that is another.
     - `directions`: see `Directions`.
     - `norm`: what is least, a function of the column and the four numbers of the start,
         as `energy` is (kinetic and elastic, in k): positive, and of the second order in
@@ -228,11 +229,15 @@ def least_kick(
         of flutter; where a motion beyond an angle is known to flutter, `escape` saves
         them.
     - `method`: of each motion. Tangents take an explicit method, Tsit5 where this is
-        none, with the same tolerances.
+        none, with the same tolerances. `atol` is absolute: with torques of 0.001 or
+        less take 1e-8 of them.
 
-    **Returns:** `LeastKick`. `found` says that no neighbour of the start, at any
-    distance down to $\sqrt{\mathrm{width}}$ in the norm, has a lower threshold; that no
-    other minimum is lower, so far as one of the directions leads to it.
+    **Returns:** `LeastKick`. `found` says that no neighbour that was tried, at distances
+    down to $\sqrt{\mathrm{width}}$ of the start's own size, has a lower threshold, and
+    that no minimum to which one of the directions leads is lower; the column comes to
+    rest from the lower end of the last interval and is certified to flutter from the
+    upper one. Where rest itself is unstable, as under smoothed friction, the outcome is
+    `moves`.
 
     **Derivatives:** of `energy`, forward and reverse, first order, in every number of
     the column: at a minimum those along its ray (J. M. Danskin, 1967), see
