@@ -27,14 +27,15 @@ def main():
     scaled.attrs = {"long_name": "least energy over torque squared", "units": "1/k"}
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), width_ratios=(1.2, 1))
     left.set_yscale("log")
-    zj.plot.map(scaled.to_dataset(name="scaled"), "scaled", x="q", y="tau", ax=left)
+    shown = scaled.to_dataset(name="scaled")
+    zj.plot.map(shown, "scaled", x="q", y="tau", ax=left, vmin=1.5, vmax=9)
     left.set_facecolor(zj.plot.REST_COLOUR)
     slow = ds.outcome == zj.KICK.undecided
     qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
     left.plot(qs[slow], ts[slow], "k.", ms=3)
     left.set_xlabel("load $q = Fl/k$ (black: undecided)")
     left.set_ylabel(r"friction torque $\tau$ (k)")
-    left.set_title(r"$E^*/\tau^2$: every kick below it comes to rest", loc="left")
+    left.set_title(r"$E^*/\tau^2$: all weaker kicks come to rest", loc="left")
     colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, 4))
     for q, colour in zip((1.8, 2.0, 2.3, 2.6), colours, strict=True):
         one = scaled.sel(q=q, method="nearest")

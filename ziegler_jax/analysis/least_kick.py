@@ -232,9 +232,9 @@ def least_kick(
         none, with the same tolerances. `atol` is absolute: with torques of 0.001 or
         less take 1e-8 of them.
 
-    **Returns:** `LeastKick`. `found` says that no neighbour that was tried, at distances
-    down to $\sqrt{\mathrm{width}}$ of the start's own size, has a lower threshold, and
-    that no minimum to which one of the directions leads is lower; the column comes to
+    **Returns:** `LeastKick`. `found` says that no neighbour that was tried, down
+    to $\sqrt{\mathrm{width}}$ of the start's size away, has a lower threshold, and that
+    no minimum to which one of the directions leads is lower; the column comes to
     rest from the lower end of the last interval and is certified to flutter from the
     upper one. Where rest itself is unstable, as under smoothed friction, the outcome is
     `moves`.
