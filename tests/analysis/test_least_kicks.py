@@ -132,28 +132,25 @@ def kick(numbers, eta, escape, largest):
     result = zj.least_kick(
         column,
         (0.0, largest),
-        directions=zj.Directions(count=12, scan=4, width=1e-7),
+        directions=zj.Directions(count=8, scan=4, width=1e-7),
         windows=zj.Windows(escape=escape),
         method=zj.Method(rtol=1e-9, atol=1e-9 * tau1),
     )
     return result.energy, result
 
 
-TAU, STEP = 0.02, 1e-3
+TAU = 0.02
+NUMBERS, STEP = np.array([2.3, TAU, TAU]), 1e-3 * np.array([1.0, 2.0, -1.0])
 LANES = [
     (0.8, 0.05, 10.0, 0.0, 0.5, 1.0),  # a pendulum on a spring under a dead load
     (1.2, 0.05, 10.0, 0.0, 0.5, 1.0),
-    (1.8, TAU, TAU, 1.0, np.pi, 20 * TAU**2),
+    (2.2, TAU, TAU, 1.0, np.pi, 20 * TAU**2),
     (2.3, TAU, TAU, 1.0, np.pi, 20 * TAU**2),
-    (1.8, TAU, TAU, 1.0, np.pi, 2 * TAU**2),  # less than the least kick
-    (1.8, TAU, -TAU, 1.0, np.pi, 2 * TAU**2),
+    (2.2, TAU, TAU, 1.0, np.pi, 2 * TAU**2),  # less than the least kick
+    (2.2, TAU, -TAU, 1.0, np.pi, 2 * TAU**2),
     *((2.1, tau, tau, 1.0, np.pi, 20 * tau**2) for tau in (0.001, 0.02, 0.04)),
-    *(
-        (2.3 * (1 + x), TAU * (1 + y), TAU * (1 + z), 1.0, np.pi, 20 * TAU**2)
-        for x, y, z in STEP * np.vstack([np.eye(3), -np.eye(3)])
-    ),
+    *((*NUMBERS * (1 + x * STEP), 1.0, np.pi, 20 * TAU**2) for x in (1, -1)),
 ]
-SCALES = np.array(LANES[3][:3])
 
 
 @pytest.fixture(scope="module")
@@ -185,8 +182,8 @@ def test_a_stiff_column_is_overturned_by_the_energy_of_the_saddle(least):
         work = angle**2 / 2 - 2 * q * (1 - np.cos(angle)) + tau * angle
         assert one.outcome == zj.KICK.found
         # the share of rates that the stiff joint stops: measured
-        # 3.3e-7; the verdict's own interval is 1.2e-6
-        np.testing.assert_allclose(one.energy, work, rtol=5e-6)
+        # 5.2e-8
+        np.testing.assert_allclose(one.energy, work, rtol=5e-7)
         np.testing.assert_allclose(*one.rate, rtol=1e-2)
         assert one.edge == zj.EDGE.equilibrium
         phi1, d = one.edge_amplitude.values  # joint 2 holds a little
@@ -206,7 +203,7 @@ def test_below_the_least_kick_it_rests_and_above_it_flutters(least):
         circle * np.sqrt(2 * least.energy.values[i] * rng.uniform(0.3, 1, turns.size))
         for i in lanes
     ]
-    q = np.repeat([1.8, 2.3], turns.size + 2)
+    q = np.repeat([2.2, 2.3], turns.size + 2)
     rates = np.concatenate(
         [part for two, many in zip((own[:2], own[2:]), random, strict=True)
          for part in (np.array(two), many.T)]
@@ -249,20 +246,21 @@ def test_the_energy_over_the_square_of_the_torque_departs_as_its_square(least):
     small, *larger = (i for i, lane in enumerate(LANES) if lane[0] == 2.1)
     scaled = least.energy.values / np.array(LANES)[:, 1] ** 2
     one, two = (scaled[i] / scaled[small] - 1 for i in larger)
-    assert 0 < one < 2e-3 and abs(two / one - 4) < 0.1  # NNN
+    assert 0 < one < 2e-3 and abs(two / one - 4) < 0.1  # 4.013
 
 
 def test_the_least_energy_moves_as_its_derivative_says(least):
     """In the load and both torques; by differences of least energies."""
-    ends = least.energy.values[9:15]
-    difference = (ends[:3] - ends[3:]) / (2 * STEP * SCALES)
-    np.testing.assert_allclose(least.slope[3], difference, rtol=1e-3)  # NNN
+    high, low = least.energy.values[9:]
+    along = least.slope.values[3] @ (2 * STEP * NUMBERS)
+    np.testing.assert_allclose(along, high - low, rtol=5e-3)  # NNN
     # at the saddle of a pendulum: the loads' and the friction's own work
     for lane in (0, 1):
         q, tau = LANES[lane][:2]
         angle = top(q, tau)
         exact = [-2 * (1 - np.cos(angle)), angle, 0.0]
-        np.testing.assert_allclose(least.slope[lane], exact, rtol=1e-3, atol=1e-5)
+        # measured 2e-6
+        np.testing.assert_allclose(least.slope[lane], exact, rtol=2e-5, atol=1e-9)
     assert np.isnan(least.slope[4:6]).all()
 
 
