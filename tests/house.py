@@ -144,7 +144,7 @@ def anys(texts):
 # Household words in place of a noun of the field.
 PARTICIPLES = {"found", "seen", "kept", "heard", "held", "told"}
 # The code tables whose members may be called so: they are public and stay.
-CODES = {"ORBIT", "CRITICAL", "ONSET"}
+CODES = {"ORBIT", "CRITICAL", "ONSET", "KICK"}
 
 
 def participles(texts):

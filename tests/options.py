@@ -10,6 +10,7 @@ VALUES = {
     "windows": zj.Windows,
     "spans": zj.Spans,
     "search": zj.Search,
+    "directions": zj.Directions,
     "arc": zj.Arc,
     "section": zj.SectionPlane,
 }

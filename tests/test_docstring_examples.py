@@ -114,6 +114,11 @@ def of_a_kick(names):
     assert ds.outcome.item() == zj.ONSET.found
 
 
+def of_a_least_kick(names):
+    ds = zj.sweep(names["point"], q=[2.0], tau=[0.03], progress=False)
+    assert ds.outcome.item() == zj.KICK.found
+
+
 def of_a_branch(names):
     branch = names["branch"]
     assert branch.points.parameter[0] == 2.0 and branch.points.parameter[1] < 2.0
@@ -160,6 +165,7 @@ CASES = {
     "plot/explore.py 0": ({"ds": small_map}, None),
     "accessor.py 0": ({"ds": small_map}, None),
     "analysis/onset.py 0": ({}, of_a_kick),
+    "analysis/least_kick.py 0": ({}, of_a_least_kick),
     "motion/stiffness.py 0": (
         {
             "column": column,
@@ -184,7 +190,14 @@ CASES = {
         lambda names: bool(names["ds"].joint_amplitude_error.notnull().all()),
     ),
 }
-SLOW = ("continuation", "hysteresis", "work_precision", "stiffness", "onset")
+SLOW = (
+    "continuation",
+    "hysteresis",
+    "work_precision",
+    "stiffness",
+    "onset",
+    "least_kick",
+)
 LAWS = ("model/damping.py 0", "model/friction.py 0", "motion/observers.py 0")
 
 

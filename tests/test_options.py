@@ -32,6 +32,7 @@ QUESTIONS = {
     zj.sweep_up_down: (column, [1.0, 2.0]),
     zj.flutter_onset: (column, KICK, (1.0, 2.0)),
     zj.critical_kick: (column(), KICK, (0.0, 1.0)),
+    zj.least_kick: (column(), (0.0, 1.0)),
     zj.periodic_orbit: (column(), KICK),
     zj.continue_cycle: (column, orbit, 2.6),
     zj.cycle_fold: (column, orbit, 2.6),
@@ -126,7 +127,7 @@ def test_a_partial_value_leaves_the_rest_to_the_question(value, part):
         expected = {RECORDED.get(value, {}).get(name, name)}
         assert changed == expected | ({"atol"} if name == "rtol" else set()), keyword
         asked += 1
-    assert asked == {zj.Method: 12, zj.Windows: 5}.get(value, 2)
+    assert asked == {zj.Method: 13, zj.Windows: 6}.get(value, 2)
 
 
 def test_the_absolute_tolerance_is_the_relative_one_unless_it_is_named():

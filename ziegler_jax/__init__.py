@@ -12,7 +12,10 @@ from .analysis.continuation import (
     continue_cycle,
     cycle_fold,
 )
+from .analysis.edge import EDGE
 from .analysis.hysteresis import UpDownSweep, sweep_up_down
+from .analysis.kick_search import KICK
+from .analysis.least_kick import Directions, LeastKick, least_kick
 from .analysis.lyapunov import Exponents, lyapunov_exponents
 from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
@@ -87,6 +90,8 @@ __version__ = metadata.version("ziegler_jax")
 
 __all__ = [
     "CRITICAL",
+    "EDGE",
+    "KICK",
     "ONSET",
     "ORBIT",
     "OUTCOME",
@@ -108,6 +113,7 @@ __all__ = [
     "ConstantLoad",
     "CycleFold",
     "CyclePoints",
+    "Directions",
     "EnergyBalance",
     "Explicit",
     "Exponents",
@@ -116,6 +122,7 @@ __all__ = [
     "Growth",
     "JointReaction",
     "Lanes",
+    "LeastKick",
     "Mean",
     "Method",
     "Onset",
@@ -151,6 +158,7 @@ __all__ = [
     "energy",
     "flutter_onset",
     "is_stiff",
+    "least_kick",
     "linearise",
     "lyapunov_exponents",
     "merge",

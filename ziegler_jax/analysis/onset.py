@@ -274,7 +274,7 @@ def _search(problem: _Problem, bracket: Two, long_name: str) -> Onset:
 
     def update(search: _Search, motion: CertifiedMotion, run: Certifying) -> _Search:
         del motion
-        verdict = _verdict(run.outcome, run.moves)
+        verdict = verdict_of(run.outcome, run.moves)
         return _updated(search, verdict, run.outcome, (least, largest), problem.search)
 
     zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
@@ -321,7 +321,8 @@ def _search(problem: _Problem, bracket: Two, long_name: str) -> Onset:
     )
 
 
-def _verdict(outcome: Int[Array, ""], moves: Flag) -> Float[Array, ""]:
+def verdict_of(outcome: Int[Array, ""], moves: Flag) -> Float[Array, ""]:
+    """What a motion that has ended says: `RESTS`, `MOVES` or `NONE`."""
     rests = (outcome == OUTCOME.stuck) | (outcome == OUTCOME.rest)
     return jnp.where(rests, RESTS, jnp.where(moves, MOVES, NONE))
 

@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
 from ..motion.implicit import fixed, implicit, moving
-from ..motion.integrate import Motion
+from ..motion.integrate import Motion, follow
 from ..motion.options import Method
 from ..motion.scene import float_state
 from ..motion.variational import Make, Variational, Varied, varied
@@ -55,7 +55,16 @@ class ManifoldSlopeState(NamedTuple):
     mark: Ratio  # a decade of growth ago at most
     earlier: Ratio  # one more
     largest: Float[Array, ""]  # state so far
+    middle: "Middle"
     outcome: Int[Array, ""]
+
+
+class Middle(NamedTuple):
+    """Where half of the growth was over, that is where the motion was nearest."""
+
+    reached: Bool[Array, ""]
+    y: Float[Array, "4"]
+    modes: Float[Array, "2"]  # of set-valued friction, else 1
 
 
 class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
@@ -77,7 +86,10 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
         zero = 0.0 * y0[0]
         ratio = Ratio(jnp.zeros_like(self.along), zero)
         none = jnp.asarray(OUTCOME.not_computed, jnp.int32)
-        return ManifoldSlopeState(varied, ratio, t0 + zero, ratio, ratio, zero, none)
+        start = Middle(jnp.asarray(False), jnp.stack(y0), jnp.ones(2) + zero)
+        return ManifoldSlopeState(
+            varied, ratio, t0 + zero, ratio, ratio, zero, start, none
+        )
 
     def step(self, column, state, step):
         """Look at the ratio; at an end where it has grown enough, or grows no more."""
@@ -98,8 +110,14 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
             mark=tree_where(further, now, state.mark),
             earlier=tree_where(further, state.mark, state.earlier),
             largest=jnp.maximum(size, state.largest),
+            middle=state.middle,
             outcome=state.outcome,
         )
+        half = now.length**2 * self.width > PARTED * after.largest
+        modes = step.event[1] if step.event else (1.0, 1.0)
+        middle = Middle(half, jnp.stack(step.y1), jnp.stack(modes) + 0.0 * now.length)
+        middle = tree_where(half & ~state.middle.reached, middle, state.middle)
+        after = after._replace(middle=middle)
         over = now.length * self.width > PARTED * after.largest
         over |= step.t1 > 2 * after.when + self.window
         if step.modes:
@@ -155,12 +173,27 @@ def _slope(
     make: Make, numbers: Float[Array, " k"], place: Place, method: Method
 ) -> Float[Array, " k"]:
     """The threshold's derivatives in the start's four numbers and the column's."""
-    args, inner = varied(make, numbers[4:], cast(Explicit, method.solver))
+    motion = _motion(make, numbers, place, method)
+    after = motion.advance(motion.begin()).folded
+    return _certain_row(numbers, place, after)
+
+
+def _motion(
+    make: Make, numbers: Float[Array, " k"], place: Place, method: Method
+) -> Motion[ManifoldSlopeState]:
+    args, inner = varied(
+        make, numbers[4:], cast(Explicit, method.solver), numbers.size > 4
+    )
     fold = ManifoldSlope(inner, place.line, place.width, place.window)
     y0 = cast(Traced4, tuple(numbers[i] for i in range(4)))
     span = jnp.where(place.known, place.patience, 0.0).astype(numbers.dtype)
-    motion = Motion(args, y0, fold, method, end=span)
-    after = motion.advance(motion.begin()).folded
+    return Motion(args, y0, fold, method, end=span)
+
+
+def _certain_row(
+    numbers: Float[Array, " k"], place: Place, after: ManifoldSlopeState
+) -> Float[Array, " k"]:
+    """The ratio at its best; NaN where it is not known well enough."""
     best, before = after.best, after.earlier
     # what does not grow is a share 1 / length of the ratio
     share = before.length / jnp.where(best.length > 0, best.length, 1.0)
@@ -169,3 +202,19 @@ def _slope(
     certain = jnp.max(error * sizes) < CERTAIN * jnp.max(jnp.abs(best.row) * sizes)
     certain &= place.known & (before.length > 0)
     return jnp.where(certain, best.row, jnp.nan)
+
+
+def manifold_at(
+    column: Column, y0: Float[Array, "4"], place: Place, method: Method
+) -> tuple[Float[Array, "4"], Middle, Int[Array, ""]]:
+    r"""Of the stable manifold at a threshold its normal n, and what it leads to.
+
+    **Arguments:** `place`, its line as `y0` changes along the search's line, so that
+    $n \cdot \mathrm{line} = 1$.
+
+    **Returns:** n, NaN where it is not known; where the motion was nearest to the
+    saddle; steps.
+    """
+    motion = _motion(lambda _: column, y0, place, method)
+    run = follow(motion)
+    return -_certain_row(y0, place, run.folded), run.folded.middle, run.steps

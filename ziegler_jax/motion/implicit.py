@@ -75,6 +75,10 @@ first_order = _refusing(
     "Periodic orbits, their folds and thresholds have first derivatives only: "
     "the second ones would need second variations. Take differences of the first."
 )
+fixed_direction = _refusing(
+    "The start of a least kick and its edge have no derivatives here: they would need "
+    "second variations. Differentiate `energy`, or take differences."
+)
 undifferentiated = _refusing(
     "The monodromy matrix, its multipliers and `stable` have no derivatives here: "
     "they would need second variations. Read them outside of what is "

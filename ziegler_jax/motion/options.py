@@ -101,6 +101,7 @@ class Method(AbstractOptions):
     | `sweep_up_down` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
     | `regularisation_error` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
     | `flutter_onset`, `critical_kick` | Tsit5 | 1e-8 | 3000000 (a motion) |
+    | `least_kick` | Tsit5, set-valued Taylor8 | 1e-8 | 1000000 (a motion) |
     | `trajectory` | Dopri8, set-valued Taylor8 | 1e-8 | 1000000 |
     | `periodic_orbit` | Dopri8, set-valued Tsit5 | 1e-10 | 100000 |
     | `continue_cycle`, `cycle_fold` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
@@ -172,6 +173,7 @@ class Windows(AbstractOptions):
     | `settle`, `regularisation_error` | 100 | 40 | 40 | 2e-4 | pi |
     | `sweep_up_down` | 0 | 40 | 100 | 2e-4 | pi |
     | `flutter_onset`, `critical_kick` | 0 | 40 | 1000 | 5e-5 | pi |
+    | `least_kick` | 0 | 40 | 200 | 5e-5 | pi |
 
     **Raises:** `ValueError` for numbers that break a rule.
     """
@@ -222,6 +224,7 @@ _METHODS = {
     "sweep_up_down": (1e-6, 1_000_000),
     "flutter_onset": (1e-8, 3_000_000),
     "critical_kick": (1e-8, 3_000_000),
+    "least_kick": (1e-8, 1_000_000),
     "trajectory": (1e-8, 1_000_000),
     "periodic_orbit": (1e-10, 100_000),
     "continue_cycle": (1e-10, 10_000_000),
@@ -236,6 +239,7 @@ _WINDOWS = {
     "sweep_up_down": (0.0, 40.0, 100, 2e-4),
     "flutter_onset": (0.0, 40.0, 1000, 5e-5),
     "critical_kick": (0.0, 40.0, 1000, 5e-5),
+    "least_kick": (0.0, 40.0, 200, 5e-5),
 }
 _SPANS = {name: (200.0, 50.0, 20) for name in ("lyapunov_exponents", "verdict")}
 

@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Int
 
 from ..context import ENDED, Phase, resumable
 from ..numerics.materialise import if_any_lane, replaced
-from ..numerics.numbers import Count
 
 # The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
 LONGEST_CHUNK = 256
@@ -75,6 +74,7 @@ def run_in_sequence(
     update: Callable[..., State],
     running: Callable[[State], Bool[Array, ""]],
     state: State,
+    at_once: int = LONGEST_CHUNK,
 ) -> tuple[State, Int[Array, ""]]:
     """Follow motions until there is no next one.
 
@@ -84,6 +84,9 @@ def run_in_sequence(
     - `update`: the state after it, from the state, the motion and its ended run.
     - `running`: whether there is a next one.
     - `state`: the first state, a pytree of scalars and arrays.
+    - `at_once`: after how many steps of the first phase motions that have ended make
+        room for the next ones. Few where most motions are short; the last phase, what a
+        motion decides between loops, is then run with the first.
 
     **Returns:** the last state and the number of steps of all motions.
     """
@@ -92,13 +95,29 @@ def run_in_sequence(
     first = _Sequence(state, begun.begin(), jnp.asarray(False), zero)
     count = len(begun.phases)
 
-    def chunk(number: int, now: _Sequence[State], max_steps: Count) -> _Sequence[State]:
+    def chunk(
+        number: int, now: _Sequence[State], max_steps: Int[Array, ""]
+    ) -> _Sequence[State]:
+        most = jnp.minimum(max_steps, LONGEST_CHUNK)
+        if number or at_once == LONGEST_CHUNK:
+            return part(number, now, most)
+        steps = jnp.asarray(at_once, jnp.int32)
+        turns = jnp.maximum(most // at_once, 1)
+        return lax.fori_loop(0, turns, lambda _, now: part(0, now, steps), now)
+
+    def part(
+        number: int, now: _Sequence[State], max_steps: Int[Array, ""]
+    ) -> _Sequence[State]:
         present, run, fresh = motion(now.state), now.run, now.fresh
         if number == 0:
             run, fresh = replaced(fresh, present.begin(), run), jnp.zeros_like(fresh)
         before = run.steps
         advance = present.phases[number].advance
-        run = advance(run, jnp.minimum(max_steps, LONGEST_CHUNK))
+        run = advance(run, max_steps)
+        if number == 0 and at_once < LONGEST_CHUNK:
+            decide = present.phases[-1].advance
+            asked = run.running & (run.phase == count - 1)
+            run = if_any_lane(asked, lambda run: decide(run, max_steps), run)
         steps = now.steps + (run.steps - before).astype(jnp.int32)
         if number not in (0, count - 1):  # a motion ends elsewhere
             return _Sequence(now.state, run, fresh, steps)

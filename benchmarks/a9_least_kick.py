@@ -1,0 +1,215 @@
+"""Is the least kick the least?
+
+Twenty columns and loads with set-valued friction: `least_kick` against random kicks,
+whose directions are uniform in the norm of the energy and whose energies are uniform
+up to 1.25 of the least one; both have the same windows and tolerances, and each of the
+random kicks is followed to a certified cycle or to rest. Then the least kick itself,
+0.998 and 1.002 of it. Before, how the least energy over the square of the torque
+departs from its limit at small torques. Prints one JSON line a case and one for all.
+
+    python benchmarks/a9_least_kick.py [--random 5000] [--cases 20] [--groups rates]
+"""
+
+import argparse
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from measure import commit, rounded
+
+import ziegler_jax as zj
+
+# q, mu_s, mu_k of joint 1, of joint 2, kappa, eta, (a, b, d), c: free numbers a group
+ROD, POINTS = (4 / 3, 1 / 2, 1 / 3), (3.0, 1.0, 1.0)
+CASES = {
+    "rates": [
+        (1.40, 0.01, 0.01, 0.01, 0.01, 1.0, 1.0, ROD, 0.0),
+        (1.60, 0.02, 0.02, 0.02, 0.02, 1.0, 1.0, ROD, 0.0),
+        (1.80, 0.05, 0.05, 0.05, 0.05, 1.0, 1.0, ROD, 0.0),
+        (2.00, 0.10, 0.10, 0.10, 0.10, 1.0, 1.0, ROD, 0.0),
+        (2.30, 0.02, 0.02, 0.02, 0.02, 1.0, 1.0, ROD, 0.0),
+        (2.50, 0.16, 0.16, 0.16, 0.16, 1.0, 1.0, ROD, 0.0),
+        (2.10, 0.06, 0.04, 0.06, 0.04, 1.0, 1.0, ROD, 0.0),
+        (2.00, 0.03, 0.03, 0.02, 0.02, 1.0, 1.0, ROD, 0.0),
+        (2.20, 0.01, 0.01, 0.04, 0.04, 1.0, 1.0, ROD, 0.0),
+        (1.90, 0.03, 0.03, 0.03, 0.03, 1.0, 1.0, POINTS, 0.0),
+        (2.20, 0.03, 0.025, 0.02, 0.015, 1.5, 1.0, POINTS, 0.01),
+        (2.40, 0.03, 0.03, 0.03, 0.03, 0.8, 0.95, ROD, 0.02),
+    ],
+    "angles": [
+        (1.80, 0.02, 0.02, 0.02, 0.02, 1.0, 1.0, ROD, 0.0),
+        (2.10, 0.05, 0.05, 0.05, 0.05, 1.0, 1.0, ROD, 0.0),
+        (2.40, 0.03, 0.02, 0.03, 0.02, 1.0, 1.0, ROD, 0.0),
+        (2.00, 0.03, 0.03, 0.03, 0.03, 1.0, 1.0, POINTS, 0.0),
+    ],
+    "both": [
+        (1.80, 0.02, 0.02, 0.02, 0.02, 1.0, 1.0, ROD, 0.0),
+        (2.10, 0.05, 0.05, 0.05, 0.05, 1.0, 1.0, ROD, 0.0),
+        (2.40, 0.03, 0.02, 0.03, 0.02, 1.0, 1.0, ROD, 0.0),
+        (2.00, 0.03, 0.03, 0.03, 0.03, 1.0, 1.0, POINTS, 0.0),
+    ],
+}
+FREE = {"rates": (2, 3), "angles": (0, 1), "both": (0, 1, 2, 3)}
+HIGHEST, ABOVE = 600.0, 1.25  # energies over the torque squared, over the least
+WINDOWS = zj.Windows(transient=0.0, length=40.0, max_windows=200)
+METHOD = zj.Method(rtol=1e-8)
+
+
+def numbers(cases):
+    """A case a row."""
+    return np.array([[*case[:7], *case[7], case[8]] for case in cases])
+
+
+def column(row):
+    q, s1, k1, s2, k2, kappa, eta, a, b, d, c = (row[i] for i in range(11))
+    law = zj.SetValuedCoulomb(
+        (s1, s2), (k1, k2), pin_radius=1.0, load=zj.ConstantLoad(1.0)
+    )
+    return zj.Column(q, a, b, d, kappa, eta, zj.Viscous(c, c), law)
+
+
+def least(free, table):
+    """The least kicks of a group."""
+
+    def point(case):
+        row = jnp.asarray(table)[case.astype(int)]
+        return zj.least_kick(
+            column(row),
+            (0.0, HIGHEST * row[1] * row[3]),
+            directions=zj.Directions(free),
+            windows=WINDOWS,
+            method=METHOD,
+        )
+
+    return zj.sweep(point, case=np.arange(len(table)), progress=False)
+
+
+def fates(table, case, starts):
+    """How motions of one case end."""
+
+    def point(case, phi1, phi2, omega1, omega2):
+        start = zj.State((phi1, phi2), (omega1, omega2))
+        ended = zj.settle(
+            column(jnp.asarray(table)[case.astype(int)]),
+            start,
+            windows=WINDOWS,
+            method=METHOD,
+        )
+        return {"outcome": ended.outcome}
+
+    names = ("phi1", "phi2", "omega1", "omega2")
+    axes = {
+        name: xr.DataArray(x, dims="kick")
+        for name, x in zip(names, starts.T, strict=True)
+    }
+    return zj.sweep(point, case=[case], axes=axes, progress=False).outcome.values[0]
+
+
+def random_kicks(row, free, energy, count, seed):
+    """Starts with random directions, and their energies up to `ABOVE` of the least."""
+    rng = np.random.default_rng(seed)
+    kappa, (a, b, d) = row[5], row[7:10]
+    square = np.zeros((4, 4))
+    square[:2, :2] = [[kappa + 1, -1], [-1, 1]]
+    square[2:, 2:] = [[a, b], [b, d]]
+    factor = np.linalg.cholesky(square[np.ix_(free, free)])
+    points = rng.normal(size=(count, len(free)))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    starts = np.zeros((count, 4))
+    starts[:, free] = np.linalg.solve(factor.T, points.T).T
+    wanted = energy * rng.uniform(0, ABOVE, count)
+    starts *= np.sqrt(2 * wanted)[:, None]
+    phi1, phi2, w1, w2 = starts.T
+    kinetic = a * w1**2 + d * w2**2 + 2 * b * np.cos(phi1 - phi2) * w1 * w2
+    return starts, (kinetic + kappa * phi1**2 + (phi2 - phi1) ** 2) / 2
+
+
+def judged(group, table, ds, case, count):
+    """One case's least kick against random ones."""
+    found = ds.isel(case=case)
+    line = {
+        "case": f"{group} {case}",
+        "q": float(table[case][0]),
+        "outcome": zj.KICK(int(found.outcome)).name,
+        "edge": zj.EDGE(int(found.edge)).name,
+        "energy_over_torque": float(found.energy / table[case][1] / table[case][3]),
+        "misalignment": float(found.misalignment),
+        "motions": int(found.motions),
+        "steps": int(found.steps),
+    }
+    if int(found.outcome) != zj.KICK.found:
+        return line
+    energy, row = float(found.energy), table[case]
+    start = np.concatenate([found.angle.values, found.rate.values])
+    around = fates(table, case, np.outer([0.998, 1.002], start))
+    starts, energies = random_kicks(row, FREE[group], energy, count, 7 + case)
+    fate = fates(table, case, starts)
+    flutter = fate == zj.OUTCOME.cycle
+    best = energies[flutter].min() if flutter.any() else np.inf
+    return line | {
+        "0.998": zj.OUTCOME(int(around[0])).name,
+        "1.002": zj.OUTCOME(int(around[1])).name,
+        "random": count,
+        "flutter": int(flutter.sum()),
+        "undecided": int((fate == zj.OUTCOME.unsettled).sum()),
+        "least_over_best": energy / best,
+    }
+
+
+def law():
+    """How E / tau^2 departs from its value at the least torque."""
+    taus = np.array([0.0005, 0.001, 0.005, 0.01, 0.02, 0.04])
+
+    def point(q, tau):
+        row = jnp.stack([q, tau, tau, tau, tau, 1.0, 1.0, *ROD, 0.0])
+        method = zj.Method(rtol=1e-9, atol=1e-9 * tau)
+        return zj.least_kick(column(row), (0.0, 60 * tau**2), method=method)
+
+    ds = zj.sweep(point, q=np.linspace(1.8, 2.6, 17), tau=taus, progress=False)
+    scaled = (ds.energy / ds.tau**2).values
+    departure = scaled[:, 1:] / scaled[:, :1] - 1
+    ratios = departure[:, 2:] / departure[:, 1:-1]
+    return {
+        "law": "departure of E / tau^2",
+        "found": int((ds.outcome == zj.KICK.found).sum()),
+        "of": int(ds.outcome.size),
+        "at_0.001": float(np.abs(departure[:, 0]).max()),
+        "at_0.01": float(np.abs(departure[:, 2]).max()),
+        "ratios_from_0.005": [[float(r.min()), float(r.max())] for r in ratios.T],
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Is the least kick the least?")
+    parser.add_argument("--random", type=int, default=5000)
+    parser.add_argument("--cases", type=int, default=20)
+    parser.add_argument("--law", action=argparse.BooleanOptionalAction, default=True)
+    parser.add_argument("--groups", nargs="*", default=list(CASES))
+    options = parser.parse_args()
+    zj.configure_cpu()
+    lines = []
+    if options.law:
+        print(json.dumps(rounded(law())), flush=True)
+    for group in options.groups:
+        table = numbers(CASES[group])
+        ds = least(group, table)
+        for case in range(min(len(table), options.cases)):
+            lines.append(judged(group, table, ds, case, options.random))
+            print(json.dumps(rounded(lines[-1])), flush=True)
+    judged_ones = [line for line in lines if "random" in line]
+    result = {
+        "benchmark": "a9_least_kick",
+        "commit": commit(),
+        "cases": len(lines),
+        "found": len(judged_ones),
+        "random_a_case": options.random,
+        "largest_least_over_best": max(x["least_over_best"] for x in judged_ones),
+        "rest_at_0.998": sum(x["0.998"] == "stuck" for x in judged_ones),
+        "flutter_at_1.002": sum(x["1.002"] == "cycle" for x in judged_ones),
+    }
+    print(json.dumps(rounded(result)))
+
+
+if __name__ == "__main__":
+    main()
