@@ -44,6 +44,7 @@ class Flow(NamedTuple):
     extent_moved: Float[Array, "3 k"]
     arrived: Bool[Array, ""]  # whether the span was integrated to its end
     steps: Int[Array, ""]
+    modes: Float[Array, ""]  # a number of the sequence of modes, 0 where there is none
 
 
 def varied_motion(
@@ -65,6 +66,7 @@ def varied_motion(
 
 def flow_of(run: "Run[Varied]") -> Flow:
     """Where such a motion ended, with its derivatives."""
+    modes = run.folded.modes
     return Flow(
         jnp.stack(run.y),
         jnp.stack(run.solver.slope),
@@ -73,6 +75,7 @@ def flow_of(run: "Run[Varied]") -> Flow:
         jnp.stack(run.folded.extent_moves),
         run.outcome == OUTCOME.complete,
         run.steps,
+        0.0 * jnp.asarray(run.y[0]) if isinstance(modes, tuple) else modes,
     )
 
 
@@ -95,6 +98,7 @@ class Varied(NamedTuple):
     y: Rows  # four
     extent: Numbers  # three
     extent_moves: Rows  # three
+    modes: Traced | tuple[()]  # set-valued friction: a number of the events so far
 
 
 class Variational(AbstractFold[Varied]):
@@ -121,6 +125,7 @@ class Variational(AbstractFold[Varied]):
             rows,
             tuple(jnp.abs(x) for x in angles),
             tuple(s * row for s, row in zip(signs, turned, strict=True)),
+            0.0 * y0[0] if column.sticks else (),
         )
 
     def outcome(self, state):
@@ -181,7 +186,21 @@ class Variational(AbstractFold[Varied]):
             larger = jnp.abs(new) > old
             extent.append(jnp.where(larger, jnp.abs(new), old))
             moves.append(jnp.where(larger, jnp.sign(new) * dnew, dold))
-        return Varied(dy, tuple(extent), tuple(moves)), jnp.inf, False
+        modes = events_number(state.modes, step)
+        return Varied(dy, tuple(extent), tuple(moves), modes), jnp.inf, False
+
+
+def events_number(modes: Traced | tuple[()], step: Step) -> Traced | tuple[()]:
+    """A number of the sequence of modes after a step; of another one it is another.
+
+    But by rare chance; () where no joint sticks.
+    """
+    if isinstance(modes, tuple):
+        return ()
+    assert step.event
+    joint, (m1, m2) = step.event
+    met = 0.7 * modes + (joint + 3.0 * m1 + 9.0 * m2 + 14.0)
+    return jnp.where(joint > 0, met, modes)
 
 
 def _stopped(column: Column, y: Vector4, dw1: Row, dw2: Row) -> tuple[Row, Row]:
