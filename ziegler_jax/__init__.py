@@ -17,6 +17,8 @@ from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
 from .analysis.poincare import PoincareSection, poincare
 from .analysis.regularisation import RegularisationError, regularisation_error
+from .curves.course import Course
+from .curves.curve import BifurcationCurve, BifurcationPoints, bifurcation_curve
 from .linear.critical_load import critical_load
 from .linear.sensitivity import sensitivity
 from .linear.spectrum import (
@@ -62,6 +64,8 @@ from .motion.stiffness import is_stiff
 from .motion.trajectory import Trajectory, trajectory
 from .results import (
     CRITICAL,
+    CURVE,
+    MEETING,
     ONSET,
     ORBIT,
     OUTCOME,
@@ -85,6 +89,8 @@ __version__ = metadata.version("ziegler_jax")
 
 __all__ = [
     "CRITICAL",
+    "CURVE",
+    "MEETING",
     "ONSET",
     "ORBIT",
     "OUTCOME",
@@ -101,9 +107,12 @@ __all__ = [
     "Air",
     "Amplitude",
     "Arc",
+    "BifurcationCurve",
+    "BifurcationPoints",
     "Branch",
     "Column",
     "ConstantLoad",
+    "Course",
     "CycleFold",
     "CyclePoints",
     "EnergyBalance",
@@ -140,6 +149,7 @@ __all__ = [
     "Verdict",
     "Viscous",
     "Windows",
+    "bifurcation_curve",
     "configure_cache",
     "configure_cpu",
     "continue_cycle",

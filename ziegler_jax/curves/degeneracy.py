@@ -32,7 +32,7 @@ Extra = Float[Array, " e"]  # the unknowns beside the cycle's: null vectors, an 
 
 
 class Block(NamedTuple):
-    """Equations and their derivatives in x = (z, p), scaled, and in the extra unknowns."""
+    """Equations and their derivatives in x = (z, p), scaled, and the extra unknowns."""
 
     residual: Float[Array, " e"]
     in_x: Float[Array, "e 6"]
@@ -58,7 +58,9 @@ class AbstractDegeneracy(eqx.Module):
         """
 
     @abc.abstractmethod
-    def directions(self, extra: Extra, basis: Float[Array, "a 6"]) -> Float[Array, "k a"]:
+    def directions(
+        self, extra: Extra, basis: Float[Array, "a 6"]
+    ) -> Float[Array, "k a"]:
         """The null vectors as directions of (y0, T, p)."""
 
     @abc.abstractmethod
@@ -125,7 +127,7 @@ class Fold(AbstractDegeneracy):
 
 
 class Flip(AbstractDegeneracy):
-    """A multiplier of N is -1: the period doubles, or the half map's symmetry breaks."""
+    """A multiplier of N is -1: the period doubles, or a half map's symmetry breaks."""
 
     extra = 4
     vectors = 1
@@ -228,7 +230,7 @@ def _adjugate(matrix: Float[Array, "4 4"]) -> Float[Array, "4 4"]:
 def _with_length(
     matrix: Float[Array, "4 4"], in_x: Float[Array, "4 6"], vector: Extra
 ) -> Block:
-    """matrix v = 0 with |v| = 1."""
+    """The equations B v = 0 and |v| = 1."""
     length = (vector @ vector - 1) / 2
     zero = jnp.zeros((1, in_x.shape[1]), vector.dtype)
     return Block(

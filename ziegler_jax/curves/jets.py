@@ -25,8 +25,8 @@ from ..motion.options import Method
 from ..motion.variational import Flow, Make, Varied, flow_of, varied_motion
 
 # Of the difference. With 1e-10 for a step's tolerance the derivatives' noise is some
-# 1e-9: the second ones are then good to five digits, which is what Newton's method gains
-# in an iteration.
+# 1e-9: the second ones are then good to four or five digits, which is what Newton's
+# method gains in an iteration.
 APART = 1e-5
 
 Ambient = Float[Array, " a"]  # y0, T and the parameters
@@ -40,6 +40,7 @@ class Jet(NamedTuple):
     second: Float[Array, "k 4 a"]  # the change of `first` along each direction
     extent: Float[Array, "3"]
     modes: Float[Array, ""]
+    mixed: Bool[Array, ""]  # whether the motions beside it have other modes
     arrived: Bool[Array, ""]
     steps: Int[Array, ""]
 
@@ -116,7 +117,9 @@ def jet_of(run: BundleRun, sign: Float[Array, ""]) -> Jet:
     arrived = jnp.all(flow.arrived)
     y = jnp.where(arrived, y[0], jnp.nan)
     steps = jnp.sum(flow.steps)
-    return Jet(y, first[0], second, flow.extent[0], flow.modes[0], arrived, steps)
+    mixed = jnp.any(flow.modes != flow.modes[0])
+    ends = flow.extent[0], flow.modes[0], mixed, arrived, steps
+    return Jet(y, first[0], second, *ends)
 
 
 def blank_jet(k: int, a: int, dtype: np.dtype) -> Jet:
@@ -125,7 +128,8 @@ def blank_jet(k: int, a: int, dtype: np.dtype) -> Jet:
     def none(*shape: int) -> Float[Array, "..."]:
         return jnp.zeros(shape, dtype)
 
-    ends = none(3), none(), jnp.asarray(False), jnp.zeros((), jnp.int32)
+    no = jnp.asarray(False)
+    ends = none(3), none(), no, no, jnp.zeros((), jnp.int32)
     return Jet(none(4), none(4, a), none(k, 4, a), *ends)
 
 

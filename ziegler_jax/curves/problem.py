@@ -11,7 +11,6 @@ from ..analysis.branch_point import (
     AbstractContinuation,
     Arc,
     BranchPoint,
-    characteristic_cubic,
 )
 from ..analysis.shooting import newton, start_of
 from ..model.column import Column
@@ -88,10 +87,11 @@ class CurveProblem(AbstractContinuation):
         other.direction = direction
         return other
 
-    def starting(self, x: Float[Array, " n"]) -> Self:
-        """The same problem from another point on."""
+    def beginning(self, jet: Jet) -> Self:
+        """The same problem with the null vectors of a first shot."""
         other = copy.copy(self)
-        other.first = x
+        extra = self.kind.begin(closing_of(jet), self.basis)
+        other.first = self.first.at[N:].set(extra)
         return other
 
     def forward(self) -> Row:
@@ -205,7 +205,8 @@ class CurveProblem(AbstractContinuation):
         tangent = tangent / jnp.sqrt(tangent[:N] @ tangent[:N])
         moved = jet.first[:, :4]
         tests = self._tests(x, tangent, matrix, moved)
-        point = BranchPoint(x, tangent, jet.extent, moved, matrix, tests, jet.modes)
+        modes = jnp.where(jet.mixed, -1.0, jet.modes)
+        point = BranchPoint(x, tangent, jet.extent, moved, matrix, tests, modes)
         good = solution.converged & (solution.residual <= closed)
         good &= jnp.all(jnp.isfinite(tangent))
         return point, good, solution.count, solution.left, solution.residual

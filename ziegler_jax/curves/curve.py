@@ -1,0 +1,394 @@
+r"""Curves of bifurcations of cycles in the plane of two parameters.
+
+A fold, a flip, a torus or a pitchfork of cycles at one value of a second parameter lies
+on a curve. With the cycle $z$, both parameters and the null vectors v as unknowns it is
+one more curve F(x) = 0 (`degeneracy` has the equations), walked by pseudo-arclength as
+branches of cycles are (`continuation`), in both directions from where it is met, and
+then filled in one batch (`fill`).
+
+On the way test functions change sign, and the zero is found along the arc: a cusp of
+folds, one more multiplier at 1 or -1, a pair on the unit circle. Where a cycle comes to
+graze, a joint's rate touching zero or a sticking joint its most, the map has a square
+root: such a curve ends there, as `modes_change`.
+
+Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), section 10.3; M.
+di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), chapter 8.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import ClassVar, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float, Int
+
+from ..analysis.branch_point import Arc
+from ..analysis.continuation import Branch, CycleFold, CyclePoints
+from ..analysis.march import ContinuationState, Walk
+from ..analysis.periodic_orbit import PeriodicOrbit, cycle_method, multipliers
+from ..analysis.shooting import start_of
+from ..context import plain
+from ..model.column import Column
+from ..motion.implicit import fixed, undifferentiated
+from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
+from ..motion.options import Method, recorded
+from ..motion.scene import check_maker, made
+from ..numerics.numbers import Scalar, choice, instance, number
+from ..results import (
+    CURVE,
+    MEETING,
+    ORBIT,
+    RATE,
+    TIME,
+    AbstractResult,
+    Settings,
+    Variable,
+    quantity,
+)
+from .course import Course
+from .degeneracy import Torus
+from .derivative import moves_of_first
+from .fill import Filled, Knots, at_values, corrected, evenly, joined
+from .problem import MEETINGS, CurveProblem, N
+from .start import (
+    KINDS,
+    Beginning,
+    Kind,
+    cycle_of,
+    degeneracy_of,
+    met_on_branch,
+    of_points,
+)
+
+ALONG = ("point",)
+SPECIALS = 6  # in each direction there is room for so many
+
+
+class BifurcationPoints(AbstractResult):
+    """Cycles along a curve, arrays with the points in front; NaN where there is none.
+
+    `first`, `second` (n,): the parameters; `phi`, `omega` (n, 2): where they pass the
+    section; `period`; `rod_amplitude`, `joint_amplitude` (n, 2); `monodromy` (n, 4, 4);
+    `residual` (n,): of all equations the one that is missed most; `modes` (n,): a
+    number of the sequence of stick and slip, equal where that is; `meeting` (n,): codes
+    of `MEETING`; `outcome` (n,): codes of `ORBIT`.
+    """
+
+    first: Float[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("first parameter", dims=ALONG)
+    )
+    second: Float[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("second parameter", dims=ALONG)
+    )
+    phi: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata=quantity("angle on the section", "rad", (*ALONG, "rod"))
+    )
+    omega: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata=quantity("rate on the section", RATE, (*ALONG, "rod"))
+    )
+    period: Float[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("period of the orbit", TIME, ALONG)
+    )
+    rod_amplitude: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata={"quantity": ROD_AMPLITUDE._replace(dims=(*ALONG, "rod"))}
+    )
+    joint_amplitude: Float[Array, "*lanes n 2"] = eqx.field(
+        metadata={"quantity": JOINT_AMPLITUDE._replace(dims=(*ALONG, "joint"))}
+    )
+    monodromy: Float[Array, "*lanes n 4 4"]
+    residual: Float[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("by how much the equations are missed", dims=ALONG)
+    )
+    modes: Float[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("number of the sequence of stick and slip", dims=ALONG)
+    )
+    meeting: Int[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("what happens at the point", dims=ALONG, codes=MEETING)
+    )
+    outcome: Int[Array, "*lanes n"] = eqx.field(
+        metadata=quantity("how the search for the point ended", dims=ALONG, codes=ORBIT)
+    )
+    settings: Settings = eqx.field(static=True, default=())
+
+    DERIVED: ClassVar[Mapping[str, Variable]] = {}
+
+    @property
+    def multipliers(self) -> Complex[Array, "*lanes n 4"]:
+        """Floquet multipliers (n, 4), the trivial one first."""
+        return multipliers(self.monodromy)
+
+
+class BifurcationCurve(AbstractResult):
+    """A curve of bifurcations in two parameters.
+
+    `points`: `BifurcationPoints` in order along the curve, from the walk's end at
+    falling second parameter to the other, or at the values asked for; `special`: those
+    where something happens on the way, ends at bounds included; `ends` (2,): codes of
+    `CURVE`; `knots` (2,): how many points the walk took in each direction; `outcome`: a
+    code of `ORBIT`, of the bifurcation from which the curve begins; `steps` of all
+    motions. In a dataset the points are named as in `BifurcationPoints`, the special
+    ones `special_...`.
+    """
+
+    points: BifurcationPoints
+    special: BifurcationPoints
+    ends: Int[Array, "*lanes 2"] = eqx.field(
+        metadata=quantity("how the curve ends", dims=("direction",), codes=CURVE)
+    )
+    knots: Int[Array, "*lanes 2"] = eqx.field(
+        metadata=quantity("points of the walk", dims=("direction",))
+    )
+    outcome: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("how the search for its beginning ended", codes=ORBIT)
+    )
+    steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
+    settings: Settings = eqx.field(static=True)
+
+    def variables(self) -> dict[str, Variable]:
+        """All numbers with their names, units and dimensions."""
+        named = self.points.variables()
+        named.pop("meeting")  # nothing special
+        named["point_outcome"] = named.pop("outcome")
+        for name, variable in self.special.variables().items():
+            dims = ("special_point", *variable.dims[1:])
+            named[f"special_{name}"] = variable._replace(dims=dims)
+        return named | super().variables()
+
+
+Start = PeriodicOrbit | CyclePoints | CycleFold | Branch
+
+
+@plain
+def bifurcation_curve(
+    make_column: Callable[[Scalar, Scalar], Column],
+    kind: Kind,
+    start: Start,
+    *,
+    second: Scalar,
+    first: Scalar | None = None,
+    course: Course = Course(),  # noqa: B008, a value
+    arc: Arc = Arc(),  # noqa: B008
+    method: Method = Method(),  # noqa: B008
+) -> BifurcationCurve:
+    r"""The curve of a bifurcation of cycles in the plane of two parameters.
+
+    ```python
+    fold = zj.cycle_fold(lambda q: make(q, 0.1), orbit, 2.0)
+    course = zj.Course(values=np.linspace(0.05, 0.2, 16), second=(0.05, 0.2))
+    curve = zj.bifurcation_curve(make, "fold", fold, second=0.1, course=course)
+    ```
+
+    **Arguments:**
+
+    - `make_column`: a function of both parameters, e.g. `lambda q, tau: ...`.
+    - `kind`: "fold"; "flip": the period doubles; "torus": a complex pair of multipliers
+        leaves the unit circle; "pitchfork": a symmetric cycle loses its symmetry.
+    - `start`: a cycle, `PeriodicOrbit`, at the values `first` and `second`: then its
+        branch is followed in the first parameter, as `arc` says, to the first
+        bifurcation of this kind. Or what knows a bifurcation and its first parameter
+        already: `CycleFold`, `Branch`, or `CyclePoints` such as `branch.special`, whose
+        first one of this kind is taken; then `first` is left out.
+    - `course`: how far and how finely the curve is followed, see `Course`.
+    - `method`: an explicit one; its step budget is that of the walk in each direction,
+        and of each point in the end.
+
+    **Returns:** `BifurcationCurve`; of symmetric cycles, half a period is shot.
+
+    **Derivatives:** of `points.first`, forward and reverse, first order, in every
+    number that `make_column` was made from but the two parameters: how the curve moves
+    at a fixed second parameter, by the implicit function theorem. The second
+    derivatives in it are central differences, good to some five digits; at folds none
+    is left.
+
+    Where the sequence of stick and slip changes smoothly, a joint beginning to stick
+    where its rate passes zero, the curve goes on. Where the cycle grazes it ends.
+
+    **Raises:** `ValueError` for arguments that break a rule.
+    """
+    check_maker(make_column)
+    choice("kind", kind, KINDS)
+    instance("course", course, Course)
+    instance("arc", arc, Arc)
+    dtype = jnp.result_type(float)
+    second = jnp.asarray(number("second", second), dtype)
+    at = fixed(second)
+    begin, about = _begun(make_column, kind, start, at, first, arc, method)
+    method = cycle_method("bifurcation_curve", method, about)
+    still = fixed(eqx.filter_closure_convert(make_column, begin.first, at))
+    cycle, jet = cycle_of(kind, still, begin, at, method)
+    degeneracy = degeneracy_of(kind)
+    problem = CurveProblem(still, degeneracy, cycle, course.arc, course.bounds, method)
+    problem = problem.beginning(jet)
+
+    def walk(direction: Float[Array, ""]) -> ContinuationState:
+        heading = problem.heading(direction)
+        tests = (True,) * (MEETINGS + 4)
+        return Walk(heading, SPECIALS, tests, False).follow()
+
+    ways = fixed(jax.vmap(walk)(jnp.array([-1.0, 1.0], dtype)))
+    down, up = (_knots(jax.tree.map(lambda a, i=i: a[i], ways)) for i in (0, 1))
+    knots = joined(down, up)
+    if course.values is None:
+        x, rows = evenly(knots, course.points)
+    else:
+        values = fixed(jnp.asarray(course.values, dtype)) / problem.scale[N - 1]
+        x, rows = at_values(knots, values)
+        rows = jnp.zeros_like(rows).at[:, N - 1].set(1.0)
+    filled = fixed(corrected(problem, x, rows))
+
+    def moves(point):
+        values = point.x[N - 2 : N] * problem.scale[N - 2 :]
+        column = make_column(fixed(values[0]), fixed(values[1]))
+        return moves_of_first(problem, column, point)
+
+    settings = _settings(kind, course, method, begin)
+    points = _points(problem, filled, jnp.zeros(course.count, jnp.int32), settings)
+    change = jax.vmap(moves)(filled.point)
+    points = eqx.tree_at(lambda p: p.first, points, points.first + change)
+    special = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), ways.special)
+    kinds = jnp.minimum(ways.kind.reshape(-1), MEETING.edge)
+    there = kinds > 0
+    none = jnp.zeros_like(kinds)
+    residual = jnp.where(there, 0.0, jnp.nan).astype(dtype)
+    notable = Filled(special, there, residual, none)
+    started = jnp.any(ways.count > 0)
+    failed = jnp.where(cycle.failure > 0, cycle.failure, ORBIT.not_converged)
+    spent = 2 * jnp.asarray(method.max_steps, jnp.int32) - jnp.sum(ways.left)
+    return BifurcationCurve(
+        points=points,
+        special=_points(problem, notable, kinds, settings),
+        ends=jax.vmap(lambda way: _end(problem, way))(ways).astype(jnp.int8),
+        knots=ways.count,
+        outcome=jnp.where(started, ORBIT.found, failed).astype(jnp.int8),
+        steps=begin.steps + jet.steps + spent + jnp.sum(filled.steps),
+        settings=settings,
+    )
+
+
+def _begun(
+    make_column: Callable[[Scalar, Scalar], Column],
+    kind: Kind,
+    start: Start,
+    second: Float[Array, ""],
+    first: Scalar | None,
+    arc: Arc,
+    method: Method,
+) -> tuple[Beginning, Column]:
+    """Where the curve is met, and a column of the kind that is asked about."""
+    if isinstance(start, PeriodicOrbit):
+        if first is None:
+            raise ValueError(
+                "Argument `first` must be given with a `PeriodicOrbit`: the value of "
+                "the first parameter at which it is one."
+            )
+
+        def make(x: Scalar) -> Column:
+            return make_column(x, second)
+
+        about = made(make, number("first", first))
+        return met_on_branch(kind, make, start, first, arc, method), about
+    if first is not None:
+        raise ValueError(
+            "Argument `first` must be left out where `start` is no `PeriodicOrbit`: "
+            f"its points have theirs, but is {first!r}."
+        )
+    if isinstance(start, CycleFold):
+        start = start.cycle
+    if isinstance(start, Branch):
+        start = start.special
+    if not isinstance(start, CyclePoints):
+        raise ValueError(
+            "Argument `start` must be a `PeriodicOrbit`, `CyclePoints`, a `Branch` or "
+            f"a `CycleFold`, but is {start!r}."
+        )
+    begin = of_points(kind, start)
+    return begin, made(lambda x: make_column(x, second), begin.first)
+
+
+def _knots(way: ContinuationState) -> Knots:
+    """The points of a walk; where it left its bounds, its last one is on the bound.
+
+    Without the last ones where it ends at a grazing cycle, which crowd there.
+    """
+    x, tangent = way.points.x, way.points.tangent
+    grazes = (way.points.modes < 0) & (jnp.arange(x.shape[0]) < way.count)
+    count = jnp.where(jnp.any(grazes), jnp.argmax(grazes), way.count)
+    edges = way.kind > MEETINGS
+    which = jnp.argmax(edges)
+    last = jnp.where(jnp.any(edges), jnp.maximum(way.count - 1, 0), x.shape[0])
+    return Knots(
+        x.at[last].set(way.special.x[which], mode="drop"),
+        tangent.at[last].set(way.special.tangent[which], mode="drop"),
+        count.astype(jnp.int32),
+        jnp.zeros((), jnp.int32),
+    )
+
+
+def _end(problem: CurveProblem, way: ContinuationState) -> Int[Array, ""]:
+    """Why a walk ended."""
+    codes = {
+        ORBIT.invalid: CURVE.invalid,
+        ORBIT.not_integrated: CURVE.not_integrated,
+        ORBIT.not_converged: CURVE.not_converged,
+        ORBIT.collapsed: CURVE.collapsed,
+        ORBIT.beyond: CURVE.beyond,
+        ORBIT.found: CURVE.unfinished,
+    }
+    end = jnp.zeros_like(way.outcome) + CURVE.not_converged
+    for code, mine in codes.items():
+        end = jnp.where(way.outcome == code, mine, end)
+    changes = way.modes_change | (way.here.modes < 0)
+    lost = end == CURVE.not_converged
+    end = jnp.where(lost & changes, CURVE.modes_change, end)
+    if isinstance(problem.kind, Torus):
+        met = jnp.sin(way.here.x[-1]) < 0
+        end = jnp.where(met, CURVE.resonance, end)
+    return jnp.where(way.count > 0, end, CURVE.no_start)
+
+
+def _points(
+    problem: CurveProblem,
+    filled: Filled,
+    meeting: Int[Array, " n"],
+    settings: Settings,
+) -> BifurcationPoints:
+    """The points in their own units; NaN where there is none."""
+    point, good = filled.point, filled.good
+
+    def shown(a: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        mask = good.reshape(-1, *(1,) * (a.ndim - 1))
+        return undifferentiated(jnp.where(mask, a, jnp.nan))
+
+    x = point.x[:, :N] * problem.scale[None]
+    y = start_of(problem.section, x[:, :4])
+    half = problem.cycle.sign < 0
+    moved = point.moved
+    outcome = jnp.where(good, ORBIT.found, ORBIT.not_converged)
+    return BifurcationPoints(
+        first=jnp.where(good, x[:, 4], jnp.nan),
+        second=shown(x[:, 5]),
+        phi=shown(y[:, :2]),
+        omega=shown(y[:, 2:]),
+        period=shown(jnp.where(half, 2.0, 1.0) * x[:, 3]),
+        rod_amplitude=shown(point.extent[:, :2]),
+        joint_amplitude=shown(point.extent[:, jnp.array([0, 2])]),
+        monodromy=shown(jnp.where(half, moved @ moved, moved)),
+        residual=shown(filled.residual),
+        modes=shown(point.modes),
+        meeting=meeting.astype(jnp.int8),
+        outcome=outcome.astype(jnp.int8),
+        settings=settings,
+    )
+
+
+def _settings(kind: Kind, course: Course, method: Method, begin: Beginning) -> Settings:
+    """How a curve was followed, for the record."""
+    return recorded(
+        kind=kind,
+        **cast(dict, method.settings()),
+        step=course.step,
+        error=course.error,
+        room=course.room,
+        **begin.section.settings(),
+    )
