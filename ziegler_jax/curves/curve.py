@@ -52,12 +52,14 @@ from .derivative import moves_of_first
 from .fill import Filled, Knots, at_values, corrected, evenly, joined
 from .problem import MEETINGS, CurveProblem, N
 from .start import (
+    DEGENERACIES,
     KINDS,
     Beginning,
     Kind,
     cycle_of,
     degeneracy_of,
     met_on_branch,
+    of_orbit,
     of_points,
 )
 
@@ -287,7 +289,20 @@ def _begun(
             return make_column(x, second)
 
         about = made(make, number("first", first))
+        if kind not in DEGENERACIES:
+            if not about.sticks:
+                raise ValueError(
+                    "Argument `kind` must not be a change of modes without set-valued "
+                    f"friction, where no joint sticks, but is {kind!r}."
+                )
+            at = fixed(jnp.asarray(first, second.dtype))
+            return of_orbit(start, at), about
         return met_on_branch(kind, make, start, first, arc, method), about
+    if kind not in DEGENERACIES:
+        raise ValueError(
+            f"Argument `start` must be a `PeriodicOrbit` for {kind!r}, a cycle nearby, "
+            f"but is a `{type(start).__name__}`."
+        )
     if first is not None:
         raise ValueError(
             "Argument `first` must be left out where `start` is no `PeriodicOrbit`: "

@@ -25,8 +25,12 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..analysis.branch_point import characteristic_cubic
+from ..analysis.branch_point import characteristic_cubic, circles, products
+from ..motion.contact import Contact
 from .jets import Jet
+
+# A rate as small as this is where a cycle grazes: beyond zero there is none to measure.
+GRAZED = 1e-8
 
 Extra = Float[Array, " e"]  # the unknowns beside the cycle's: null vectors, an angle
 
@@ -48,6 +52,7 @@ class AbstractDegeneracy(eqx.Module):
 
     extra: eqx.AbstractClassVar[int]
     vectors: eqx.AbstractClassVar[int]
+    contact: eqx.AbstractVar[Contact | None]  # what its motions watch
 
     @abc.abstractmethod
     def begin(self, closing: Float[Array, "4 a"], basis: Float[Array, "a 6"]) -> Extra:
@@ -97,6 +102,7 @@ class Fold(AbstractDegeneracy):
 
     extra = 4
     vectors = 1
+    contact: Contact | None = None
 
     def begin(self, closing, basis):
         """The null vector of R_z."""
@@ -131,6 +137,7 @@ class Flip(AbstractDegeneracy):
 
     extra = 4
     vectors = 1
+    contact: Contact | None = None
 
     def begin(self, closing, basis):
         """The null vector of N + I."""
@@ -159,6 +166,7 @@ class Torus(AbstractDegeneracy):
 
     extra = 9
     vectors = 2
+    contact: Contact | None = None
 
     def begin(self, closing, basis):
         """The complex multiplier nearest to the circle, its vector and its angle."""
@@ -208,6 +216,39 @@ class Torus(AbstractDegeneracy):
         del tangent, matrix
         b0 = characteristic_cubic(moved)[2]
         return jnp.stack([jnp.ones_like(b0), 1 + b0, 1 - b0, jnp.sin(extra[8])])
+
+
+class ModesChange(AbstractDegeneracy):
+    """Another sequence of stick and slip: a number of the motion passes zero."""
+
+    extra = 0
+    vectors = 0
+    contact: Contact | None = None
+
+    def begin(self, closing, basis):
+        """No unknowns of its own."""
+        del basis
+        return jnp.zeros(0, closing.dtype)
+
+    def directions(self, extra, basis):
+        """None."""
+        return jnp.zeros((0, basis.shape[0]), extra.dtype)
+
+    def block(self, jet, extra, reference, basis):
+        """The number that the motion watches; a little off where it grazes."""
+        del reference
+        assert self.contact is not None and jet.contact
+        value, moves = jet.contact
+        off = GRAZED if self.contact.what == "grazing" else 0.0
+        nothing = jnp.zeros((1, 0), extra.dtype)
+        return Block((value - off)[None], (moves @ basis)[None], nothing)
+
+    def tests(self, extra, tangent, matrix, moved):
+        """Of all multipliers: where bifurcations of cycles end on it."""
+        del extra, tangent, matrix
+        torus, minus, one = products(moved)
+        pair = jnp.where(circles(moved), torus, jnp.nan)
+        return jnp.stack([jnp.ones_like(one), one, minus, pair])
 
 
 def _others(c1: Float[Array, ""], c0: Float[Array, ""]) -> Float[Array, "3"]:

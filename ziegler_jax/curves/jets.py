@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..analysis.shooting import SHORTEST
 from ..context import Phase, place_of
+from ..motion.contact import Contact, Nearest
 from ..motion.integrate import Motion, Run
 from ..motion.options import Method
 from ..motion.variational import Flow, Make, Varied, flow_of, varied_motion
@@ -40,6 +41,7 @@ class Jet(NamedTuple):
     second: Float[Array, "k 4 a"]  # the change of `first` along each direction
     extent: Float[Array, "3"]
     modes: Float[Array, ""]
+    contact: Nearest | tuple[()]  # what was watched, and its derivatives in a
     mixed: Bool[Array, ""]  # whether the motions beside it have other modes
     arrived: Bool[Array, ""]
     steps: Int[Array, ""]
@@ -79,15 +81,17 @@ class Bundle:
         a: Ambient,
         directions: Float[Array, "k a"],
         method: Method,
+        contact: Contact | None = None,
     ):
         """Place them."""
         moves = APART * directions
         self.starts = jnp.concatenate([a[None], a + moves, a - moves])
-        self.make, self.method = make, method
+        self.make, self.method, self.contact = make, method, contact
 
     def _motion(self, a: Ambient) -> Motion[Varied]:
         span = jnp.maximum(a[4], SHORTEST)
-        return varied_motion(self.make, a[5:], a[:4], span, self.method)
+        watch = self.contact
+        return varied_motion(self.make, a[5:], a[:4], span, self.method, contact=watch)
 
     def begin(self) -> BundleRun:
         """Before their first steps."""
@@ -117,19 +121,25 @@ def jet_of(run: BundleRun, sign: Float[Array, ""]) -> Jet:
     arrived = jnp.all(flow.arrived)
     y = jnp.where(arrived, y[0], jnp.nan)
     steps = jnp.sum(flow.steps)
+    contact = ()
+    if flow.contact:
+        value, moves = flow.contact[0][0], flow.contact[1][0]
+        zero = jnp.zeros(1, moves.dtype)  # it does not depend on when the shot ends
+        contact = value, jnp.concatenate([moves[:4], zero, moves[4:]])
     mixed = jnp.any(flow.modes != flow.modes[0])
-    ends = flow.extent[0], flow.modes[0], mixed, arrived, steps
+    ends = flow.extent[0], flow.modes[0], contact, mixed, arrived, steps
     return Jet(y, first[0], second, *ends)
 
 
-def blank_jet(k: int, a: int, dtype: np.dtype) -> Jet:
+def blank_jet(k: int, a: int, dtype: np.dtype, contact: Contact | None) -> Jet:
     """A jet of k directions in a numbers that has not been computed."""
 
     def none(*shape: int) -> Float[Array, "..."]:
         return jnp.zeros(shape, dtype)
 
     no = jnp.asarray(False)
-    ends = none(3), none(), no, no, jnp.zeros((), jnp.int32)
+    watched = () if contact is None else (none(), none(a))
+    ends = none(3), none(), watched, no, no, jnp.zeros((), jnp.int32)
     return Jet(none(4), none(4, a), none(k, 4, a), *ends)
 
 

@@ -146,7 +146,7 @@ class CurveProblem(AbstractContinuation):
         def make(p: Float[Array, "2"]) -> Column:
             return self.make(p[0], p[1])
 
-        return Bundle(make, self.ambient(x), directions, method)
+        return Bundle(make, self.ambient(x), directions, method, self.kind.contact)
 
     def system(
         self, jet: Jet, x: Float[Array, " n"], reference: Float[Array, " n"]
@@ -187,7 +187,7 @@ class CurveProblem(AbstractContinuation):
             r = jnp.concatenate([r, (plane @ (x - x0))[None]])
             return r, jnp.concatenate([matrix, plane[None]]), jet
 
-        blank = blank_jet(self.kind.vectors, 7, x0.dtype)
+        blank = blank_jet(self.kind.vectors, 7, x0.dtype, self.kind.contact)
         solution = newton(
             self.bundle,
             equations,

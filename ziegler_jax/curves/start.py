@@ -13,17 +13,27 @@ from ..analysis.march import Walk
 from ..analysis.periodic_orbit import PeriodicOrbit
 from ..analysis.shooting import start_of
 from ..model.column import Column
+from ..motion.contact import Contact
 from ..motion.implicit import fixed
 from ..motion.options import Method
 from ..motion.section import Coordinate, SectionPlane
 from ..numerics.numbers import Scalar
 from ..results import ORBIT, SPECIAL
 from ..steady.oddness import is_odd
-from .degeneracy import AbstractDegeneracy, Flip, Fold, Torus
+from .degeneracy import AbstractDegeneracy, Flip, Fold, ModesChange, Torus
 from .jets import Bundle, Jet, follow_bundle
 from .problem import Cycle
 
-Kind = Literal["fold", "torus", "flip", "pitchfork"]
+Kind = Literal[
+    "fold",
+    "torus",
+    "flip",
+    "pitchfork",
+    "sticking_1",
+    "sticking_2",
+    "grazing_1",
+    "grazing_2",
+]
 KINDS = get_args(Kind)
 DEGENERACIES = {"fold": Fold, "torus": Torus, "flip": Flip, "pitchfork": Flip}
 # by how much half a period may miss the mirror image, of a cycle nearly known
@@ -58,6 +68,16 @@ def met_on_branch(
     failure = jnp.where(there, 0, end.outcome).astype(jnp.int32)
     steps = cast(int, branch.method.max_steps) - end.left
     return Beginning(branch.section, x[:4], x[4], failure, steps)
+
+
+def of_orbit(orbit: PeriodicOrbit, first: Float[Array, ""]) -> Beginning:
+    """The cycle itself."""
+    orbit = fixed(orbit)
+    z = [*(orbit.state.y[i] for i in orbit.section.others), orbit.period]
+    failure = jnp.where(orbit.outcome == ORBIT.found, 0, orbit.outcome)
+    none = jnp.zeros((), jnp.int32)
+    z = jnp.stack([jnp.asarray(x, first.dtype) for x in z])
+    return Beginning(orbit.section, z, first, failure.astype(jnp.int32), none)
 
 
 def of_points(kind: Kind, points: CyclePoints) -> Beginning:
@@ -120,4 +140,8 @@ def cycle_of(
 
 def degeneracy_of(kind: Kind) -> AbstractDegeneracy:
     """Its equations."""
-    return DEGENERACIES[kind]()
+    if kind in DEGENERACIES:
+        return DEGENERACIES[kind]()
+    what, joint = kind.split("_")
+    watched = Contact(cast(Literal["sticking", "grazing"], what), int(joint))
+    return ModesChange(contact=watched)
