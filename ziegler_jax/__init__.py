@@ -17,8 +17,9 @@ from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
 from .analysis.poincare import PoincareSection, poincare
 from .analysis.regularisation import RegularisationError, regularisation_error
+from .curves.bifurcations import BifurcationCurve, BifurcationPoints
 from .curves.course import Course
-from .curves.curve import BifurcationCurve, BifurcationPoints, bifurcation_curve
+from .curves.curve import bifurcation_curve
 from .linear.critical_load import critical_load
 from .linear.sensitivity import sensitivity
 from .linear.spectrum import (

@@ -19,7 +19,7 @@ Elements of Applied Bifurcation Theory (2004), section 10.3.
 """
 
 import abc
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -50,8 +50,8 @@ class AbstractDegeneracy(eqx.Module):
     cycle; `vectors`: along how many directions second derivatives are asked for.
     """
 
-    extra: eqx.AbstractClassVar[int]
-    vectors: eqx.AbstractClassVar[int]
+    extra: ClassVar[int]
+    vectors: ClassVar[int]
     contact: eqx.AbstractVar[Contact | None]  # what its motions watch
 
     @abc.abstractmethod
@@ -100,8 +100,8 @@ def null_vector(matrix: Float[Array, "n n"]) -> Float[Array, " n"]:
 class Fold(AbstractDegeneracy):
     """Two cycles meet."""
 
-    extra = 4
-    vectors = 1
+    extra: ClassVar[int] = 4
+    vectors: ClassVar[int] = 1
     contact: Contact | None = None
 
     def begin(self, closing, basis):
@@ -135,8 +135,8 @@ class Fold(AbstractDegeneracy):
 class Flip(AbstractDegeneracy):
     """A multiplier of N is -1: the period doubles, or a half map's symmetry breaks."""
 
-    extra = 4
-    vectors = 1
+    extra: ClassVar[int] = 4
+    vectors: ClassVar[int] = 1
     contact: Contact | None = None
 
     def begin(self, closing, basis):
@@ -164,8 +164,8 @@ class Flip(AbstractDegeneracy):
 class Torus(AbstractDegeneracy):
     """A complex pair of multipliers of N passes the unit circle (Neimark-Sacker)."""
 
-    extra = 9
-    vectors = 2
+    extra: ClassVar[int] = 9
+    vectors: ClassVar[int] = 2
     contact: Contact | None = None
 
     def begin(self, closing, basis):
@@ -221,8 +221,8 @@ class Torus(AbstractDegeneracy):
 class ModesChange(AbstractDegeneracy):
     """Another sequence of stick and slip: a number of the motion passes zero."""
 
-    extra = 0
-    vectors = 0
+    extra: ClassVar[int] = 0
+    vectors: ClassVar[int] = 0
     contact: Contact | None = None
 
     def begin(self, closing, basis):
