@@ -54,6 +54,7 @@ from .start import (
 )
 
 SPECIALS = 6  # in each direction there is room for so many
+MEETS = 0.02  # the sine of the angle at which a torus' pair is all but one
 
 Start = PeriodicOrbit | CyclePoints | CycleFold | Branch
 
@@ -115,10 +116,10 @@ def bifurcation_curve(
     begin, about = _begun(make_column, kind, start, at, first, arc, method)
     method = cycle_method("bifurcation_curve", method, about)
     still = fixed(eqx.filter_closure_convert(make_column, begin.first, at))
-    cycle, jet = cycle_of(kind, still, begin, at, method)
+    cycle, closing, shot_steps = cycle_of(kind, still, begin, at, method)
     degeneracy = degeneracy_of(kind)
     problem = CurveProblem(still, degeneracy, cycle, course.arc, course.bounds, method)
-    problem = problem.beginning(jet)
+    problem = problem.beginning(closing)
 
     def walk(direction: Float[Array, ""]) -> ContinuationState:
         heading = problem.heading(direction)
@@ -160,7 +161,7 @@ def bifurcation_curve(
         ends=jax.vmap(lambda way: _end(problem, way))(ways).astype(jnp.int8),
         knots=ways.count,
         outcome=jnp.where(started, ORBIT.found, failed).astype(jnp.int8),
-        steps=begin.steps + jet.steps + spent + jnp.sum(filled.steps),
+        steps=begin.steps + shot_steps + spent + jnp.sum(filled.steps),
         settings=settings,
     )
 
@@ -255,6 +256,8 @@ def _end(problem: CurveProblem, way: ContinuationState) -> Int[Array, ""]:
     end = jnp.where(lost & changes, CURVE.modes_change, end)
     if isinstance(problem.kind, Torus):
         met = jnp.sin(way.here.x[-1]) < 0
+        # close to it the two vectors nearly agree, and Newton's method loses them
+        met |= lost & (jnp.sin(way.here.x[-1]) < MEETS)
         end = jnp.where(met, CURVE.resonance, end)
     return jnp.where(way.count > 0, end, CURVE.no_start)
 

@@ -87,10 +87,10 @@ class CurveProblem(AbstractContinuation):
         other.direction = direction
         return other
 
-    def beginning(self, jet: Jet) -> Self:
+    def beginning(self, closing: Float[Array, "4 7"]) -> Self:
         """The same problem with the null vectors of a first shot."""
         other = copy.copy(self)
-        extra = self.kind.begin(closing_of(jet), self.basis)
+        extra = self.kind.begin(closing, self.basis)
         other.first = self.first.at[N:].set(extra)
         return other
 

@@ -20,7 +20,14 @@ from ..motion.section import Coordinate, SectionPlane
 from ..numerics.numbers import Scalar
 from ..results import ORBIT, SPECIAL
 from ..steady.oddness import is_odd
-from .degeneracy import AbstractDegeneracy, Flip, Fold, ModesChange, Torus
+from .degeneracy import (
+    AbstractDegeneracy,
+    Flip,
+    Fold,
+    ModesChange,
+    Torus,
+    closing_of,
+)
 from .jets import Bundle, Jet, follow_bundle
 from .problem import Cycle
 
@@ -46,6 +53,7 @@ class Beginning(NamedTuple):
     section: SectionPlane
     z: Float[Array, "4"]
     first: Float[Array, ""]
+    monodromy: Float[Array, "4 4"]
     failure: Int[Array, ""]  # a code of `ORBIT`, 0 for none
     steps: Int[Array, ""]
 
@@ -67,7 +75,8 @@ def met_on_branch(
     there = end.kind[0] == SPECIAL[kind]
     failure = jnp.where(there, 0, end.outcome).astype(jnp.int32)
     steps = cast(int, branch.method.max_steps) - end.left
-    return Beginning(branch.section, x[:4], x[4], failure, steps)
+    moved = end.special.moved[0]
+    return Beginning(branch.section, x[:4], x[4], moved, failure, steps)
 
 
 def of_orbit(orbit: PeriodicOrbit, first: Float[Array, ""]) -> Beginning:
@@ -77,7 +86,8 @@ def of_orbit(orbit: PeriodicOrbit, first: Float[Array, ""]) -> Beginning:
     failure = jnp.where(orbit.outcome == ORBIT.found, 0, orbit.outcome)
     none = jnp.zeros((), jnp.int32)
     z = jnp.stack([jnp.asarray(x, first.dtype) for x in z])
-    return Beginning(orbit.section, z, first, failure.astype(jnp.int32), none)
+    failure = failure.astype(jnp.int32)
+    return Beginning(orbit.section, z, first, orbit.monodromy, failure, none)
 
 
 def of_points(kind: Kind, points: CyclePoints) -> Beginning:
@@ -91,9 +101,8 @@ def of_points(kind: Kind, points: CyclePoints) -> Beginning:
     section = SectionPlane(section.coordinate, y[section.index], section.rising)
     z = jnp.stack([*(y[i] for i in section.others), points.period[first]])
     failure = jnp.where(jnp.any(mine), 0, ORBIT.beyond).astype(jnp.int32)
-    return Beginning(
-        section, z, points.parameter[first], failure, jnp.zeros((), jnp.int32)
-    )
+    known = points.parameter[first], points.monodromy[first]
+    return Beginning(section, z, *known, failure, jnp.zeros((), jnp.int32))
 
 
 def cycle_of(
@@ -102,11 +111,23 @@ def cycle_of(
     begin: Beginning,
     second: Float[Array, ""],
     method: Method,
-) -> tuple[Cycle, Jet]:
-    """The cycle with its span, half a period where it is symmetric, and its shot."""
+) -> tuple[Cycle, Float[Array, "4 7"], Int[Array, ""]]:
+    """The cycle with its span, half a period where it is symmetric.
+
+    **Returns:** the cycle, the derivative of its closing equations in (y0, T, p), and
+    the steps of its shots.
+    """
     column = make(begin.first, second)
     y0 = start_of(begin.section, begin.z)
     parameters = jnp.stack([begin.first, second])
+    if (
+        kind == "flip"
+    ):  # of the whole map: a symmetric cycle's own symmetry breaks first
+        closing = jnp.zeros((4, 7), y0.dtype)
+        closing = closing.at[:, :4].set(begin.monodromy - jnp.eye(4, dtype=y0.dtype))
+        whole = jnp.ones((), y0.dtype)
+        cycle = Cycle(begin.section, begin.z, whole, parameters, begin.failure)
+        return cycle, closing, jnp.zeros((), jnp.int32)
 
     def make_of(p: Float[Array, "2"]) -> Column:
         return make(p[0], p[1])
@@ -118,16 +139,12 @@ def cycle_of(
 
     spans = begin.z[3] * jnp.array([0.5, 1.0], y0.dtype)
     signs = jnp.array([-1.0, 1.0], y0.dtype)
-    half, whole = (jax.tree.map(lambda a, i=i: a[i], both) for both in [
-        jax.vmap(shot)(spans, signs)] for i in (0, 1))  # fmt: skip
+    both = jax.vmap(shot)(spans, signs)
+    half, whole = (jax.tree.map(lambda a, i=i: a[i], both) for i in (0, 1))
     off = jnp.max(jnp.abs(half.y - y0))
     symmetric = is_odd(column) & half.arrived
     symmetric &= off < MIRRORED * jnp.maximum(1.0, jnp.max(jnp.abs(y0)))
     failure = begin.failure
-    if (
-        kind == "flip"
-    ):  # of the whole map: a symmetric cycle's own symmetry breaks first
-        symmetric = jnp.asarray(False)
     if kind == "pitchfork":
         failure = jnp.where(symmetric | (failure > 0), failure, ORBIT.beyond)
     jet = jax.tree.map(lambda a, b: jnp.where(symmetric, a, b), half, whole)
@@ -135,7 +152,8 @@ def cycle_of(
     span = jnp.where(symmetric, spans[0], spans[1])
     z = begin.z.at[3].set(span)
     failure = jnp.where(jet.arrived | (failure > 0), failure, ORBIT.not_integrated)
-    return Cycle(begin.section, z, sign, parameters, failure), jet
+    cycle = Cycle(begin.section, z, sign, parameters, failure)
+    return cycle, closing_of(jet), jet.steps
 
 
 def degeneracy_of(kind: Kind) -> AbstractDegeneracy:
