@@ -177,7 +177,8 @@ class Torus(AbstractDegeneracy):
         values = jnp.linalg.eigvals(jnp.where(bad, eye, matrix))
         off = jnp.where(values.imag > 1e-6, jnp.abs(jnp.abs(values) - 1), jnp.inf)
         value = values[jnp.argmin(off)]
-        vector = null_vector(matrix - value * eye)
+        moved, one = (part.astype(value.dtype) for part in (matrix, eye))
+        vector = null_vector(moved - value * one)
         angle = jnp.angle(value)
         return jnp.concatenate([vector.real, vector.imag, angle[None]])
 
