@@ -154,14 +154,16 @@ def bifurcation_curve(
     notable = Filled(special, there, residual, none)
     started = jnp.any(ways.count > 0)
     failed = jnp.where(cycle.failure > 0, cycle.failure, ORBIT.not_converged)
-    spent = 2 * jnp.asarray(method.max_steps, jnp.int32) - jnp.sum(ways.left)
+    spent = 2 * jnp.asarray(method.max_steps, jnp.int32) - jnp.sum(
+        ways.left, dtype=jnp.int32
+    )
     return BifurcationCurve(
         points=points,
         special=_points(problem, notable, kinds, settings),
         ends=jax.vmap(lambda way: _end(problem, way))(ways).astype(jnp.int8),
         knots=ways.count,
         outcome=jnp.where(started, ORBIT.found, failed).astype(jnp.int8),
-        steps=begin.steps + shot_steps + spent + jnp.sum(filled.steps),
+        steps=begin.steps + shot_steps + spent + jnp.sum(filled.steps, dtype=jnp.int32),
         settings=settings,
     )
 
@@ -225,15 +227,17 @@ def _knots(way: ContinuationState) -> Knots:
     Without the last ones where it ends at a grazing cycle, which crowd there.
     """
     x, tangent = way.points.x, way.points.tangent
-    grazes = (way.points.modes < 0) & (jnp.arange(x.shape[0]) < way.count)
-    count = jnp.where(jnp.any(grazes), jnp.argmax(grazes), way.count)
+    places = jnp.arange(x.shape[0], dtype=jnp.int32)
+    grazes = (way.points.modes < 0) & (places < way.count)
+    first = jnp.argmax(grazes).astype(jnp.int32)
+    count = jnp.where(jnp.any(grazes), first, way.count)
     edges = way.kind > MEETINGS
     which = jnp.argmax(edges)
     last = jnp.where(jnp.any(edges), jnp.maximum(way.count - 1, 0), x.shape[0])
     return Knots(
         x.at[last].set(way.special.x[which], mode="drop"),
         tangent.at[last].set(way.special.tangent[which], mode="drop"),
-        count.astype(jnp.int32),
+        count,
         jnp.zeros((), jnp.int32),
     )
 

@@ -35,7 +35,7 @@ class Knots(NamedTuple):
     def arc(self) -> Float[Array, " m"]:
         """The length along the chords up to each; beyond the last that of the whole."""
         gaps = jnp.diff(self.x[:, :N], axis=0)
-        inside = jnp.arange(1, self.x.shape[0]) < self.count
+        inside = jnp.arange(1, self.x.shape[0], dtype=jnp.int32) < self.count
         lengths = jnp.where(inside, jnp.sqrt(jnp.sum(gaps * gaps, axis=1)), 0.0)
         return jnp.concatenate([jnp.zeros(1, lengths.dtype), jnp.cumsum(lengths)])
 
@@ -52,7 +52,7 @@ class Filled(NamedTuple):
 def joined(down: Knots, up: Knots) -> Knots:
     """Two walks from one point, the first one turned round."""
     room = down.x.shape[0]
-    i = jnp.arange(2 * room - 1)
+    i = jnp.arange(2 * room - 1, dtype=jnp.int32)
     before = i < down.count
     back = jnp.clip(down.count - 1 - i, 0, room - 1)
     on = jnp.clip(i - down.count + 1, 0, room - 1)
@@ -73,7 +73,8 @@ def evenly(
     arc = knots.arc
     s = jnp.linspace(0.0, 1.0, points, dtype=arc.dtype) * arc[-1]
     last = jnp.maximum(knots.count - 2, 0)
-    place = jnp.clip(jnp.searchsorted(arc, s, side="right") - 1, 0, last)
+    place = jnp.searchsorted(arc, s, side="right").astype(jnp.int32) - 1
+    place = jnp.clip(place, 0, last)
     length = arc[place + 1] - arc[place]
     share = (s - arc[place]) / jnp.where(length > 0, length, 1.0)
     return jax.vmap(lambda i, u: _between(knots, arc, i, u))(place, share)
@@ -88,14 +89,14 @@ def at_values(
     where there is none.
     """
     arc, here = knots.arc, knots.x[:, N - 1]
-    places = jnp.arange(here.size - 1)
+    places = jnp.arange(here.size - 1, dtype=jnp.int32)
     inside = places + 1 < knots.count
 
     def one(value: Float[Array, ""]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         low, high = here[:-1] - value, here[1:] - value
         crossed = inside & ((low == 0) | (high == 0) | (low * high < 0))
-        off = jnp.abs(places + 0.5 - knots.begin)
-        place = jnp.argmin(jnp.where(crossed, off, jnp.inf))
+        off = jnp.abs((places - knots.begin).astype(arc.dtype) + 0.5)
+        place = jnp.argmin(jnp.where(crossed, off, jnp.inf)).astype(jnp.int32)
         there = jnp.any(crossed)
         rises = high[place] > low[place]
 

@@ -60,7 +60,7 @@ class BundleRun(NamedTuple):
     @property
     def steps(self) -> Int[Array, ""]:
         """Of all."""
-        return jnp.sum(self.runs.steps)
+        return jnp.sum(self.runs.steps, dtype=jnp.int32)
 
     @property
     def phase(self) -> Int[Array, ""]:
@@ -85,7 +85,7 @@ class Bundle:
     ):
         """Place them."""
         moves = APART * directions
-        self.starts = jnp.concatenate([a[None], a + moves, a - moves])
+        self.starts = jnp.concatenate([a[None], a[None] + moves, a[None] - moves])
         self.make, self.method, self.contact = make, method, contact
 
     def _motion(self, a: Ambient) -> Motion[Varied]:
@@ -120,7 +120,7 @@ def jet_of(run: BundleRun, sign: Float[Array, ""]) -> Jet:
     second = (first[1 : k + 1] - first[k + 1 :]) / (2 * APART)
     arrived = jnp.all(flow.arrived)
     y = jnp.where(arrived, y[0], jnp.nan)
-    steps = jnp.sum(flow.steps)
+    steps = jnp.sum(flow.steps, dtype=jnp.int32)
     contact = ()
     if flow.contact:
         value, moves = flow.contact[0][0], flow.contact[1][0]
