@@ -11,6 +11,7 @@ VALUES = {
     "spans": zj.Spans,
     "search": zj.Search,
     "arc": zj.Arc,
+    "course": zj.Course,
     "section": zj.SectionPlane,
 }
 

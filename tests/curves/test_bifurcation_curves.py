@@ -53,8 +53,8 @@ FOLDS = {
     "its upper part": Near((-0.0486, 0.4830, 1.0331), 8.3428, 1.5710, 0.1),
     "another cycle": Near((-0.2433, 0.5440, 0.5440), 8.7495, 1.8614, 0.26),
 }
-# by another code, to five digits; at 0.06006 the lowest one is about to end
-TAU = np.array([0.01, 0.03, 0.06006, 0.1, 0.26])
+# by another code, to five digits; at 0.06 the lowest one is about to end
+TAU = np.array([0.01, 0.03, 0.06, 0.1, 0.26])
 KNOWN = {
     "lowest": [1.28802, 1.32807, None, None, None],
     "its upper part": [None, None, None, 1.57105, None],

@@ -1,5 +1,7 @@
 """How far and how finely a curve is followed."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
@@ -8,7 +10,7 @@ from ..analysis.branch_point import Arc
 from ..numerics.numbers import Pair, Scalar, is_concrete, number, whole_number
 from .problem import Bounds
 
-Values = Float[Array, " n"] | np.ndarray
+Values = Float[Array, " n"] | np.ndarray | Sequence[float]
 
 
 class Course(eqx.Module):

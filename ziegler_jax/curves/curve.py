@@ -74,21 +74,28 @@ def bifurcation_curve(
     r"""The curve of a bifurcation of cycles in the plane of two parameters.
 
     ```python
-    fold = zj.cycle_fold(lambda q: make(q, 0.1), orbit, 2.0)
-    course = zj.Course(values=np.linspace(0.05, 0.2, 16), second=(0.05, 0.2))
-    curve = zj.bifurcation_curve(make, "fold", fold, second=0.1, course=course)
+    # fold = zj.cycle_fold(lambda q: make(q, 0.26), orbit, 1.95).cycle
+    course = zj.Course(values=[0.1, 0.2, 0.26], second=(0.1, 0.26))
+    curve = zj.bifurcation_curve(make, "fold", fold, second=0.26, course=course)
+    curve.points.first  # 1.61206, ..., 1.86140
     ```
 
     **Arguments:**
 
     - `make_column`: a function of both parameters, e.g. `lambda q, tau: ...`.
     - `kind`: "fold"; "flip": the period doubles; "torus": a complex pair of multipliers
-        leaves the unit circle; "pitchfork": a symmetric cycle loses its symmetry.
+        leaves the unit circle; "pitchfork": a symmetric cycle loses its symmetry. With
+        set-valued friction also "sticking_1", "sticking_2": the joint comes to rest in
+        the cycle and its holding torque is just the most, so that beyond it sticks;
+        "grazing_1", "grazing_2": its rate comes down to zero while it slips (to 1e-8,
+        as beyond there is none).
     - `start`: a cycle, `PeriodicOrbit`, at the values `first` and `second`: then its
         branch is followed in the first parameter, as `arc` says, to the first
-        bifurcation of this kind. Or what knows a bifurcation and its first parameter
-        already: `CycleFold`, `Branch`, or `CyclePoints` such as `branch.special`, whose
-        first one of this kind is taken; then `first` is left out.
+        bifurcation of this kind; but for sticking and grazing Newton's method starts
+        at the cycle itself, which must be near. Or what knows a bifurcation and its
+        first parameter already: `CycleFold`, `Branch`, or `CyclePoints` such as
+        `branch.special`, whose first one of this kind is taken; then `first` is left
+        out.
     - `course`: how far and how finely the curve is followed, see `Course`.
     - `method`: an explicit one; its step budget is that of the walk in each direction,
         and of each point in the end.
