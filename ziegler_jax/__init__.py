@@ -18,6 +18,7 @@ from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
 from .analysis.poincare import PoincareSection, poincare
 from .analysis.regularisation import RegularisationError, regularisation_error
 from .curves.bifurcations import BifurcationCurve, BifurcationPoints
+from .curves.codes import CURVE, MEETING
 from .curves.course import Course
 from .curves.curve import bifurcation_curve
 from .linear.critical_load import critical_load
@@ -65,8 +66,6 @@ from .motion.stiffness import is_stiff
 from .motion.trajectory import Trajectory, trajectory
 from .results import (
     CRITICAL,
-    CURVE,
-    MEETING,
     ONSET,
     ORBIT,
     OUTCOME,

@@ -9,8 +9,6 @@ from jaxtyping import Array, Complex, Float, Int
 from ..analysis.periodic_orbit import multipliers
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..results import (
-    CURVE,
-    MEETING,
     ORBIT,
     RATE,
     TIME,
@@ -19,6 +17,7 @@ from ..results import (
     Variable,
     quantity,
 )
+from .codes import CURVE, MEETING
 
 ALONG = ("point",)
 

@@ -34,8 +34,9 @@ from ..motion.implicit import fixed, undifferentiated
 from ..motion.options import Method, recorded
 from ..motion.scene import check_maker, made
 from ..numerics.numbers import Scalar, choice, instance, number
-from ..results import CURVE, MEETING, ORBIT, Settings
+from ..results import ORBIT, Settings
 from .bifurcations import BifurcationCurve, BifurcationPoints
+from .codes import CURVE, MEETING
 from .course import Course
 from .degeneracy import Torus
 from .derivative import moves_of_first
