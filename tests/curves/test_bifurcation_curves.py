@@ -90,7 +90,7 @@ def test_folds_of_dry_friction_are_another_codes(folds, name):
         found.first, found.residual, KNOWN[name], strict=True
     ):
         if known is not None:
-            assert abs(q - known) < 1e-5  # measured 5e-6: their last digit
+            assert abs(q - known) < 1e-5  # measured 4.4e-6: their last digit
             assert residual < 1e-10
     # what a curve does not come to is NaN, and says so
     there = np.isfinite(found.first)
@@ -114,8 +114,8 @@ def test_curves_of_folds_end_at_their_bounds_and_where_the_cycle_grazes(folds):
     first = np.array([t for t, joint, _ in events if joint == 2]).min()
     slips = np.linspace(0, found.period[i], 2001) < 0.9 * first
     assert 0 < u2[slips].min() < 1e-2
-    # and that code closes the cycle, too: measured 2e-9
-    np.testing.assert_allclose(states[-1], start, rtol=0, atol=1e-7)
+    # and that code closes the cycle, too, as it does those below
+    np.testing.assert_allclose(states[-1], start, rtol=0, atol=3e-8)
 
 
 # Flips and tori of columns that a search over random ones came upon ------------------
@@ -157,7 +157,7 @@ def multipliers_by_another_code(numbers, found, i):
     start = np.array([*found.phi[i], *found.omega[i]])
     where = found.first[i], found.second[i]
     end, moved = map_by_another_code(numbers, *where, start, found.period[i])
-    assert np.abs(end - start).max() < 1e-7  # measured 3e-9
+    assert np.abs(end - start).max() < 3e-8  # measured 2.7e-9
     return np.linalg.eigvals(moved)
 
 
@@ -189,7 +189,7 @@ def test_along_a_curve_of_flips_a_multiplier_is_minus_one_and_it_moves_as_it_say
     assert curve.outcome == ORBIT.found and (curve.points.residual < 1e-10).all()
     for i in range(values.size):
         exact = multipliers_by_another_code(FLIP, curve.points, i)
-        assert np.abs(exact + 1).min() < 1e-5  # measured 1e-7
+        assert np.abs(exact + 1).min() < 1e-6  # measured 7.1e-8
     # a second pair of curves crosses: another multiplier passes -1
     meets = curve.special.meeting == MEETING.minus
     assert meets.sum() == 1 and 0.25 < curve.special.second[meets][0] < 0.26
@@ -215,7 +215,7 @@ def test_along_a_curve_of_tori_a_pair_is_on_the_circle():
         exact = multipliers_by_another_code(TORUS, curve.points, i)
         pair = exact[exact.imag > 0.1]
         assert len(pair) == 1
-        assert abs(np.abs(pair[0]) - 1) < 1e-5  # measured 1e-7
+        assert abs(np.abs(pair[0]) - 1) < 2e-6  # measured 1.4e-7
 
 
 # Where a joint begins to stick -------------------------------------------------------
