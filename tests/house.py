@@ -24,7 +24,7 @@ ROOMS = [{"results", "runtime"}, {"context"}, {"numerics"}, {"model"}]
 ROOMS += [{"linear", "solvers"}, {"motion"}, {"steady"}]
 ROOMS += [
     {"analysis", "sweep"},
-    {"maps"},
+    {"curves", "maps"},
     {"units"},
     {"plot"},
     {"accessor"},

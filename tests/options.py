@@ -12,6 +12,7 @@ VALUES = {
     "search": zj.Search,
     "directions": zj.Directions,
     "arc": zj.Arc,
+    "course": zj.Course,
     "section": zj.SectionPlane,
 }
 

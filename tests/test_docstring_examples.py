@@ -48,6 +48,30 @@ def cell(q, mu):
     )
 
 
+def dry(q, tau):
+    law = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+    return zj.uniform_rods(q, friction=law)
+
+
+def a_fold():
+    """The other cycle's, at q = 1.8614, roughly."""
+    unknown = jnp.full((1, 2), jnp.nan)
+    return zj.CyclePoints(
+        parameter=jnp.array([1.8614]), phi=jnp.array([[0.0, -0.2433]]),
+        omega=jnp.array([[0.5440, 0.5440]]), period=jnp.array([8.7495]),
+        rod_amplitude=unknown, joint_amplitude=unknown,
+        monodromy=jnp.full((1, 4, 4), jnp.nan), kind=jnp.array([zj.SPECIAL.fold]),
+        settings=(("section", "phi1 rising"),),
+    )  # fmt: skip
+
+
+def of_a_curve(names):
+    ds = names["curve"].to_dataset()
+    assert (ds.second.values == [0.1, 0.2, 0.26]).all()
+    assert abs(ds.first[0] - 1.61206) < 1e-5 and abs(ds.first[2] - 1.86140) < 1e-5
+    assert (ds.point_outcome == zj.ORBIT.found).all() and ds.residual.max() < 1e-10
+
+
 def small_map():
     def point(q, mu_s, mu_k):
         law = zj.SmoothCoulomb(
@@ -181,6 +205,7 @@ CASES = {
         },
         of_a_branch,
     ),
+    "curves/curve.py 0": ({"make": dry, "fold": a_fold}, of_a_curve),
     "analysis/hysteresis.py 0": (
         {"mu": np.array([0.1, 0.12])},
         lambda names: names["ds"].outcome.dims == ("mu_s", "mu_k", "branch", "q"),
@@ -191,6 +216,7 @@ CASES = {
     ),
 }
 SLOW = (
+    "curves",
     "continuation",
     "hysteresis",
     "work_precision",
@@ -216,7 +242,7 @@ def test_no_block_is_left_out():
 def test_a_block_runs_as_it_stands(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given, check = CASES[name]
-    made = ("ds", "settled", "both", "branch", "cycles")
+    made = ("ds", "settled", "both", "branch", "cycles", "fold")
     names = run(name, **{k: v() if k in made else v for k, v in given.items()})
     if check is not None:
         assert check(names) in (None, True)

@@ -21,6 +21,10 @@ from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
 from .analysis.poincare import PoincareSection, poincare
 from .analysis.regularisation import RegularisationError, regularisation_error
+from .curves.bifurcations import BifurcationCurve, BifurcationPoints
+from .curves.codes import CURVE, MEETING
+from .curves.course import Course
+from .curves.curve import bifurcation_curve
 from .linear.critical_load import critical_load
 from .linear.sensitivity import sensitivity
 from .linear.spectrum import (
@@ -90,8 +94,10 @@ __version__ = metadata.version("ziegler_jax")
 
 __all__ = [
     "CRITICAL",
+    "CURVE",
     "EDGE",
     "KICK",
+    "MEETING",
     "ONSET",
     "ORBIT",
     "OUTCOME",
@@ -108,9 +114,12 @@ __all__ = [
     "Air",
     "Amplitude",
     "Arc",
+    "BifurcationCurve",
+    "BifurcationPoints",
     "Branch",
     "Column",
     "ConstantLoad",
+    "Course",
     "CycleFold",
     "CyclePoints",
     "Directions",
@@ -149,6 +158,7 @@ __all__ = [
     "Verdict",
     "Viscous",
     "Windows",
+    "bifurcation_curve",
     "configure_cache",
     "configure_cpu",
     "continue_cycle",

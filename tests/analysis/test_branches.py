@@ -213,7 +213,8 @@ class KnownBranch(Continuation):
         tangent = jnp.zeros(5).at[4].set(1.0)
         tests = jnp.stack([tangent[4], *products(moved)])
         matrix = jnp.zeros((4, 5)).at[0, 3].set(self.rate)
-        point = BranchPoint(x0, tangent, jnp.zeros(3), moved, matrix, tests)
+        ends = moved, matrix, tests, jnp.zeros(())
+        point = BranchPoint(x0, tangent, jnp.zeros(3), *ends)
         return point, jnp.asarray(True), jnp.asarray(1), left
 
 

@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ziegler_jax.steady.contraction import contraction_norm, spectral_radius
-from ziegler_jax.steady.course import no_course
 from ziegler_jax.steady.returns import (
     ACCEPTANCE,
     LATER,
@@ -17,6 +16,7 @@ from ziegler_jax.steady.returns import (
     no_returns,
     with_return,
 )
+from ziegler_jax.steady.trend import no_trend
 
 # The half return's derivative at the stable cycle of the main job's column at q =
 # 3.53125, mu = 0.04, and a place beside a saddle cycle from where a motion leaves for a
@@ -74,32 +74,32 @@ def test_a_motion_that_stands_still_beside_a_stable_orbit_is_no_arrival():
     assert asks_of([BESIDE_THE_SADDLE] * 6, slope) == NOTHING
 
 
-def course_of(sizes):
+def trend_of(sizes):
     """What the largest returns tell, one at each of the times."""
-    course = no_course(jnp.asarray(0.0))
+    trend = no_trend(jnp.asarray(0.0))
     for size in sizes:
-        course = course.after(jnp.asarray(size), True)
-    return course
+        trend = trend.after(jnp.asarray(size), True)
+    return trend
 
 
 def test_a_motion_that_grows_or_lasts_endures_and_one_that_falls_does_not():
     marks = np.arange(60)
-    assert course_of(1.02 ** marks[:5]).endures
+    assert trend_of(1.02 ** marks[:5]).endures
     # by less than 1 % from one time to the next, on both sides
-    assert course_of(1.005 ** marks[:11]).endures
-    assert not course_of(0.995**marks).endures
+    assert trend_of(1.005 ** marks[:11]).endures
+    assert not trend_of(0.995**marks).endures
     # what grew once, and then stands still, is looked at for as long as any other
-    assert not course_of([1.0, 1.5, 1.5, 1.5]).endures
+    assert not trend_of([1.0, 1.5, 1.5, 1.5]).endures
     wandering = 1 + 0.004 * np.cos(marks)
-    assert course_of(wandering[:12]).endures and not course_of(wandering[:8]).endures
+    assert trend_of(wandering[:12]).endures and not trend_of(wandering[:8]).endures
 
 
 def test_the_largest_return_since_the_last_time_counts():
-    course = no_course(jnp.asarray(0.0))
+    trend = no_trend(jnp.asarray(0.0))
     for size, timed in ((1.0, True), (1.3, False), (0.2, True), (1.4, False)):
-        course = course.after(jnp.asarray(size), timed)
-    assert float(course.before) == np.float64(1.3)
-    assert float(course.peak) == np.float64(1.4)
+        trend = trend.after(jnp.asarray(size), timed)
+    assert float(trend.before) == np.float64(1.3)
+    assert float(trend.peak) == np.float64(1.4)
 
 
 def test_shots_go_on_being_asked_for_at_times_that_grow():

@@ -1,5 +1,6 @@
 """The problem that a branch of cycles poses, and its points: see `continuation`."""
 
+import abc
 from collections.abc import Callable
 from typing import NamedTuple, cast
 
@@ -30,7 +31,7 @@ from ..numerics.numbers import (
     number,
     whole_number,
 )
-from ..results import ORBIT
+from ..results import ORBIT, SPECIAL
 from .periodic_orbit import PeriodicOrbit, cycle_method
 from .shooting import Shot, blank_shot, newton, shot_motion, shot_of
 
@@ -107,16 +108,76 @@ _ARCS = {"continue_cycle": (1, 400), "cycle_fold": (-1, 200)}
 class BranchPoint(NamedTuple):
     """A point of a branch, or arrays (n, ...) of them."""
 
-    x: Float[Array, "*n 5"]  # scaled
-    tangent: Float[Array, "*n 5"]
+    x: Float[Array, "*n k"]  # scaled
+    tangent: Float[Array, "*n k"]
     extent: Float[Array, "*n 3"]
     moved: Float[Array, "*n 4 4"]
-    matrix: Float[Array, "*n 4 5"]  # of R in z and the parameter
-    tests: Float[Array, "*n 4"]
+    matrix: Float[Array, "*n 4 m"]  # of R in z and the parameters
+    tests: Float[Array, "*n t"]
+    modes: Float[Array, "*n"]  # a number of the sequence of modes
 
 
-class Continuation:
+class AbstractContinuation(abc.ABC):
+    """What a walk asks of its problem: a curve R(x) = 0, its tests, and its ends.
+
+    `arc`, `method`; `first`: where it starts, scaled, and `failure`: a code of `ORBIT`
+    where it cannot; `scale`: of the unknowns; `crossing`: the code of the special point
+    at which another curve crosses, where Newton's method is singular; 0: none.
+    """
+
+    arc: Arc
+    method: Method
+    first: Float[Array, " n"]
+    failure: Int[Array, ""]
+    scale: Float[Array, " n"]
+    crossing: int = 0
+    kink: float = 0.0  # steps below it may turn where the sequence of modes changes
+
+    @abc.abstractmethod
+    def correct(
+        self, x0: Float[Array, " n"], row: Float[Array, " n"], left: Count
+    ) -> "tuple[BranchPoint, Bool[Array, ''], Int[Array, ''], Int[Array, '']]":
+        """The point of the curve on the plane through x0 across `row`.
+
+        **Returns:** the point, whether it is one, Newton's iterations, and how many
+        steps are left.
+        """
+
+    @abc.abstractmethod
+    def blank(self) -> "BranchPoint":
+        """A point of NaNs."""
+
+    @abc.abstractmethod
+    def forward(self) -> Float[Array, " n"]:
+        """The direction in which the walk begins."""
+
+    @abc.abstractmethod
+    def smooth(self) -> Int[Array, " k"]:
+        """The unknowns that have no kinks along the curve."""
+
+    @abc.abstractmethod
+    def real_changes(
+        self, changed: Bool[Array, " k"], before: "BranchPoint", after: "BranchPoint"
+    ) -> Bool[Array, " k"]:
+        """Changes of the tests' signs without those that mean nothing."""
+
+    @abc.abstractmethod
+    def confirms(self, kind: Int[Array, ""], point: "BranchPoint") -> Flag:
+        """Whether a zero of its test is a special point of this kind."""
+
+    @abc.abstractmethod
+    def collapsed(self, point: "BranchPoint", points: "BranchPoint") -> Flag:
+        """Whether the cycle is none any more; `points`: those before."""
+
+    @abc.abstractmethod
+    def left_bounds(self, point: "BranchPoint") -> Flag:
+        """Whether it lies beyond the bounds."""
+
+
+class Continuation(AbstractContinuation):
     """What a continuation needs: the problem, its scales, and where it starts."""
+
+    crossing = int(SPECIAL.pitchfork)
 
     def __init__(
         self,
@@ -157,14 +218,55 @@ class Continuation:
         self.scale = jnp.stack([one, one, one, jnp.maximum(z[3], 1e-3), size])
         self.first = jnp.concatenate([z, at[None]]) / self.scale
 
+    def blank(self) -> BranchPoint:
+        """A point of NaNs."""
+        shapes = (5,), (5,), (3,), (4, 4), (4, 5), (4,), ()
+        return BranchPoint(*(jnp.full(s, jnp.nan, self.first.dtype) for s in shapes))
+
+    def forward(self) -> Float[Array, "5"]:
+        """Along the parameter."""
+        return jnp.zeros(5, self.first.dtype).at[4].set(self.arc.direction)
+
+    def smooth(self) -> Int[Array, " n"]:
+        """The places of angles, T and the parameter.
+
+        The rates have kinks where, as the branch goes on, a joint begins to stick at
+        the section; angle and period have none.
+        """
+        angles = [place for place, i in enumerate(self.section.others) if i < 2]
+        return jnp.array([*angles, 3, 4])
+
+    def real_changes(
+        self, changed: Bool[Array, "4"], before: BranchPoint, after: BranchPoint
+    ) -> Bool[Array, "4"]:
+        """Without those where two real multipliers are reciprocal, and at folds.
+
+        There the torus' test vanishes, too, and the pitchfork's.
+        """
+        torus, pitchfork = SPECIAL.torus - 1, SPECIAL.pitchfork - 1
+        pair = circles(before.moved) | circles(after.moved)
+        changed = changed.at[torus].set(changed[torus] & pair)
+        return changed.at[pitchfork].set(changed[pitchfork] & ~changed[0])
+
+    def confirms(self, kind: Int[Array, ""], point: BranchPoint) -> Flag:
+        """A torus has a complex pair."""
+        return (kind != SPECIAL.torus) | circles(point.moved)
+
+    def collapsed(self, point: BranchPoint, points: BranchPoint) -> Flag:
+        """Whether it passes its section the other way than the first cycle, or not."""
+        i = self.section.index
+        return point.matrix[i, 3] * points.matrix[0, i, 3] <= 0
+
+    def left_bounds(self, point: BranchPoint) -> Flag:
+        """Whether the parameter has."""
+        low, high = (jnp.asarray(b, point.x.dtype) for b in self.arc.bounds)
+        value = point.x[4] * self.scale[4]
+        return (value < low) | (value > high)
+
     def correct(
         self, x0: Float[Array, "5"], row: Float[Array, "5"], left: Count
     ) -> tuple[BranchPoint, Bool[Array, ""], Int[Array, ""], Int[Array, ""]]:
-        """The point of the branch on the plane through x0 across `row`.
-
-        **Returns:** the point, whether it is one, Newton's iterations, and how many
-        steps are left.
-        """
+        """The point of the branch on the plane through x0 across `row`."""
 
         def motion(x, left):
             z, share = x * self.scale, self.method.at_most(left)
@@ -186,7 +288,8 @@ class Continuation:
         tangent = tangent / jnp.sqrt(tangent @ tangent)
         moved = shot.flow.moved[:, :4]
         tests = jnp.stack([tangent[4], *products(moved)])
-        point = BranchPoint(solution.z, tangent, shot.flow.extent, moved, matrix, tests)
+        ends = moved, matrix, tests, shot.flow.modes
+        point = BranchPoint(solution.z, tangent, shot.flow.extent, *ends)
         good = solution.converged & jnp.all(jnp.isfinite(tangent))
         return point, good, solution.count, solution.left
 
@@ -224,6 +327,12 @@ def characteristic_cubic(moved: Float[Array, "4 4"]) -> tuple[Traced, Traced, Tr
     b2 = 1 - t1
     b1 = e2 + b2
     return b2, b1, b1 - e3
+
+
+def circles(moved: Float[Array, "4 4"]) -> Bool[Array, ""]:
+    """Whether two multipliers whose product is 1 are a complex pair."""
+    b2, _, b0 = characteristic_cubic(moved)
+    return jnp.abs(b0 - b2) < 2
 
 
 def products(moved: Float[Array, "4 4"]) -> tuple[Traced, Traced, Traced]:

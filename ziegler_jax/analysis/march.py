@@ -10,10 +10,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..context import Phase, place_of, resumable
 from ..motion.implicit import fixed
-from ..motion.section import SectionPlane
-from ..numerics.numbers import Flag
-from ..results import ORBIT, SPECIAL
-from .branch_point import BranchPoint, Continuation, characteristic_cubic
+from ..results import ORBIT
+from .branch_point import AbstractContinuation, BranchPoint
 
 SMALLEST_STEP = 1e-6  # on the arc
 STRAIGHT = 0.9  # the cosine of the largest turn between two points
@@ -43,6 +41,8 @@ class ContinuationState(NamedTuple):
     outcome: Int[Array, ""]
     attempts: Int[Array, ""]
     left: Int[Array, ""]  # of the step budget
+    # whether, since the last point, an attempt failed in another sequence of modes
+    modes_change: Bool[Array, ""]
 
 
 class Attempt(NamedTuple):
@@ -77,7 +77,11 @@ class Walk:
     """
 
     def __init__(
-        self, problem: Continuation, room: int, kinds: Sequence[bool], stop: bool
+        self,
+        problem: AbstractContinuation,
+        room: int,
+        kinds: Sequence[bool],
+        stop: bool,
     ):
         """Keep them."""
         self.problem, self.room, self.stop = problem, room, stop
@@ -113,8 +117,7 @@ class Walk:
 
     def begin(self) -> ContinuationState:
         """Before the first point."""
-        dtype = self.problem.first.dtype
-        empty = BranchPoint(*(jnp.full(s, jnp.nan, dtype) for s in _SHAPES))
+        dtype, empty = self.problem.first.dtype, self.problem.blank()
 
         def room(n):
             return jax.tree.map(
@@ -122,9 +125,8 @@ class Walk:
             )
 
         none, pair = jnp.zeros((), jnp.int32), jnp.zeros(2, dtype)
-        forward = jnp.zeros(5, dtype).at[4].set(self.problem.arc.direction)
         return ContinuationState(
-            here=empty._replace(x=self.problem.first, tangent=forward),
+            here=empty._replace(x=self.problem.first, tangent=self.problem.forward()),
             beyond=empty,
             step=self.longest,
             seeks=none,
@@ -139,6 +141,7 @@ class Walk:
             outcome=self.problem.failure.astype(jnp.int32),
             attempts=none,
             left=jnp.asarray(self.problem.method.max_steps, jnp.int32),
+            modes_change=jnp.asarray(False),
         )
 
     def goes_on(self, now: ContinuationState) -> Bool[Array, ""]:
@@ -161,9 +164,7 @@ class Walk:
         which = jnp.maximum(kind - 1, 0)
         ends = [jnp.stack([0.0 * tried.s, base.tests[which]]),
                 jnp.stack([tried.s, tried.point.tests[which]])]  # fmt: skip
-        real = special.there & (
-            (now.seeks != SPECIAL.torus) | _circles(special.point.moved)
-        )
+        real = special.there & self.problem.confirms(now.seeks, special.point)
         place = jnp.where(real, now.specials, self.room)
 
         def choose(new, beyond, old):
@@ -189,6 +190,7 @@ class Walk:
             specials=now.specials + real.astype(jnp.int32),
             attempts=now.attempts + 1,
             left=tried.left,
+            modes_change=~on & (now.modes_change | _other_modes(base, tried.point)),
         )
         return after._replace(outcome=self._outcome(after, tried, on))
 
@@ -202,7 +204,9 @@ class Walk:
         ahead = base.x + s * base.tangent
         point, good, count, left = self.problem.correct(ahead, base.tangent, now.left)
         free = starting | refining
-        smooth = _smooth(self.problem.section)
+        smooth = self.problem.smooth()
+        kink = (s < self.problem.kink) & _other_modes(base, point)
+        free |= kink
         good &= free | _straight(point.tangent[smooth], base.tangent[smooth])
         off = (point.x - ahead)[smooth]
         error = jnp.where(free, 0.0, jnp.sqrt(off @ off) / self.error)
@@ -215,14 +219,14 @@ class Walk:
         """The kind of special point that the step went past, 0 for none."""
         base = now.here
         changed = (tried.point.tests * base.tests < 0) & self.kinds & ~tried.starting
-        changed = _real_changes(changed, base.moved, tried.point.moved)
+        changed = self.problem.real_changes(changed, base, tried.point)
         # one at a time: of two within a step the second would go unnoticed
         crowded = ~tried.refining & (jnp.sum(changed) > 1) & (tried.s > CROWDED)
         good = tried.good & ~crowded
         kind = jnp.where(jnp.any(changed), 1 + jnp.argmax(changed), 0)
         # where a branch is born at an equilibrium its parameter turns: that is no fold
         free = good & ~tried.refining & (now.specials < self.room)
-        free &= ~self._collapsed(now, tried.point)
+        free &= ~self.problem.collapsed(tried.point, now.points)
         kind = jnp.where(free, kind, 0).astype(jnp.int32)
         return kind, tried._replace(good=good)
 
@@ -236,30 +240,25 @@ class Walk:
         lost = tried.refining & ~tried.good
         there = tried.refining & tried.good & (exact | (now.tries >= REFINEMENTS))
         # where branches cross Newton's method is singular: the chord will do
-        crossing = lost & (now.seeks == SPECIAL.pitchfork) & (tried.left > 0)
+        at = self.problem.crossing
+        crossing = lost & (now.seeks == at) & (tried.left > 0)
         point = jax.tree.map(
             lambda a, b: jnp.where(crossing, b, a),
             tried.point,
-            _chord(now.here, now.beyond),
+            _chord(now.here, now.beyond, at - 1),
         )
         there |= crossing
         return Refinement(low, jnp.stack([tried.s, f]), there | lost, there, point)
-
-    def _collapsed(self, now: ContinuationState, point: BranchPoint) -> Flag:
-        """Whether it passes its section the other way than the first cycle, or not."""
-        i = self.problem.section.index
-        return point.matrix[i, 3] * now.points.matrix[0, i, 3] <= 0
 
     def _outcome(
         self, after: ContinuationState, tried: Attempt, on: Bool[Array, ""]
     ) -> Int[Array, ""]:
         """Whether the walk has ended, and why; `on`: whether it has gone on."""
         problem, here = self.problem, after.here
-        low, high = (jnp.asarray(b, here.x.dtype) for b in problem.arc.bounds)
-        value = here.x[4] * problem.scale[4]
         outcome = jnp.where(after.count >= self.most, ORBIT.found, after.outcome)
-        outcome = jnp.where((value < low) | (value > high), ORBIT.beyond, outcome)
-        outcome = jnp.where(self._collapsed(after, here), ORBIT.collapsed, outcome)
+        outcome = jnp.where(problem.left_bounds(here), ORBIT.beyond, outcome)
+        collapsed = problem.collapsed(here, after.points)
+        outcome = jnp.where(collapsed, ORBIT.collapsed, outcome)
         outcome = jnp.where(on, outcome, after.outcome)
         outcome = jnp.where(self.stop & (after.specials > 0), ORBIT.found, outcome)
         lost_way = (after.step < SMALLEST_STEP) | (tried.starting & ~tried.good)
@@ -268,17 +267,9 @@ class Walk:
         return outcome.astype(jnp.int32)
 
 
-_SHAPES = ((5,), (5,), (3,), (4, 4), (4, 5), (4,))
-
-
-def _smooth(section: SectionPlane) -> Int[Array, " n"]:
-    """The places of angles, T and the parameter.
-
-    The rates have kinks where, as the branch goes on, a joint begins to stick at the
-    section; angle and period have none.
-    """
-    angles = [place for place, i in enumerate(section.others) if i < 2]
-    return jnp.array([*angles, 3, 4])
+def _other_modes(one: BranchPoint, other: BranchPoint) -> Bool[Array, ""]:
+    """Whether joints stick and slip in another sequence."""
+    return one.modes != other.modes
 
 
 def _straight(new: Float[Array, " n"], old: Float[Array, " n"]) -> Bool[Array, ""]:
@@ -291,32 +282,8 @@ def _put(points: BranchPoint, place: Int[Array, ""], point: BranchPoint) -> Bran
     return jax.tree.map(lambda a, x: a.at[place].set(x, mode="drop"), points, point)
 
 
-def _circles(moved: Float[Array, "4 4"]) -> Bool[Array, ""]:
-    """Whether two multipliers whose product is 1 are a complex pair."""
-    b2, _, b0 = characteristic_cubic(moved)
-    return jnp.abs(b0 - b2) < 2
-
-
-def _chord(low: BranchPoint, high: BranchPoint) -> BranchPoint:
-    """Between two points, where the pitchfork's test would vanish if it were linear."""
-    at = SPECIAL.pitchfork - 1
+def _chord(low: BranchPoint, high: BranchPoint, at: int) -> BranchPoint:
+    """Between two points, where a test would vanish if it were linear."""
     rise = high.tests[at] - low.tests[at]
     share = -low.tests[at] / jnp.where(rise == 0, 1.0, rise)
     return jax.tree.map(lambda a, b: a + share * (b - a), low, high)
-
-
-def _real_changes(
-    changed: Bool[Array, "4"],
-    before: Float[Array, "4 4"],
-    after: Float[Array, "4 4"],
-) -> Bool[Array, "4"]:
-    """Changes of the tests' signs without those that mean nothing.
-
-    The torus' test vanishes, too, where two real multipliers are reciprocal; that of
-    the pitchfork at a fold.
-    """
-    torus, pitchfork = SPECIAL.torus - 1, SPECIAL.pitchfork - 1
-    changed = changed.at[torus].set(
-        changed[torus] & (_circles(before) | _circles(after))
-    )
-    return changed.at[pitchfork].set(changed[pitchfork] & ~changed[0])

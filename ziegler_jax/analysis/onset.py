@@ -14,7 +14,7 @@ first changes. A motion's verdict is
   stay below the cut for 20 time units and do not speed up.
 - *moves*: it draws near a cycle that is certified (see `settle`), or a rod turned over
   (`escape`), or it endures: its returns have grown for long, or have not fallen for
-  longer (see `steady/course.py`). Where friction alone dissipates, a motion may grow
+  longer (see `steady/trend.py`). Where friction alone dissipates, a motion may grow
   for thousands of time units before its cycle is certain. One that lingers beside an
   unstable cycle does none of these yet.
 - none: it neither rested nor moves within its budget, or failed.

@@ -1,9 +1,10 @@
 r"""Shooting: where a motion returns, Newton's method, and what carries derivatives."""
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeVarTuple, cast
+from typing import Generic, NamedTuple, Protocol, TypeVar, TypeVarTuple, cast
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
@@ -13,7 +14,7 @@ from ..motion.implicit import implicit, moving, solve
 from ..motion.integrate import Motion, Run, follow
 from ..motion.options import Method
 from ..motion.section import SectionPlane, passage
-from ..motion.sequence import run_in_sequence
+from ..motion.sequence import Followed, run_in_sequence
 from ..motion.variational import Flow, Make, Parameters, Varied, flow_of, varied_motion
 from ..numerics.numbers import Count, Scalar, Traced, Traced4
 from ..results import OUTCOME
@@ -81,15 +82,28 @@ def first_return(
     return z, count > returns, run.steps
 
 
-class Found(NamedTuple):
+class Counted(Protocol):
+    """What Newton's method tried last."""
+
+    @property
+    def steps(self) -> Int[Array, ""]:
+        """Those of its motions."""
+        ...
+
+
+Tried = TypeVar("Tried", bound=Counted)
+
+
+class Found(NamedTuple, Generic[Tried]):
     """Where Newton's method ended."""
 
     z: Unknowns
     move: Unknowns  # the last step
     size: Float[Array, ""]  # and its largest component before it was cut
     count: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]
-    shot: "Shot"  # the last one
+    shot: Tried  # the last one
     left: Int[Array, ""]  # of the steps
+    residual: Float[Array, ""]  # the largest equation's, before the last step
 
     @property
     def converged(self) -> Bool[Array, ""]:
@@ -98,13 +112,15 @@ class Found(NamedTuple):
 
 
 def newton(
-    shot: Callable[[Unknowns, Int[Array, ""]], Motion[Varied]],
-    equations: Callable[[Unknowns, Flow], tuple[Unknowns, Float[Array, "n n"], "Shot"]],
+    shot: Callable[[Unknowns, Int[Array, ""]], Followed],
+    equations: Callable[..., tuple[Unknowns, Float[Array, "n n"], Tried]],
     z0: Unknowns,
-    blank: "Shot",
+    blank: Tried,
     max_iterations: int,
     left: Count,
-) -> Found:
+    flow: Callable[..., object] = flow_of,
+    closed: float = np.inf,
+) -> "Found[Tried]":
     """Solve r(z) = 0 by Newton's method, one motion an iteration.
 
     **Arguments:**
@@ -115,24 +131,26 @@ def newton(
         ends it.
     - `blank`: a shot of the same shape.
     - `left`: how many steps there are for all motions.
+    - `flow`: reads a motion's flow from its run.
+    - `closed`: how large r may be, at most, where the last step begins.
     """
     # without a first approximation there is nothing to do
     far, none = jnp.max(z0 - z0) + jnp.inf, jnp.zeros((), jnp.int32)
     left = jnp.asarray(left, jnp.int32)
-    begin = Found(z0, jnp.zeros_like(z0), far, none, blank, left)
+    begin = Found(z0, jnp.zeros_like(z0), far, none, blank, left, far)
 
-    def goes_on(now: Found):
-        unsettled = now.size > TOLERANCE  # not for NaN
+    def goes_on(now: Found[Tried]):
+        unsettled = (now.size > TOLERANCE) | (now.residual > closed)  # not for NaN
         return unsettled & (now.count < max_iterations) & (now.left > 0)
 
-    def improve(now: Found, motion: Motion[Varied], run: Run[Varied]):
+    def improve(now: Found[Tried], motion: Followed, run: Run[Varied]):
         del motion
-        r, jacobian, shot = equations(now.z, flow_of(run))
+        r, jacobian, shot = equations(now.z, flow(run))
         move = -solve(jacobian, r)
         size = jnp.max(jnp.abs(move))
         move = move * jnp.minimum(1.0, LARGEST_MOVE / jnp.where(size > 0, size, 1.0))
-        left = now.left - shot.flow.steps
-        return Found(now.z + move, move, size, now.count + 1, shot, left)
+        left, residual = now.left - shot.steps, jnp.max(jnp.abs(r))
+        return Found(now.z + move, move, size, now.count + 1, shot, left, residual)
 
     return run_in_sequence(lambda now: shot(now.z, now.left), improve, goes_on, begin)[
         0
@@ -145,6 +163,11 @@ class Shot(NamedTuple):
     residual: Float[Array, "4"]
     jacobian: Float[Array, "4 4"]  # in z, three coordinates and T
     flow: Flow
+
+    @property
+    def steps(self) -> Int[Array, ""]:
+        """Those of its motion."""
+        return self.flow.steps
 
 
 def shot_motion(
@@ -180,7 +203,8 @@ def blank_shot(n: int, dtype: DTypeLike) -> Shot:
         return jnp.zeros(shape, dtype)
 
     moves = none(4, 4 + n), none(3, 4 + n), jnp.asarray(False), jnp.zeros((), jnp.int32)
-    return Shot(none(4), none(4, 4), Flow(none(4), none(4), none(3), *moves))
+    flow = Flow(none(4), none(4), none(3), *moves, none())
+    return Shot(none(4), none(4, 4), flow)
 
 
 def closing(

@@ -173,7 +173,7 @@ def check_scene(column: Column, start: State, name: str = "start") -> None:
     instance(name, start, State)
 
 
-def check_maker(make_column: Callable[[Scalar], Column]) -> None:
+def check_maker(make_column: Callable[..., Column]) -> None:
     """Raise a sentence if this is no function."""
     if not callable(make_column):
         raise ValueError(

@@ -19,6 +19,7 @@ from ..model.set_valued import FrozenCoulomb
 from ..numerics.numbers import Numbers, Pair, Scalar, Traced, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
+from .contact import Contact, Nearest, nearer
 from .integrate import Motion, Run
 from .options import Method
 from .scene import prepared
@@ -44,6 +45,8 @@ class Flow(NamedTuple):
     extent_moved: Float[Array, "3 k"]
     arrived: Bool[Array, ""]  # whether the span was integrated to its end
     steps: Int[Array, ""]
+    modes: Float[Array, ""]  # a number of the sequence of modes, 0 where there is none
+    contact: Nearest | tuple[()] = ()  # what was watched
 
 
 def varied_motion(
@@ -53,18 +56,22 @@ def varied_motion(
     span: Scalar,
     method: Method,
     vary: bool = True,
+    contact: Contact | None = None,
 ) -> Motion["Varied"]:
     """The motion of `make(parameters)` from y0 (4,) over a positive span.
 
-    **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them.
+    **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them;
+    `contact`: what to watch besides.
     """
     args, fold = varied(make, parameters, cast(Explicit, method.solver), vary)
+    fold = Variational(fold.solver, fold.k, fold.moves, contact)
     start = tuple(y0[i] for i in range(4))
     return Motion(args, cast(Traced4, start), fold, method, end=span)
 
 
 def flow_of(run: "Run[Varied]") -> Flow:
     """Where such a motion ended, with its derivatives."""
+    modes = run.folded.modes
     return Flow(
         jnp.stack(run.y),
         jnp.stack(run.solver.slope),
@@ -73,6 +80,8 @@ def flow_of(run: "Run[Varied]") -> Flow:
         jnp.stack(run.folded.extent_moves),
         run.outcome == OUTCOME.complete,
         run.steps,
+        0.0 * jnp.asarray(run.y[0]) if isinstance(modes, tuple) else modes,
+        run.folded.contact,
     )
 
 
@@ -95,6 +104,8 @@ class Varied(NamedTuple):
     y: Rows  # four
     extent: Numbers  # three
     extent_moves: Rows  # three
+    modes: Traced | tuple[()]  # set-valued friction: a number of the events so far
+    contact: Nearest | tuple[()] = ()
 
 
 class Variational(AbstractFold[Varied]):
@@ -107,6 +118,7 @@ class Variational(AbstractFold[Varied]):
     solver: Explicit
     k: int = eqx.field(static=True)
     moves: Column | None
+    contact: Contact | None = None
 
     def init(self, column, t0, y0):
         """Unit vectors, and the start's own angles."""
@@ -121,6 +133,8 @@ class Variational(AbstractFold[Varied]):
             rows,
             tuple(jnp.abs(x) for x in angles),
             tuple(s * row for s, row in zip(signs, turned, strict=True)),
+            0.0 * y0[0] if column.sticks else (),
+            () if self.contact is None else self.contact.begin(0.0 * y0[0], self.k),
         )
 
     def outcome(self, state):
@@ -141,7 +155,7 @@ class Variational(AbstractFold[Varied]):
             (f0, [df0]), (y1, [dy]), (error, [de]), (f1, [df1]) = push(
                 solver, column, t0, t1, y0, [v], dp
             )
-            turns, ends = partial(_peaks, t1 - t0), (y0, f0, y1, f1)
+            turns, ends = partial(_peaks, self.contact, t1 - t0), (y0, f0, y1, f1)
             peaks, dpeaks = jax.jvp(turns, ends, (v, df0, dy, df1))
             return (y1, error, f1, peaks), (dy, de, dpeaks)
 
@@ -173,15 +187,53 @@ class Variational(AbstractFold[Varied]):
         def beyond(v, dp):
             return past(column, step, (v,), dp)[0]
 
+        contact = self._contact(column, state, step, dy, (peaks[3:], dpeaks[3:]))
         dy = cast(Rows, jax.vmap(beyond)(dy, self.moves))
         extent, moves = [], []
         for old, dold, new, dnew in zip(
-            state.extent, state.extent_moves, peaks, dpeaks, strict=True
+            state.extent, state.extent_moves, peaks[:3], dpeaks[:3], strict=True
         ):
             larger = jnp.abs(new) > old
             extent.append(jnp.where(larger, jnp.abs(new), old))
             moves.append(jnp.where(larger, jnp.sign(new) * dnew, dold))
-        return Varied(dy, tuple(extent), tuple(moves)), jnp.inf, False
+        modes = events_number(state.modes, step)
+        return Varied(dy, tuple(extent), tuple(moves), modes, contact), jnp.inf, False
+
+    def _contact(
+        self,
+        column: Column,
+        state: Varied,
+        step: Step,
+        dy: Rows,
+        dips: tuple[Numbers, Rows],
+    ) -> Nearest | tuple[()]:
+        """What is watched, after the step; `dy`: its differences before the event."""
+        watch = self.contact
+        if watch is None:
+            return ()
+        if watch.what == "grazing":
+            (dip,), (ddip,) = dips
+            new = jnp.asarray(dip), ddip
+            return nearer(new, cast(Nearest, state.contact), watch.slips(step))
+
+        def landing(dy, dp):
+            return watch.landing(column, step, dy, dp)
+
+        new = jax.vmap(landing, out_axes=(None, 0))(dy, self.moves)
+        return nearer(new, cast(Nearest, state.contact), watch.lands(step))
+
+
+def events_number(modes: Traced | tuple[()], step: Step) -> Traced | tuple[()]:
+    """A number of the sequence of modes after a step; of another one it is another.
+
+    But by rare chance; () where no joint sticks.
+    """
+    if isinstance(modes, tuple):
+        return ()
+    assert step.event
+    joint, (m1, m2) = step.event
+    met = 0.7 * modes + (joint + 3.0 * m1 + 9.0 * m2 + 14.0)
+    return jnp.where(joint > 0, met, modes)
 
 
 def _stopped(column: Column, y: Vector4, dw1: Row, dw2: Row) -> tuple[Row, Row]:
@@ -200,7 +252,20 @@ def _stopped(column: Column, y: Vector4, dw1: Row, dw2: Row) -> tuple[Row, Row]:
     return first, jnp.where(still, 0.0, jnp.where(stuck2, both, second))
 
 
-def _peaks(h: Traced, y0: Traced4, f0: Traced4, y1: Traced4, f1: Traced4) -> Numbers:
-    """Where phi1, phi2, phi2 - phi1 turn within a step, else at its end."""
+def _peaks(
+    contact: Contact | None,
+    h: Traced,
+    y0: Traced4,
+    f0: Traced4,
+    y1: Traced4,
+    f1: Traced4,
+) -> Numbers:
+    """Where phi1, phi2, phi2 - phi1 turn within a step, else at its end.
+
+    And where the rate that is watched comes near to zero.
+    """
     step = Step(0.0 * h, h, y0, y1, f0, f1, ())
-    return tuple(path.extremum() for path in angles(step))
+    peaks = tuple(path.extremum() for path in angles(step))
+    if contact is None or contact.what != "grazing":
+        return peaks
+    return (*peaks, contact.dip(h, y0, f0, y1, f1))

@@ -382,7 +382,7 @@ class CertifiedMotion:
 
     def kind(self, now: Certifying) -> Int[Array, ""]:
         """Of which kind an undecided lane is."""
-        kind = now.returns.course.kind(now.returns.nearest, now.unstable)
+        kind = now.returns.trend.kind(now.returns.nearest, now.unstable)
         open_ = now.outcome == OUTCOME.unsettled
         return jnp.where(open_, kind, UNDECIDED.decided).astype(jnp.int8)
 

@@ -74,7 +74,7 @@ class Certifying(NamedTuple):
         """Whether it has ended and will not come to rest."""
         cycle = (self.outcome == OUTCOME.cycle) | (self.outcome == OUTCOME.escaped)
         unsettled = self.outcome == OUTCOME.unsettled
-        return cycle | (unsettled & self.returns.course.endures)
+        return cycle | (unsettled & self.returns.trend.endures)
 
     @property
     def phase(self) -> Int[Array, ""]:

@@ -38,8 +38,8 @@ from .contraction import (
     largest,
     length,
 )
-from .course import Course, no_course
 from .growth import Grown, grown, kick_tangent
+from .trend import Trend, no_trend
 
 RETURNS = (1, 2, 3, 4, 6)  # how many close an orbit
 COUNTS = np.array(RETURNS, np.int32)
@@ -206,7 +206,7 @@ class Returns(NamedTuple):
     nearest: Traced  # about the smallest of the last d_n
     level: Traced  # how many of them have been used up
     due: Traced  # the next of the times
-    course: Course
+    trend: Trend
     own: Traced  # returns since the shot that found the candidate
     follows: Traced  # how many of its own in a row draw near
     lost: Bool[Array, ""]  # whether the motion has left the candidate
@@ -225,7 +225,7 @@ def no_returns(zero: Traced) -> Returns:
         nearest=zero + jnp.inf,
         level=zero,
         due=zero + TIMES[0],
-        course=no_course(zero),
+        trend=no_trend(zero),
         own=zero,
         follows=zero,
         lost=jnp.asarray(False),
@@ -269,12 +269,12 @@ def with_return(
         last=apart,
         nearest=jnp.minimum(LEAK * state.nearest, jnp.min(apart)),
     )
-    course = after.course.after(largest(point), after.times[0] > after.due)
-    after = after._replace(course=course)
+    trend = after.trend.after(largest(point), after.times[0] > after.due)
+    after = after._replace(trend=trend)
     after = _with_request(state, _drawn_near(after, orbit), orbit)
     if not until_it_endures:
         return after
-    over = course.endures & (after.asks == NOTHING)
+    over = trend.endures & (after.asks == NOTHING)
     return after._replace(asks=jnp.where(over, ENDURES, after.asks).astype(jnp.int32))
 
 

@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Int
 
 from ..motion.integrate import Run
 from ..motion.tangents import Rows, push_rows, rows_field, rows_past
+from ..motion.variational import events_number
 from ..numerics.numbers import Flag, Scalar, Traced, Traced4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit
@@ -100,14 +101,10 @@ class Shot(AbstractFold[ShotState]):
         if not step.modes:
             images, slopes, integrals = step.integrals
         else:  # it may have been cut
-            assert step.event
             integrals, ends = step.integrals, (step.t0, step.t1, step.y0)
             both, *_ = push_rows(self.solver, column, *ends, state.tangents)
             images = rows_past(column, step, cast(Rows, both[4:]))
-            joint, (m1, m2) = step.event
-            # of another sequence of modes this is another number, but by rare chance
-            met = 0.7 * cast(Traced, modes) + (joint + 3.0 * m1 + 9.0 * m2 + 14.0)
-            modes = jnp.where(joint > 0, met, cast(Traced, modes))
+            modes = events_number(modes, step)
         step = step._replace(integrals=integrals)
         record = self.observation.step(column, state.record, step)
         return ShotState(images, slopes, record, modes), jnp.inf, False

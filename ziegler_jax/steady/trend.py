@@ -21,7 +21,7 @@ GROWN, LASTED = 3, 9  # times in a row
 NEARLY = 0.01  # a motion whose returns come nearer than this is slow, not aperiodic
 
 
-class Course(NamedTuple):
+class Trend(NamedTuple):
     """What the largest returns have told."""
 
     peak: Traced  # the largest since the last time
@@ -30,11 +30,11 @@ class Course(NamedTuple):
     grew: Traced  # at how many times in a row
     lasted: Traced
 
-    def after(self, size: Scalar, timed: Flag) -> "Course":
+    def after(self, size: Scalar, timed: Flag) -> "Trend":
         """One return more; `timed`: whether one of the times is over."""
         peak = jnp.maximum(self.peak, size)
         grows, lasts = peak > GROWTH * self.before, peak > FALL * self.whence
-        after = Course(
+        after = Trend(
             peak=0.0 * peak,
             before=peak,
             whence=jnp.where(lasts, self.whence, peak),
@@ -61,6 +61,6 @@ class Course(NamedTuple):
         return jnp.where(unstable, UNDECIDED.unstable_near, kind)
 
 
-def no_course(zero: Traced) -> Course:
+def no_trend(zero: Traced) -> Trend:
     """Before the first return."""
-    return Course(zero, zero + jnp.inf, zero + jnp.inf, zero, zero)
+    return Trend(zero, zero + jnp.inf, zero + jnp.inf, zero, zero)

@@ -1,0 +1,321 @@
+r"""Curves of bifurcations of cycles in the plane of two parameters.
+
+A fold, a flip, a torus or a pitchfork of cycles at one value of a second parameter lies
+on a curve. With the cycle $z$, both parameters and the null vectors v as unknowns it is
+one more curve F(x) = 0 (`degeneracy` has the equations), walked by pseudo-arclength as
+branches of cycles are (`continuation`), in both directions from where it is met, and
+then filled in one batch (`fill`).
+
+On the way test functions change sign, and the zero is found along the arc: a cusp of
+folds, one more multiplier at 1 or -1, a pair on the unit circle. Where a cycle comes to
+graze, a joint's rate touching zero or a sticking joint its most, the map has a square
+root: such a curve ends there, as `modes_change`.
+
+Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), section 10.3; M.
+di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), chapter 8.
+"""
+
+from collections.abc import Callable
+from typing import cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..analysis.branch_point import Arc
+from ..analysis.continuation import Branch, CycleFold, CyclePoints
+from ..analysis.march import ContinuationState, Walk
+from ..analysis.periodic_orbit import PeriodicOrbit, cycle_method
+from ..analysis.shooting import start_of
+from ..context import plain
+from ..model.column import Column
+from ..motion.implicit import fixed, undifferentiated
+from ..motion.options import Method, recorded
+from ..motion.scene import check_maker, made
+from ..numerics.numbers import Scalar, choice, instance, number
+from ..results import ORBIT, Settings
+from .bifurcations import BifurcationCurve, BifurcationPoints
+from .codes import CURVE, MEETING
+from .course import Course
+from .degeneracy import Torus
+from .derivative import moves_of_first
+from .fill import Filled, Knots, at_values, corrected, evenly, joined
+from .problem import MEETINGS, CurveProblem, N
+from .start import (
+    DEGENERACIES,
+    KINDS,
+    Beginning,
+    Kind,
+    cycle_of,
+    degeneracy_of,
+    met_on_branch,
+    of_orbit,
+    of_points,
+)
+
+SPECIALS = 6  # in each direction there is room for so many
+MEETS = 0.02  # the sine of the angle at which a torus' pair is all but one
+
+Start = PeriodicOrbit | CyclePoints | CycleFold | Branch
+
+
+@plain
+def bifurcation_curve(
+    make_column: Callable[[Scalar, Scalar], Column],
+    kind: Kind,
+    start: Start,
+    *,
+    second: Scalar,
+    first: Scalar | None = None,
+    course: Course = Course(),  # noqa: B008, a value
+    arc: Arc = Arc(),  # noqa: B008
+    method: Method = Method(),  # noqa: B008
+) -> BifurcationCurve:
+    r"""The curve of a bifurcation of cycles in the plane of two parameters.
+
+    ```python
+    # fold = zj.cycle_fold(lambda q: make(q, 0.26), orbit, 1.95).cycle
+    course = zj.Course(values=[0.1, 0.2, 0.26], second=(0.1, 0.26))
+    curve = zj.bifurcation_curve(make, "fold", fold, second=0.26, course=course)
+    curve.points.first  # 1.61206, ..., 1.86140
+    ```
+
+    **Arguments:**
+
+    - `make_column`: a function of both parameters, e.g. `lambda q, tau: ...`.
+    - `kind`: "fold"; "flip": the period doubles; "torus": a complex pair of multipliers
+        leaves the unit circle; "pitchfork": a symmetric cycle loses its symmetry. With
+        set-valued friction also "sticking_1", "sticking_2": the joint comes to rest in
+        the cycle and its holding torque is just the most, so that beyond it sticks;
+        "grazing_1", "grazing_2": its rate comes down to zero while it slips (to 1e-8,
+        as beyond there is none).
+    - `start`: a cycle, `PeriodicOrbit`, at the values `first` and `second`: then its
+        branch is followed in the first parameter, as `arc` says, to the first
+        bifurcation of this kind; but for sticking and grazing Newton's method starts
+        at the cycle itself, which must be near. Or what knows a bifurcation and its
+        first parameter already: `CycleFold`, `Branch`, or `CyclePoints` such as
+        `branch.special`, whose first one of this kind is taken; then `first` is left
+        out.
+    - `course`: how far and how finely the curve is followed, see `Course`.
+    - `method`: an explicit one; its step budget is that of the walk in each direction,
+        and of each point in the end.
+
+    **Returns:** `BifurcationCurve`; of symmetric cycles, half a period is shot.
+
+    **Derivatives:** of `points.first`, forward and reverse, first order, in every
+    number that `make_column` was made from but the two parameters: how the curve moves
+    at a fixed second parameter, by the implicit function theorem. The second
+    derivatives in it are central differences, good to some five digits; at folds none
+    is left.
+
+    Where the sequence of stick and slip changes smoothly, a joint beginning to stick
+    where its rate passes zero, the curve goes on. Where the cycle grazes it ends.
+
+    **Raises:** `ValueError` for arguments that break a rule.
+    """
+    check_maker(make_column)
+    choice("kind", kind, KINDS)
+    instance("course", course, Course)
+    instance("arc", arc, Arc)
+    dtype = jnp.result_type(float)
+    second = jnp.asarray(number("second", second), dtype)
+    at = fixed(second)
+    begin, about = _begun(make_column, kind, start, at, first, arc, method)
+    method = cycle_method("bifurcation_curve", method, about)
+    still = fixed(eqx.filter_closure_convert(make_column, begin.first, at))
+    cycle, closing, shot_steps = cycle_of(kind, still, begin, at, method)
+    degeneracy = degeneracy_of(kind)
+    problem = CurveProblem(still, degeneracy, cycle, course.arc, course.bounds, method)
+    problem = problem.beginning(closing)
+
+    def walk(direction: Float[Array, ""]) -> ContinuationState:
+        heading = problem.heading(direction)
+        tests = (True,) * (MEETINGS + 4)
+        return Walk(heading, SPECIALS, tests, False).follow()
+
+    ways = fixed(jax.vmap(walk)(jnp.array([-1.0, 1.0], dtype)))
+    down, up = (_knots(jax.tree.map(lambda a, i=i: a[i], ways)) for i in (0, 1))
+    knots = joined(down, up)
+    if course.values is None:
+        x, rows = evenly(knots, course.points)
+    else:
+        values = fixed(jnp.asarray(course.values, dtype)) / problem.scale[N - 1]
+        x, rows = at_values(knots, values)
+        rows = jnp.zeros_like(rows).at[:, N - 1].set(1.0)
+    filled = fixed(corrected(problem, x, rows))
+
+    def moves(point):
+        values = point.x[N - 2 : N] * problem.scale[N - 2 :]
+        column = make_column(fixed(values[0]), fixed(values[1]))
+        return moves_of_first(problem, column, point)
+
+    settings = _settings(kind, course, method, begin)
+    points = _points(problem, filled, jnp.zeros(course.count, jnp.int32), settings)
+    change = jax.vmap(moves)(filled.point)
+    points = eqx.tree_at(lambda p: p.first, points, points.first + change)
+    special = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), ways.special)
+    kinds = jnp.minimum(ways.kind.reshape(-1), MEETING.edge)
+    there = kinds > 0
+    none = jnp.zeros_like(kinds)
+    residual = jnp.where(there, 0.0, jnp.nan).astype(dtype)
+    notable = Filled(special, there, residual, none)
+    started = jnp.any(ways.count > 0)
+    failed = jnp.where(cycle.failure > 0, cycle.failure, ORBIT.not_converged)
+    spent = 2 * jnp.asarray(method.max_steps, jnp.int32) - jnp.sum(
+        ways.left, dtype=jnp.int32
+    )
+    return BifurcationCurve(
+        points=points,
+        special=_points(problem, notable, kinds, settings),
+        ends=jax.vmap(lambda way: _end(problem, way))(ways).astype(jnp.int8),
+        knots=ways.count,
+        outcome=jnp.where(started, ORBIT.found, failed).astype(jnp.int8),
+        steps=begin.steps + shot_steps + spent + jnp.sum(filled.steps, dtype=jnp.int32),
+        settings=settings,
+    )
+
+
+def _begun(
+    make_column: Callable[[Scalar, Scalar], Column],
+    kind: Kind,
+    start: Start,
+    second: Float[Array, ""],
+    first: Scalar | None,
+    arc: Arc,
+    method: Method,
+) -> tuple[Beginning, Column]:
+    """Where the curve is met, and a column of the kind that is asked about."""
+    if isinstance(start, PeriodicOrbit):
+        if first is None:
+            raise ValueError(
+                "Argument `first` must be given with a `PeriodicOrbit`: the value of "
+                "the first parameter at which it is one."
+            )
+
+        def make(x: Scalar) -> Column:
+            return make_column(x, second)
+
+        about = made(make, number("first", first))
+        if kind not in DEGENERACIES:
+            if not about.sticks:
+                raise ValueError(
+                    "Argument `kind` must not be a change of modes without set-valued "
+                    f"friction, where no joint sticks, but is {kind!r}."
+                )
+            at = fixed(jnp.asarray(first, second.dtype))
+            return of_orbit(start, at), about
+        return met_on_branch(kind, make, start, first, arc, method), about
+    if kind not in DEGENERACIES:
+        raise ValueError(
+            f"Argument `start` must be a `PeriodicOrbit` for {kind!r}, a cycle nearby, "
+            f"but is a `{type(start).__name__}`."
+        )
+    if first is not None:
+        raise ValueError(
+            "Argument `first` must be left out where `start` is no `PeriodicOrbit`: "
+            f"its points have theirs, but is {first!r}."
+        )
+    if isinstance(start, CycleFold):
+        start = start.cycle
+    if isinstance(start, Branch):
+        start = start.special
+    if not isinstance(start, CyclePoints):
+        raise ValueError(
+            "Argument `start` must be a `PeriodicOrbit`, `CyclePoints`, a `Branch` or "
+            f"a `CycleFold`, but is {start!r}."
+        )
+    begin = of_points(kind, start)
+    return begin, made(lambda x: make_column(x, second), begin.first)
+
+
+def _knots(way: ContinuationState) -> Knots:
+    """The points of a walk; where it left its bounds, its last one is on the bound.
+
+    Without the last ones where it ends at a grazing cycle, which crowd there.
+    """
+    x, tangent = way.points.x, way.points.tangent
+    places = jnp.arange(x.shape[0], dtype=jnp.int32)
+    grazes = (way.points.modes < 0) & (places < way.count)
+    first = jnp.argmax(grazes).astype(jnp.int32)
+    count = jnp.where(jnp.any(grazes), first, way.count)
+    edges = way.kind > MEETINGS
+    which = jnp.argmax(edges)
+    last = jnp.where(jnp.any(edges), jnp.maximum(way.count - 1, 0), x.shape[0])
+    return Knots(
+        x.at[last].set(way.special.x[which], mode="drop"),
+        tangent.at[last].set(way.special.tangent[which], mode="drop"),
+        count,
+        jnp.zeros((), jnp.int32),
+    )
+
+
+def _end(problem: CurveProblem, way: ContinuationState) -> Int[Array, ""]:
+    """Why a walk ended."""
+    codes = {
+        ORBIT.invalid: CURVE.invalid,
+        ORBIT.not_integrated: CURVE.not_integrated,
+        ORBIT.not_converged: CURVE.not_converged,
+        ORBIT.collapsed: CURVE.collapsed,
+        ORBIT.beyond: CURVE.beyond,
+        ORBIT.found: CURVE.unfinished,
+    }
+    end = jnp.zeros_like(way.outcome) + CURVE.not_converged
+    for code, mine in codes.items():
+        end = jnp.where(way.outcome == code, mine, end)
+    changes = way.modes_change | (way.here.modes < 0)
+    lost = end == CURVE.not_converged
+    end = jnp.where(lost & changes, CURVE.modes_change, end)
+    if isinstance(problem.kind, Torus):
+        met = jnp.sin(way.here.x[-1]) < 0
+        # close to it the two vectors nearly agree, and Newton's method loses them
+        met |= lost & (jnp.sin(way.here.x[-1]) < MEETS)
+        end = jnp.where(met, CURVE.resonance, end)
+    return jnp.where(way.count > 0, end, CURVE.no_start)
+
+
+def _points(
+    problem: CurveProblem,
+    filled: Filled,
+    meeting: Int[Array, " n"],
+    settings: Settings,
+) -> BifurcationPoints:
+    """The points in their own units; NaN where there is none."""
+    point, good = filled.point, filled.good
+
+    def shown(a: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        mask = good.reshape(-1, *(1,) * (a.ndim - 1))
+        return undifferentiated(jnp.where(mask, a, jnp.nan))
+
+    x = point.x[:, :N] * problem.scale[None]
+    y = start_of(problem.section, x[:, :4])
+    half = problem.cycle.sign < 0
+    moved = point.moved
+    outcome = jnp.where(good, ORBIT.found, ORBIT.not_converged)
+    return BifurcationPoints(
+        first=jnp.where(good, x[:, 4], jnp.nan),
+        second=shown(x[:, 5]),
+        phi=shown(y[:, :2]),
+        omega=shown(y[:, 2:]),
+        period=shown(jnp.where(half, 2.0, 1.0) * x[:, 3]),
+        rod_amplitude=shown(point.extent[:, :2]),
+        joint_amplitude=shown(point.extent[:, jnp.array([0, 2])]),
+        monodromy=shown(jnp.where(half, moved @ moved, moved)),
+        residual=shown(filled.residual),
+        modes=shown(point.modes),
+        meeting=meeting.astype(jnp.int8),
+        outcome=outcome.astype(jnp.int8),
+        settings=settings,
+    )
+
+
+def _settings(kind: Kind, course: Course, method: Method, begin: Beginning) -> Settings:
+    """How a curve was followed, for the record."""
+    return recorded(
+        kind=kind,
+        **cast(dict, method.settings()),
+        step=course.step,
+        error=course.error,
+        room=course.room,
+        **begin.section.settings(),
+    )
