@@ -35,7 +35,7 @@ def main():
         )
         cycle = style.UNITS.restore(style.part(motion, late, np.inf))
         black = {"color": "black", "lw": 1.6, "zorder": 4}
-        phase.plot(cycle.phi[:, 0], cycle.omega[:, 0], **orange)
+        phase.plot(cycle.phi[:, 0], cycle.omega[:, 0], **black)
         phase.plot(cycle.phi[:, 1], cycle.omega[:, 1], label="settled", **black)
         rate = np.asarray(shown.omega[:, 1] - shown.omega[:, 0])
         history.fill_between(
