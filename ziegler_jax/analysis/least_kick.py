@@ -236,8 +236,8 @@ def least_kick(
     to $\sqrt{\mathrm{width}}$ of the start's size away, has a lower threshold, and that
     no minimum to which one of the directions leads is lower; the column comes to
     rest from the lower end of the last interval and is certified to flutter from the
-    upper one. Where rest itself is unstable, as under smoothed friction, the outcome is
-    `moves`.
+    upper one. Where rest itself is unstable, as it may be under smoothed friction, it
+    is `moves`.
 
     **Derivatives:** of `energy`, forward and reverse, first order, in every number of
     the column: at a minimum those along its ray (J. M. Danskin, 1967), see
