@@ -195,8 +195,8 @@ def test_along_a_curve_of_flips_a_multiplier_is_minus_one_and_it_moves_as_it_say
     assert meets.sum() == 1 and 0.25 < curve.special.second[meets][0] < 0.26
     h = 1e-5
     ahead, back = (follow(c1 + d, known)[0] for d in (h, -h))
-    # of the same curve, whose points are good to 1e-10: 1e-5 of the difference
-    np.testing.assert_allclose(slope, (ahead - back) / (2 * h), rtol=1e-5)
+    # measured 2.3e-8 of it
+    np.testing.assert_allclose(slope, (ahead - back) / (2 * h), rtol=1e-6)
 
 
 @pytest.mark.slow
