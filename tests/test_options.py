@@ -22,6 +22,15 @@ def smooth(q=2.6):
     return column(q, SMOOTH)
 
 
+def plane(q, tau, smoothed=False):
+    del tau
+    return smooth(q) if smoothed else column(q)
+
+
+def smooth_plane(q, tau):
+    return plane(q, tau, smoothed=True)
+
+
 def orbit():
     return zj.periodic_orbit(column(), KICK)
 
@@ -36,13 +45,18 @@ QUESTIONS = {
     zj.periodic_orbit: (column(), KICK),
     zj.continue_cycle: (column, orbit, 2.6),
     zj.cycle_fold: (column, orbit, 2.6),
+    zj.bifurcation_curve: (plane, "fold", orbit),
     zj.lyapunov_exponents: (column(), KICK),
     zj.verdict: (column(), KICK),
     zj.poincare: (column(), KICK),
     zj.regularisation_error: (column(), KICK, 0.1),
 }
 TOLD = {question.__name__: question for question in QUESTIONS}
-NEEDED = {zj.sweep_up_down: {"kick": KICK}}
+NEEDED = {
+    zj.sweep_up_down: {"kick": KICK},
+    zj.bifurcation_curve: {"first": 2.6, "second": 0.026},
+}
+SMOOTHED = {column: smooth, plane: smooth_plane}
 
 
 def record_of(question, smoothed=False, **fields):
@@ -51,7 +65,8 @@ def record_of(question, smoothed=False, **fields):
     def asked():
         scene = [x() if x is orbit else x for x in QUESTIONS[question]]
         if smoothed:
-            scene[0] = smooth if scene[0] is column else smooth()
+            made = callable(scene[0]) and scene[0] in SMOOTHED
+            scene[0] = SMOOTHED[scene[0]] if made else smooth()
         more = NEEDED.get(question, {}) | options_of(question, **fields)
         return question(*scene, **more)
 
@@ -127,7 +142,7 @@ def test_a_partial_value_leaves_the_rest_to_the_question(value, part):
         expected = {RECORDED.get(value, {}).get(name, name)}
         assert changed == expected | ({"atol"} if name == "rtol" else set()), keyword
         asked += 1
-    assert asked == {zj.Method: 13, zj.Windows: 6}.get(value, 2)
+    assert asked == {zj.Method: 14, zj.Windows: 6, zj.Arc: 3}.get(value, 2)
 
 
 def test_the_absolute_tolerance_is_the_relative_one_unless_it_is_named():
