@@ -39,22 +39,19 @@ def main():
     for tau, (colour, label) in STARTS.items():
         curve = curves(tau)
         points = curve.points
-        print(tau, curve.outcome, curve.ends, np.nanmax(points.residual))
-        for ax in (left, right):
-            ax.plot(points.second, points.first, color=colour, lw=2.5, label=label)
         grazes = np.asarray(curve.ends) == zj.CURVE.modes_change
         ends = np.flatnonzero(np.isfinite(points.first))[[0, -1]][grazes]
         for ax in (left, right):
+            ax.plot(points.second, points.first, color=colour, lw=2.5, label=label)
             ax.plot(points.second[ends], points.first[ends], "o", color=colour)
     points = onset(2.5, 0.023).points
     left.plot(points.second, points.first, "k--", label="joint 2 begins to stick")
     for ax in (left, right):
         ax.set_xlabel(r"friction torque $\tau$ in both joints")
         ax.spines[["top", "right"]].set_visible(False)
-    left.set_ylabel("follower load $q = F l/k$")
     left.legend(loc="lower right")
     right.set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="the same, close up")
-    left.set_title("folds of cycles; dots: the cycle grazes")
+    left.set(ylabel="follower load $q = F l/k$", title="dots: the cycle grazes")
     style.save(figure, __file__)
 
 
