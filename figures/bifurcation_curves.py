@@ -7,9 +7,8 @@ import style
 
 import ziegler_jax as zj
 
-# a torque from whose cycle at q = 1.95 each curve is met
-STARTS = {
-    0.03: (zj.plot.BLUE, "folds: no cycle below"),
+STARTS = {  # a torque from whose cycle at q = 1.95 each curve is met
+    0.03: (zj.plot.BLUE, "folds of the lowest cycle"),
     0.1: (zj.plot.VERMILLION, "joint 2 sticks once more"),
     0.2: (zj.plot.GREEN, "another cycle"),
 }
@@ -31,8 +30,8 @@ def curves(tau):
 def onset(q, tau):
     given = {"first": q, "second": tau}
     course = zj.Course(points=100, second=(0.008, 0.05), first=(1.7, 2.6))
-    start = cycle(q, tau)
-    return zj.bifurcation_curve(style.dry, "sticking_2", start, **given, course=course)
+    given |= {"start": cycle(q, tau), "course": course}
+    return zj.bifurcation_curve(style.dry, "sticking_2", **given)
 
 
 def main():
@@ -40,22 +39,19 @@ def main():
     for tau, (colour, label) in STARTS.items():
         curve = curves(tau)
         points = curve.points
-        print(tau, curve.outcome, curve.ends, np.nanmax(points.residual))
-        for ax in (left, right):
-            ax.plot(points.second, points.first, color=colour, lw=2.5, label=label)
         grazes = np.asarray(curve.ends) == zj.CURVE.modes_change
         ends = np.flatnonzero(np.isfinite(points.first))[[0, -1]][grazes]
         for ax in (left, right):
+            ax.plot(points.second, points.first, color=colour, lw=2.5, label=label)
             ax.plot(points.second[ends], points.first[ends], "o", color=colour)
     points = onset(2.5, 0.023).points
+    left.plot(points.second, points.first, "k--", label="joint 2 begins to stick")
     for ax in (left, right):
-        ax.plot(points.second, points.first, "k--", label="joint 2 begins to stick")
         ax.set_xlabel(r"friction torque $\tau$ in both joints")
         ax.spines[["top", "right"]].set_visible(False)
-    left.set_ylabel("follower load $q = F l/k$")
     left.legend(loc="lower right")
     right.set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="the same, close up")
-    left.set_title("folds of cycles; dots: the cycle grazes")
+    left.set(ylabel="follower load $q = F l/k$", title="dots: the cycle grazes")
     style.save(figure, __file__)
 
 

@@ -87,13 +87,11 @@ def bifurcation_curve(
     - `kind`: "fold"; "flip": the period doubles; "torus": a complex pair of multipliers
         leaves the unit circle; "pitchfork": a symmetric cycle loses its symmetry. With
         set-valued friction also "sticking_1", "sticking_2": the joint comes to rest in
-        the cycle and its holding torque is just the most, so that beyond it sticks;
-        "grazing_1", "grazing_2": its rate comes down to zero while it slips (to 1e-8,
-        as beyond there is none).
+        the cycle and the torque that would hold it is just the most: beyond it sticks.
     - `start`: a cycle, `PeriodicOrbit`, at the values `first` and `second`: then its
         branch is followed in the first parameter, as `arc` says, to the first
-        bifurcation of this kind; but for sticking and grazing Newton's method starts
-        at the cycle itself, which must be near. Or what knows a bifurcation and its
+        bifurcation of this kind; but for sticking Newton's method starts at
+        the cycle itself, which must be near. Or what knows a bifurcation and its
         first parameter already: `CycleFold`, `Branch`, or `CyclePoints` such as
         `branch.special`, whose first one of this kind is taken; then `first` is left
         out.

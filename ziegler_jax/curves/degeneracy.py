@@ -29,9 +29,6 @@ from ..analysis.branch_point import characteristic_cubic, circles, products
 from ..motion.contact import Contact
 from .jets import Jet
 
-# A rate as small as this is where a cycle grazes: beyond zero there is none to measure.
-GRAZED = 1e-8
-
 Extra = Float[Array, " e"]  # the unknowns beside the cycle's: null vectors, an angle
 
 
@@ -236,13 +233,12 @@ class ModesChange(AbstractDegeneracy):
         return jnp.zeros((0, basis.shape[0]), extra.dtype)
 
     def block(self, jet, extra, reference, basis):
-        """The number that the motion watches; a little off where it grazes."""
+        """The number that the motion watches."""
         del reference
         assert self.contact is not None and jet.contact
         value, moves = jet.contact
-        off = GRAZED if self.contact.what == "grazing" else 0.0
         nothing = jnp.zeros((1, 0), extra.dtype)
-        return Block((value - off)[None], (moves @ basis)[None], nothing)
+        return Block(value[None], (moves @ basis)[None], nothing)
 
     def tests(self, extra, tangent, matrix, moved):
         """Of all multipliers: where bifurcations of cycles end on it."""

@@ -20,6 +20,7 @@ from .problem import CurveProblem, N
 
 BATCH = 64  # points that are corrected together: their numbers stay in the cache
 BISECTIONS = 50
+NEAR = 1e-8  # of a bound, at which a walk ends within its own error
 CLOSED = 1e-10  # what is left of each equation, at most
 
 
@@ -94,7 +95,8 @@ def at_values(
 
     def one(value: Float[Array, ""]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         low, high = here[:-1] - value, here[1:] - value
-        crossed = inside & ((low == 0) | (high == 0) | (low * high < 0))
+        within = (low * high < 0) | (jnp.abs(low) < NEAR) | (jnp.abs(high) < NEAR)
+        crossed = inside & within
         off = jnp.abs((places - knots.begin).astype(arc.dtype) + 0.5)
         place = jnp.argmin(jnp.where(crossed, off, jnp.inf)).astype(jnp.int32)
         there = jnp.any(crossed)

@@ -38,8 +38,6 @@ Kind = Literal[
     "pitchfork",
     "sticking_1",
     "sticking_2",
-    "grazing_1",
-    "grazing_2",
 ]
 KINDS = get_args(Kind)
 DEGENERACIES = {"fold": Fold, "torus": Torus, "flip": Flip, "pitchfork": Flip}
@@ -160,6 +158,4 @@ def degeneracy_of(kind: Kind) -> AbstractDegeneracy:
     """Its equations."""
     if kind in DEGENERACIES:
         return DEGENERACIES[kind]()
-    what, joint = kind.split("_")
-    watched = Contact(cast(Literal["sticking", "grazing"], what), int(joint))
-    return ModesChange(contact=watched)
+    return ModesChange(contact=Contact(int(kind.split("_")[1])))

@@ -1,17 +1,16 @@
 r"""Where a joint is about to stick, with derivatives: what decides a sequence of modes.
 
-Two numbers of a motion vanish where its sequence of stick and slip changes:
+Where joint j comes to rest the torque that would hold it lies below the most by
 
-- where joint j comes to rest, how far the torque that would hold it lies below the
-  most, $(\tau_s^2 - \lambda^2) / 2 \tau_s^2$: positive where it sticks, negative where
-  its rate passes zero. It goes through zero smoothly.
-- the least rate $|u_j|$ that slip comes down to before it grows again: zero where the
-  motion grazes. There is no such least rate beyond.
+$$\frac{\tau_s^2 - \lambda^2}{2 \tau_s^2},$$
+
+positive where it sticks, negative where its rate passes zero; between them the number
+goes through zero smoothly.
 
 Of all in a motion the one nearest to zero counts.
 """
 
-from typing import Literal, cast
+from typing import cast
 
 import equinox as eqx
 import jax
@@ -20,7 +19,6 @@ from jaxtyping import Array, Float
 
 from ..model.column import Column, joint_balance
 from ..model.set_valued import FrozenCoulomb, in_modes
-from ..numerics.hermite import HermiteQuartic
 from ..numerics.numbers import Pair, Scalar, Traced, Traced4
 from ..solvers import Step
 from .observers import joint_rates
@@ -32,9 +30,8 @@ Nearest = tuple[Traced, Float[Array, " k"]]
 
 
 class Contact(eqx.Module):
-    """What is watched: `what` happens, in `joint` 1 or 2."""
+    """What is watched: where `joint`, 1 or 2, comes to rest."""
 
-    what: Literal["sticking", "grazing"] = eqx.field(static=True)
     joint: int = eqx.field(static=True)
 
     @property
@@ -83,32 +80,8 @@ class Contact(eqx.Module):
         mine = (step.event[0] == self.joint) | (step.event[0] == 3)
         return jnp.asarray(mine & (self._mode(step) != 0))
 
-    def slips(self, step: Step) -> Array:
-        """Whether the joint slips all along the step."""
-        return jnp.asarray(self._mode(step) != 0)
-
     def _mode(self, step: Step) -> Scalar:
         return cast(Pair, step.modes)[self.place]
-
-    def dip(
-        self, h: Traced, y0: Traced4, f0: Traced4, y1: Traced4, f1: Traced4
-    ) -> Traced:
-        """The joint's rate where it is least in size within a step, else far from zero.
-
-        On the cubic through both ends, whose error falls with the step's fourth power.
-        """
-        ends = (joint_rates(cast(Traced4, y))[self.place] for y in (y0, f0, y1, f1))
-        u0, a0, u1, a1 = ends
-        side = jnp.sign(u0 + u1)
-        v0, v1, rise = side * h * a0, side * h * a1, side * (u1 - u0)
-        turns = (v0 < 0) & (v1 > 0)
-        # the slope v0 + 2 c2 x + 3 c3 x^2 of the cubic
-        c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
-        root = jnp.sqrt(jnp.where(turns, c2 * c2 - 3 * c3 * v0, 1.0))
-        x = -v0 / jnp.where(turns, c2 + root, 1.0)
-        zero = jnp.zeros_like(u0)
-        least = HermiteQuartic(side * u0, side * u1, v0, v1, zero)(x)
-        return jnp.where(turns, least, NONE)
 
 
 def nearer(new: Nearest, old: Nearest, there: Array) -> Nearest:

@@ -155,7 +155,7 @@ class Variational(AbstractFold[Varied]):
             (f0, [df0]), (y1, [dy]), (error, [de]), (f1, [df1]) = push(
                 solver, column, t0, t1, y0, [v], dp
             )
-            turns, ends = partial(_peaks, self.contact, t1 - t0), (y0, f0, y1, f1)
+            turns, ends = partial(_peaks, t1 - t0), (y0, f0, y1, f1)
             peaks, dpeaks = jax.jvp(turns, ends, (v, df0, dy, df1))
             return (y1, error, f1, peaks), (dy, de, dpeaks)
 
@@ -187,11 +187,11 @@ class Variational(AbstractFold[Varied]):
         def beyond(v, dp):
             return past(column, step, (v,), dp)[0]
 
-        contact = self._contact(column, state, step, dy, (peaks[3:], dpeaks[3:]))
+        contact = self._contact(column, state, step, dy)
         dy = cast(Rows, jax.vmap(beyond)(dy, self.moves))
         extent, moves = [], []
         for old, dold, new, dnew in zip(
-            state.extent, state.extent_moves, peaks[:3], dpeaks[:3], strict=True
+            state.extent, state.extent_moves, peaks, dpeaks, strict=True
         ):
             larger = jnp.abs(new) > old
             extent.append(jnp.where(larger, jnp.abs(new), old))
@@ -200,21 +200,12 @@ class Variational(AbstractFold[Varied]):
         return Varied(dy, tuple(extent), tuple(moves), modes, contact), jnp.inf, False
 
     def _contact(
-        self,
-        column: Column,
-        state: Varied,
-        step: Step,
-        dy: Rows,
-        dips: tuple[Numbers, Rows],
+        self, column: Column, state: Varied, step: Step, dy: Rows
     ) -> Nearest | tuple[()]:
         """What is watched, after the step; `dy`: its differences before the event."""
         watch = self.contact
         if watch is None:
             return ()
-        if watch.what == "grazing":
-            (dip,), (ddip,) = dips
-            new = jnp.asarray(dip), ddip
-            return nearer(new, cast(Nearest, state.contact), watch.slips(step))
 
         def landing(dy, dp):
             return watch.landing(column, step, dy, dp)
@@ -252,20 +243,7 @@ def _stopped(column: Column, y: Vector4, dw1: Row, dw2: Row) -> tuple[Row, Row]:
     return first, jnp.where(still, 0.0, jnp.where(stuck2, both, second))
 
 
-def _peaks(
-    contact: Contact | None,
-    h: Traced,
-    y0: Traced4,
-    f0: Traced4,
-    y1: Traced4,
-    f1: Traced4,
-) -> Numbers:
-    """Where phi1, phi2, phi2 - phi1 turn within a step, else at its end.
-
-    And where the rate that is watched comes near to zero.
-    """
+def _peaks(h: Traced, y0: Traced4, f0: Traced4, y1: Traced4, f1: Traced4) -> Numbers:
+    """Where phi1, phi2, phi2 - phi1 turn within a step, else at its end."""
     step = Step(0.0 * h, h, y0, y1, f0, f1, ())
-    peaks = tuple(path.extremum() for path in angles(step))
-    if contact is None or contact.what != "grazing":
-        return peaks
-    return (*peaks, contact.dip(h, y0, f0, y1, f1))
+    return tuple(path.extremum() for path in angles(step))
