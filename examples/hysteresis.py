@@ -8,7 +8,7 @@ import ziegler_jax as zj
 jax.config.update("jax_enable_x64", True)  # outside of a sweep
 LOADS, ARC = (
     np.linspace(1.4, 2.2, 5),
-    zj.Arc(direction=-1, points=24, bounds=(1.4, 2.6)),
+    zj.Arc(direction=-1, points=50, bounds=(1.4, 2.6)),
 )
 
 
