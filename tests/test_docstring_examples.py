@@ -67,7 +67,7 @@ def a_fold():
 
 def of_a_curve(names):
     ds = names["curve"].to_dataset()
-    assert (ds.second.values == [0.1, 0.2, 0.26]).all()
+    np.testing.assert_allclose(ds.second, [0.1, 0.2, 0.26], rtol=0, atol=1e-12)
     assert abs(ds.first[0] - 1.61206) < 1e-5 and abs(ds.first[2] - 1.86140) < 1e-5
     assert (ds.point_outcome == zj.ORBIT.found).all() and ds.residual.max() < 1e-10
 
