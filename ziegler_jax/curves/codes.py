@@ -32,5 +32,4 @@ class CURVE(Code):
     collapsed = 6, "the cycle shrinks to rest"
     resonance = 7, "the pair of a torus meets at 1 or -1: the curve is none beyond"
     unfinished = 8, "all points of the walk were used"
-    closed = 9, "the curve comes back to where it began"
     beyond = 10, "a parameter reached its bound"
