@@ -11,7 +11,7 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax.sweep import progress
 
-# XLA folds these sums of so many terms at 20 000 places itself, for two or three seconds
+# XLA folds so many terms at 20 000 places itself, for two or three seconds
 TERMS = 8001 if jax.__version_info__ >= (0, 11) else 101
 SLOW = f"""
 import jax.numpy as jnp, ziegler_jax as zj
