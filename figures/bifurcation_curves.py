@@ -1,7 +1,6 @@
-"""Where cycles bifurcate over load and friction: folds, and what ends their curves."""
+"""Where cycles fold over load and friction, where folds end and sticking begins."""
 
 import jax
-import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import style
@@ -22,45 +21,37 @@ def cycle(q, tau):
 
 
 @jax.jit
-def curves(tau, which):
-    arc = zj.Arc(direction=-1, bounds=(1.2, 2.0))
-    start = cycle(1.95, tau), 1.95
-    branch = zj.continue_cycle(lambda q: style.dry(q, tau), *start, arc=arc)
-    folds = jax.tree.map(lambda x: jnp.roll(x, -which, axis=0), branch.special)
+def folds(tau, which):
+    arc, orbit = zj.Arc(direction=-1, bounds=(1.2, 2.0)), cycle(1.95, tau)
+    branch = zj.continue_cycle(lambda q: style.dry(q, tau), orbit, 1.95, arc=arc)
+    start = jax.tree.map(lambda x: jax.numpy.roll(x, -which, axis=0), branch.special)
     course = zj.Course(points=334, second=(0.0025, 0.3))
-    return zj.bifurcation_curve(style.dry, "fold", folds, second=tau, course=course)
+    return zj.bifurcation_curve(style.dry, "fold", start, second=tau, course=course)
 
 
 @jax.jit
-def onset(q, tau):
-    given = {"first": q, "second": tau}
+def sticking(q, tau):
+    given = {"first": q, "second": tau, "start": cycle(q, tau)}
     course = zj.Course(points=100, second=(0.008, 0.05), first=(1.7, 2.6))
-    given |= {"start": cycle(q, tau), "course": course}
-    return zj.bifurcation_curve(style.dry, "sticking_2", **given)
+    return zj.bifurcation_curve(style.dry, "sticking_2", course=course, **given)
 
 
 def main():
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(11, 5), layout="constrained")
     for start, (colour, label) in STARTS.items():
-        curve = curves(*start)
-        points = curve.points
-        grazes = np.asarray(curve.ends) == zj.CURVE.modes_change
-        ends = np.flatnonzero(np.isfinite(points.first))[[0, -1]][grazes]
-        for ax in (left, right):
-            ax.plot(points.second, points.first, color=colour, lw=2.5, label=label)
-            ax.plot(points.second[ends], points.first[ends], "o", color=colour)
-    points = onset(2.5, 0.023).points
-    left.plot(points.second, points.first, "k--", label="joint 2 begins to stick")
-    for ax in (left, right):
-        ax.set_xlabel(r"friction torque $\tau$ in both joints")
-        ax.spines[["top", "right"]].set_visible(False)
-    left.legend(loc="lower right")
-    right.set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="the same, close up")
-    left.set(
-        ylabel="follower load $q = F l/k$",
-        title="folds of cycles; dots: stick and slip in another order beyond",
-    )
-    figure.suptitle("Set-valued friction, both torques constant and equal")
+        curve = folds(*start)
+        x, y = curve.points.second, curve.points.first
+        changes = np.asarray(curve.ends) == zj.CURVE.modes_change
+        ends = np.flatnonzero(np.isfinite(y))[[0, -1]][changes]
+        for ax, shown in zip(axes, (label, None), strict=True):
+            ax.plot(x, y, color=colour, lw=2.5, label=shown)
+            ax.plot(x[ends], y[ends], "o", color=colour)
+            ax.set_xlabel(r"friction torque $\tau$ in both joints ($k$)")
+    points = sticking(2.5, 0.023).points
+    axes[0].plot(points.second, points.first, "k--", label="joint 2 begins to stick")
+    axes[0].set(ylabel="follower load $q = F l/k$", title="Set-valued friction")
+    axes[1].set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="Dots: modes change beyond")
+    figure.legend(loc="outside lower center", ncols=3)
     style.save(figure, __file__)
 
 
