@@ -4,6 +4,8 @@ import jax.numpy as jnp
 
 import ziegler_jax as zj
 
+RATE = "sqrt(k/(m l^2))"
+
 
 class Root(zj.AbstractRateFriction):
     rules = {"mu": "nonnegative", "v": "positive"}
@@ -40,4 +42,4 @@ class PeakRate(zj.AbstractObserver):
         return jnp.maximum(state, abs(step.y1[3] - step.y1[2]))
 
     def result(self, column, state, span, y):
-        return {"peak_rate": zj.Variable(state, "largest rate of joint 2", "rad")}
+        return {"peak_rate": zj.Variable(state, "largest rate of joint 2", RATE)}

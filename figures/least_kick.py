@@ -40,7 +40,7 @@ def main():
     for q, colour in zip((1.8, 2.0, 2.3, 2.6), colours, strict=True):
         one = scaled.sel(q=q, method="nearest")
         apart = abs(one / one[0] - 1)[taus > 0.003]
-        right.loglog(apart.tau, apart, color=colour, label=f"{q:g}")
+        right.loglog(apart.tau, apart, color=colour, label=f"{float(one.q):.3g}")
     right.loglog(apart.tau, 5 * apart.tau**2, "k--", lw=1, label=r"$5\,\tau^2$")
     right.set_xlabel(r"friction torque $\tau$ (k)")
     right.set_ylabel(r"departure of $E^*/\tau^2$ from its limit")

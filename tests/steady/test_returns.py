@@ -88,6 +88,8 @@ def test_a_motion_that_grows_or_lasts_endures_and_one_that_falls_does_not():
     # by less than 1 % from one time to the next, on both sides
     assert trend_of(1.005 ** marks[:11]).endures
     assert not trend_of(0.995**marks).endures
+    # nor by a ten thousandth: it may still come to rest
+    assert not trend_of((1 - 1e-4) ** marks[:12]).endures
     # what grew once, and then stands still, is looked at for as long as any other
     assert not trend_of([1.0, 1.5, 1.5, 1.5]).endures
     wandering = 1 + 0.004 * np.cos(marks)

@@ -80,20 +80,7 @@ class Arc(eqx.Module):
         self.direction = direction
         self.step = number("step", step, "positive")
         self.points = None if points is None else whole_number("points", points)
-        try:
-            low, high = bounds
-        except (TypeError, ValueError):
-            raise ValueError(
-                f"Argument `bounds` must be two numbers, but is {bounds!r}."
-            ) from None
-        for bound in (low, high):
-            if is_concrete(bound) and not _is_real(bound):
-                raise ValueError(
-                    f"Argument `bounds` must be two numbers, but is {bounds!r}."
-                )
-        if is_concrete(low) and is_concrete(high) and not low < high:
-            raise ValueError(f"Argument `bounds` must increase, but is {bounds!r}.")
-        self.bounds = low, high
+        self.bounds = increasing("bounds", bounds)
         self.error = number("error", error, "positive")
 
 
@@ -292,6 +279,27 @@ class Continuation(AbstractContinuation):
         point = BranchPoint(solution.z, tangent, shot.flow.extent, *ends)
         good = solution.converged & jnp.all(jnp.isfinite(tangent))
         return point, good, solution.count, solution.left
+
+
+def increasing(name: str, bounds: Pair) -> Pair:
+    """Two numbers, perhaps infinite, of which the second is larger.
+
+    **Raises:** `ValueError` for others, as far as they are known.
+    """
+    try:
+        low, high = bounds
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"Argument `{name}` must be two numbers, but is {bounds!r}."
+        ) from None
+    for bound in (low, high):
+        if is_concrete(bound) and not _is_real(bound):
+            raise ValueError(
+                f"Argument `{name}` must be two numbers, but is {bounds!r}."
+            )
+    if is_concrete(low) and is_concrete(high) and not low < high:
+        raise ValueError(f"Argument `{name}` must increase, but is {bounds!r}.")
+    return low, high
 
 
 def check_bounds(bounds: Pair, start: Scalar) -> None:

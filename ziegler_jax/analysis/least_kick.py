@@ -232,12 +232,12 @@ def least_kick(
         none, with the same tolerances. `atol` is absolute: with torques of 0.001 or
         less take 1e-8 of them.
 
-    **Returns:** `LeastKick`. `found` says that no neighbour that was tried, down
-    to $\sqrt{\mathrm{width}}$ of the start's size away, has a lower threshold, and that
-    no minimum to which one of the directions leads is lower; the column comes to
-    rest from the lower end of the last interval and is certified to flutter from the
-    upper one. Where rest itself is unstable, as it may be under smoothed friction, it
-    is `moves`.
+    **Returns:** `LeastKick`. `found` says that no neighbour that was tried, down to
+    $\sqrt{\mathrm{width}}$ of the start's size away, has a lower threshold, and that no
+    minimum to which one of the directions leads is lower; from the lower end of the
+    last interval no motion was seen to flutter, and the one from the upper end was
+    followed until it does, as `flutter_onset` takes it. Where rest itself is unstable,
+    as it may be under smoothed friction, it is `moves`.
 
     **Derivatives:** of `energy`, forward and reverse, first order, in every number of
     the column: at a minimum those along its ray (J. M. Danskin, 1967), see

@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..analysis.branch_point import Arc
+from ..analysis.branch_point import Arc, increasing
 from ..numerics.numbers import Pair, Scalar, is_concrete, number, whole_number
 from .problem import Bounds
 
@@ -65,8 +65,8 @@ class Course(eqx.Module):
             if not np.all(np.isfinite(values)):
                 raise ValueError("Argument `values` must be finite, but is not.")
         self.values = values
-        # a walk's own checks
-        self.first, self.second = Arc(bounds=first).bounds, Arc(bounds=second).bounds
+        self.first = increasing("first", first)
+        self.second = increasing("second", second)
         self.step = number("step", step, "positive")
         self.error = number("error", error, "positive")
         self.room = whole_number("room", room)

@@ -33,7 +33,7 @@ from ..model.column import Column
 from ..motion.implicit import fixed, undifferentiated
 from ..motion.options import Method, recorded
 from ..motion.scene import check_maker, made
-from ..numerics.numbers import Scalar, choice, instance, number
+from ..numerics.numbers import Scalar, choice, instance, is_concrete, number
 from ..results import ORBIT, Settings
 from .bifurcations import BifurcationCurve, BifurcationPoints
 from .codes import CURVE, MEETING
@@ -96,6 +96,7 @@ def bifurcation_curve(
         `branch.special`, whose first one of this kind is taken; then `first` is left
         out.
     - `course`: how far and how finely the curve is followed, see `Course`.
+    - `arc`: of the branch of a `PeriodicOrbit`; else it has no meaning.
     - `method`: an explicit one; its step budget is that of the walk in each direction,
         and of each point in the end.
 
@@ -117,7 +118,9 @@ def bifurcation_curve(
     instance("course", course, Course)
     instance("arc", arc, Arc)
     dtype = jnp.result_type(float)
-    second = jnp.asarray(number("second", second), dtype)
+    second = number("second", second)
+    _check_start(course, second, first)
+    second = jnp.asarray(second, dtype)
     at = fixed(second)
     begin, about = _begun(make_column, kind, start, at, first, arc, method)
     method = cycle_method("bifurcation_curve", method, about)
@@ -156,7 +159,7 @@ def bifurcation_curve(
     kinds = jnp.minimum(ways.kind.reshape(-1), MEETING.edge)
     there = kinds > 0
     none = jnp.zeros_like(kinds)
-    residual = jnp.where(there, 0.0, jnp.nan).astype(dtype)
+    residual = jnp.full(there.shape, jnp.nan, dtype)  # they are not corrected again
     notable = Filled(special, there, residual, none)
     started = jnp.any(ways.count > 0)
     failed = jnp.where(cycle.failure > 0, cycle.failure, ORBIT.not_converged)
@@ -225,6 +228,18 @@ def _begun(
         )
     begin = of_points(kind, start)
     return begin, made(lambda x: make_column(x, second), begin.first)
+
+
+def _check_start(course: Course, second: Scalar, first: Scalar | None) -> None:
+    """Refuse a start out of bounds, as far as all is known."""
+    for name, value in (("second", second), ("first", first)):
+        low, high = getattr(course, name)
+        known = value is not None and all(is_concrete(x) for x in (low, high, value))
+        if known and not low <= value <= high:
+            raise ValueError(
+                f"Argument `{name}` must lie in the bounds of `course`, ({low:g}, "
+                f"{high:g}), but is {value:g}."
+            )
 
 
 def _knots(way: ContinuationState) -> Knots:
@@ -315,5 +330,10 @@ def _settings(kind: Kind, course: Course, method: Method, begin: Beginning) -> S
         step=course.step,
         error=course.error,
         room=course.room,
+        points=course.count,
+        second_least=course.second[0],
+        second_largest=course.second[1],
+        first_least=course.first[0],
+        first_largest=course.first[1],
         **begin.section.settings(),
     )

@@ -22,6 +22,7 @@ from .degeneracy import AbstractDegeneracy, Torus, closing_of
 from .jets import Bundle, Jet, blank_jet, jet_of
 
 NEWTON_STEPS = 10  # more say that the step was too long
+ON_A_BOUND = 1e-12  # what lies so little outside is on it
 KINK = 1e-3  # a step below it may turn where the sequence of modes changes
 N = 6  # unknowns of the cycle and the two parameters
 MEETINGS = 4  # tests beside those of the bounds
@@ -216,7 +217,8 @@ class CurveProblem(AbstractContinuation):
         first, second = (x[N - 2 : N] * self.scale[N - 2 :])[:, None]
         (low1, high1), (low2, high2) = self.bounds
         gaps = [second - low2, high2 - second, first - low1, high1 - first]
-        return jnp.concatenate(gaps)
+        # on a bound is within it, so that a walk from there sees where it leaves
+        return jnp.concatenate(gaps) + ON_A_BOUND
 
     def _tests(
         self,

@@ -138,7 +138,7 @@ def _asked(dataset: xr.Dataset, at: Mapping[str, float], point: Point | None) ->
         if isinstance(column, Column) and isinstance(start, State):
             method = cast(Method, given.get("method", Method()))
             asked.append(Asked((column, start), method, cell))
-        if asked or "make_column" in names:  # a search would be a long one
+        if asked or {"make_column", "bracket"} & {*names}:  # a search would be long
             raise _Interruption
 
     with jax.enable_x64(True), questions_go_to(tell):

@@ -91,6 +91,8 @@ class Explorer:
             return
         ts, phi = np.asarray(self.motion.ts), np.asarray(self.motion.phi)
         ts, phi = (a[np.isfinite(phi).all(axis=1)] for a in (ts, phi))
+        if ts.size < 2:
+            return
         step = max(1, round(FRAME / 1000 * SPEED / (ts[1] - ts[0])))
         self._frame = (self._frame + step) % (ts.size - 1)
         self._column.show(phi[max(0, self._frame - 100) : self._frame + 1])

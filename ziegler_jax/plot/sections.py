@@ -123,11 +123,13 @@ def spectrum(motion: Trajectory, *, skip: float = 0.5, ax: Axes | None = None) -
     for i, (colour, dash) in enumerate(((PHI1, "-"), (PHI2, "--"))):
         name = rf"$\varphi_{i + 1}$"
         ax.semilogy(frequency[1:], heights[1:, i], dash, color=colour, lw=1, label=name)
+    # as far as a line stands out by a ten thousandth of the highest
+    shown = frequency[heights.max(axis=1) > 1e-4 * heights.max()]
     rate = unit_label("sqrt(k/(m l^2))")
     ax.set(
         xlabel=rf"angular frequency ({rate})",
         ylabel="amplitude (rad)",
-        xlim=(0, min(frequency[-1], 12.0)),
+        xlim=(0, 1.1 * shown[-1]),
     )
     ax.legend()
     return ax

@@ -1,10 +1,10 @@
 """How large a motion's returns are as time goes on: does it grow, does it last?
 
-At a few times the largest return since the last of them is looked at. A motion whose
-largest returns grow by more than 1 % three times in a row, or that nine times in a row,
-while time grows sevenfold at least, have not fallen by 1 %, endures: it will not come
-to rest, though no cycle is certain yet. Of 706 motions that grew none came to rest by
-t = 40 000 (three samples of scenes with smoothed and set-valued friction).
+At a few times the largest return since the last of them is looked at. A motion endures,
+though no cycle is certain yet, whose largest returns grow by more than 1 % three times
+in a row, or have not fallen by 1 % nine times in a row, while time grows sevenfold at
+least, and rose at some of them: one that falls steadily, however slowly, does not
+(`benchmarks/a8_onset_map.py` follows such motions on).
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from ..numerics.numbers import Flag, Scalar, Traced
 from ..results import UNDECIDED
 
 GROWTH, FALL = 1.01, 0.99
-GROWN, LASTED = 3, 9  # times in a row
+GROWN, LASTED, RISEN = 3, 9, 2  # times in a row, and of these
 NEARLY = 0.01  # a motion whose returns come nearer than this is slow, not aperiodic
 
 
@@ -29,24 +29,31 @@ class Trend(NamedTuple):
     whence: Traced  # the same where it began to last
     grew: Traced  # at how many times in a row
     lasted: Traced
+    rose: Traced  # at how many of the last ones
 
     def after(self, size: Scalar, timed: Flag) -> "Trend":
         """One return more; `timed`: whether one of the times is over."""
         peak = jnp.maximum(self.peak, size)
         grows, lasts = peak > GROWTH * self.before, peak > FALL * self.whence
+        rises = jnp.where(peak > self.before, 1.0, 0.0)
         after = Trend(
             peak=0.0 * peak,
             before=peak,
             whence=jnp.where(lasts, self.whence, peak),
             grew=jnp.where(grows, self.grew + 1, 0.0),
             lasted=jnp.where(lasts, self.lasted + 1, 0.0),
+            rose=jnp.where(lasts, self.rose + rises, 0.0),
         )
         return tree_where(timed, after, self._replace(peak=peak))
 
     @property
     def endures(self) -> Bool[Array, ""]:
         """Whether the motion will not come to rest."""
-        return (self.grew >= GROWN) | (self.lasted >= LASTED)
+        return (self.grew >= GROWN) | self._lasts
+
+    @property
+    def _lasts(self) -> Bool[Array, ""]:
+        return (self.lasted >= LASTED) & (self.rose >= RISEN)
 
     def kind(self, nearest: Scalar, unstable: Flag) -> Int[Array, ""]:
         """Of which kind the motion is, if nothing is certain.
@@ -56,11 +63,11 @@ class Trend(NamedTuple):
         """
         kind = jnp.where(nearest < NEARLY, UNDECIDED.slow, UNDECIDED.aperiodic)
         kind = jnp.where(jnp.isfinite(nearest), kind, UNDECIDED.none)
-        kind = jnp.where(self.lasted >= LASTED, UNDECIDED.lasting, kind)
+        kind = jnp.where(self._lasts, UNDECIDED.lasting, kind)
         kind = jnp.where(self.grew >= GROWN, UNDECIDED.growing, kind)
         return jnp.where(unstable, UNDECIDED.unstable_near, kind)
 
 
 def no_trend(zero: Traced) -> Trend:
     """Before the first return."""
-    return Trend(zero, zero + jnp.inf, zero + jnp.inf, zero, zero)
+    return Trend(zero, zero + jnp.inf, zero + jnp.inf, zero, zero, zero)

@@ -230,7 +230,11 @@ class SI(eqx.Module):
 
         **Raises:** `ValueError` as `Windows`.
         """
+        rules = {"transient": "nonnegative", "length": "positive"}
         times = {"transient": transient, "length": length}
+        for name, time in times.items():
+            if time is not None:
+                number(name, time, rules[name])
         scaled = {n: t if t is None else t / self.time for n, t in times.items()}
         cut = rate_cut if rate_cut is None else rate_cut * self.time
         return Windows(**scaled, rate_cut=cut, **others)
@@ -322,8 +326,9 @@ class SI(eqx.Module):
 
         **Arguments:** `result`: a `Trajectory`; a dataset of `sweep`, whose variables
         and coordinates are converted by their `units`; or another result of the
-        library (`settle`, `periodic_orbit`, ...) outside a sweep. Angles and pure
-        numbers, q among them, stay as they are, and so do axes in units of their own.
+        library (`settle`, `periodic_orbit`, ...) outside a sweep. Loads named
+        `q` and `q_cr` become newtons; angles, other pure numbers (a `threshold` over q
+        too) and axes in units of their own stay as they are.
 
         **Returns:** a `Trajectory`, else an `xarray.Dataset` with the names and units
         of a sweep; axes of `jax.vmap` are its dimensions `lane_1`, `lane_2`, ...
