@@ -145,7 +145,7 @@ def judged(group, table, ds, case, count):
     around = fates(table, case, np.outer([0.998, 1.002], start))
     starts, energies = random_kicks(row, FREE[group], energy, count, 7 + case)
     fate = fates(table, case, starts)
-    flutter = fate == zj.OUTCOME.cycle
+    flutter = np.isin(fate, (zj.OUTCOME.cycle, zj.OUTCOME.escaped))
     best = energies[flutter].min() if flutter.any() else np.inf
     return line | {
         "0.998": zj.OUTCOME(int(around[0])).name,
