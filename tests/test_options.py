@@ -136,13 +136,15 @@ def test_a_partial_value_leaves_the_rest_to_the_question(value, part):
         (keyword, options), *_ = options_of(question, **part).items()
         if not isinstance(options, value):
             continue
+        if (value, question) == (zj.Arc, zj.bifurcation_curve):
+            continue  # of the branch on which the curve is met; the curve has a Course
         before, after = record_of(question), record_of(question, **part)
         changed = {name for name in before if before[name] != after[name]}
         (name,) = part
         expected = {RECORDED.get(value, {}).get(name, name)}
         assert changed == expected | ({"atol"} if name == "rtol" else set()), keyword
         asked += 1
-    assert asked == {zj.Method: 14, zj.Windows: 6, zj.Arc: 3}.get(value, 2)
+    assert asked == {zj.Method: 14, zj.Windows: 6}.get(value, 2)
 
 
 def test_the_absolute_tolerance_is_the_relative_one_unless_it_is_named():
