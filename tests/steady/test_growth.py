@@ -141,7 +141,7 @@ def test_growth_is_refused_where_windows_judge(refuses):
 
 def test_an_audit_draws_what_settled_late_first():
     mu = np.linspace(0.05, 0.35, 12)
-    ds = zj.sweep(lambda mu: point(1.6, mu, 0.05), mu=mu, audit=0.25)
+    ds = zj.sweep(lambda mu: point(1.7, mu, 0.05), mu=mu, audit=0.25)
     late = int(settled_late(ds, mu.shape).sum())
     assert 0 < late < mu.size
     assert ds.attrs["audit_points"] == 3
