@@ -27,9 +27,9 @@ class BifurcationPoints(AbstractResult):
 
     `first`, `second` (n,): the parameters; `phi`, `omega` (n, 2): where they pass the
     section; `period`; `rod_amplitude`, `joint_amplitude` (n, 2); `monodromy` (n, 4, 4);
-    `residual` (n,): of all equations the one that is missed most; `modes` (n,): a
-    number of the sequence of stick and slip, equal where that is; `meeting` (n,): codes
-    of `MEETING`; `outcome` (n,): codes of `ORBIT`.
+    `residual` (n,): of all equations the one that is missed most, NaN at special points;
+    `modes` (n,): a number of the sequence of stick and slip, equal where that is;
+    `meeting` (n,): codes of `MEETING`; `outcome` (n,): codes of `ORBIT`.
     """
 
     first: Float[Array, "*lanes n"] = eqx.field(
