@@ -27,7 +27,7 @@ class BifurcationPoints(AbstractResult):
 
     `first`, `second` (n,): the parameters; `phi`, `omega` (n, 2): where they pass the
     section; `period`; `rod_amplitude`, `joint_amplitude` (n, 2); `monodromy` (n, 4, 4);
-    `residual` (n,): of all equations the one that is missed most, NaN at special points;
+    `residual` (n,): of the equations the one missed most, NaN at special points;
     `modes` (n,): a number of the sequence of stick and slip, equal where that is;
     `meeting` (n,): codes of `MEETING`; `outcome` (n,): codes of `ORBIT`.
     """
