@@ -31,7 +31,7 @@ from ..numerics.numbers import (
     is_concrete,
     keeps_rules,
 )
-from .loads import AbstractLoad, normal_load
+from .loads import AbstractLoad, FollowerLoad, normal_load
 
 
 class AbstractFriction(eqx.Module):
@@ -95,9 +95,6 @@ class AbstractRateFriction(AbstractFriction):
             one, two = (u / jnp.sqrt(u * u + self.v**2) for u in (u1, u2))
             return 0.1 * self.mu * one, 0.1 * self.mu * two
 
-        def load_law(self):
-            return zj.FollowerLoad()
-
         def rate_cut(self):
             return self.v
 
@@ -107,7 +104,13 @@ class AbstractRateFriction(AbstractFriction):
 
     ds = zj.sweep(point, q=[2.2, 2.6], mu=[0.05, 0.1, 0.3])
     ```
+
+    Its normal load is the follower load unless it has a `load_law` of its own.
     """
+
+    def load_law(self) -> AbstractLoad | None:
+        """The follower load."""
+        return FollowerLoad()
 
     @abc.abstractmethod
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
