@@ -24,7 +24,7 @@ def main():
     only = tuple(parser.parse_args().only)
     RESULTS.mkdir(exist_ok=True)
     failed = []
-    for script in sorted(HERE.glob("[abcs][0-9]_*.py")):
+    for script in sorted(HERE.glob("[abcs][0-9]*_*.py")):
         if not script.name.startswith(only):
             continue
         print(f"== {script.name}", flush=True)

@@ -32,7 +32,7 @@ def main():
     zj.plot.map(held.to_dataset(), held.name, "phi2", "omega2", ax=ax, cmap="cividis")
     ax.set_facecolor(zj.plot.PALE_BLUE)
     ax.set_title(
-        rf"q = 1.8, $\tau$ = {TAU:g} k: {share:.0%} of these starts come to rest",
+        rf"Set-valued friction, q = 1.8, $\tau$ = {TAU:g} k: {share:.0%} come to rest",
         loc="left",
     )
     ax.text(-0.95, 1.2, "flutter cycle", color=zj.plot.BLUE)

@@ -29,11 +29,10 @@ def folds(tau, which):
     return zj.bifurcation_curve(style.dry, "fold", start, second=tau, course=course)
 
 
-@jax.jit
-def sticking(q, tau):
-    given = {"first": q, "second": tau, "start": cycle(q, tau)}
-    course = zj.Course(points=100, second=(0.008, 0.05), first=(1.7, 2.6))
-    return zj.bifurcation_curve(style.dry, "sticking_2", course=course, **given)
+def change_of_modes(kind, q, tau):
+    course = zj.Course(points=100, second=(0.008, 0.1), first=(1.2, 2.6))
+    given = {"first": q, "second": tau, "start": cycle(q, tau), "course": course}
+    return zj.bifurcation_curve(style.dry, kind, **given).points
 
 
 def main():
@@ -41,16 +40,17 @@ def main():
     for start, (colour, label) in STARTS.items():
         curve = folds(*start)
         x, y = curve.points.second, curve.points.first
-        changes = np.asarray(curve.ends) == zj.CURVE.modes_change
-        ends = np.flatnonzero(np.isfinite(y))[[0, -1]][changes]
+        grazing = np.asarray(curve.ends) == zj.CURVE.modes_change
+        ends = np.flatnonzero(np.isfinite(y))[[0, -1]][grazing].tolist()
         for ax, shown in zip(axes, (label, None), strict=True):
-            ax.plot(x, y, color=colour, lw=2.5, label=shown)
-            ax.plot(x[ends], y[ends], "o", color=colour)
+            ax.plot(x, y, "o-", color=colour, lw=2.5, label=shown, markevery=ends)
             ax.set_xlabel(r"friction torque $\tau$ in both joints ($k$)")
-    points = sticking(2.5, 0.023).points
+    points = jax.jit(change_of_modes, static_argnums=0)("sticking_2", 2.5, 0.023)
     axes[0].plot(points.second, points.first, "k--", label="joint 2 begins to stick")
+    points = jax.jit(change_of_modes, static_argnums=0)("grazing_2", 1.48, 0.05)
+    axes[1].plot(points.second, points.first, "k:", lw=2, label="joint 2 grazes")
     axes[0].set(ylabel="follower load $q = F l/k$", title="Set-valued friction")
-    axes[1].set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="Dots: modes change beyond")
+    axes[1].set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="Dots: folds end, modes change")
     figure.legend(loc="outside lower center", ncols=3)
     style.save(figure, __file__)
 

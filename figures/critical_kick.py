@@ -35,7 +35,7 @@ def main():
     left.legend(loc="lower right", frameon=True, markerscale=4)
     left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ (k)")
-    left.set_title("Smallest kick that starts flutter", loc="left")
+    left.set_title("Smallest kick that starts flutter, set-valued friction", loc="left")
     colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, 5))
     for tau, colour in zip(taus[[0, 16, 32, 48, 63]], colours, strict=True):
         one = ds.sel(tau=tau)

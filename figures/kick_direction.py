@@ -44,7 +44,10 @@ def main():
     ax.set_rscale("log")
     ax.set_rlim(0.02, 3.0)
     ax.set_rticks([0.1, 1.0], ["0.1", "1"])
-    title = r"Rest inside, flutter outside; $\tau$ = 0.02 k, rates in $\sqrt{k/(ml^2)}$"
+    title = (
+        "Uniform rods, set-valued friction: rest inside, flutter outside;\n"
+        r"torque $\tau$ = 0.02 k in both joints, rates in $\sqrt{k/(ml^2)}$"
+    )
     ax.set_title(title, pad=18)
     style.save(figure, __file__)
 

@@ -32,10 +32,12 @@ def main():
     left.set_facecolor(zj.plot.REST_COLOUR)
     slow = ds.outcome == zj.KICK.undecided
     qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
-    left.plot(qs[slow], ts[slow], "k.", ms=3)
-    left.set_xlabel("load $q = Fl/k$ (black: undecided)")
+    if slow.any():
+        left.plot(qs[slow], ts[slow], "k.", ms=3, label="undecided")
+        left.legend()
+    left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ (k)")
-    left.set_title(r"$E^*/\tau^2$: all weaker kicks come to rest", loc="left")
+    left.set_title("Least energy that starts flutter, set-valued friction", loc="left")
     colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, 4))
     for q, colour in zip((1.8, 2.0, 2.3, 2.6), colours, strict=True):
         one = scaled.sel(q=q, method="nearest")

@@ -38,7 +38,8 @@ def main():
     ax.set_xlabel(r"static friction torque $\tau_s$ (k)")
     ax.set_ylabel(r"kinetic friction torque $\tau_k$ (k)")
     ax.set_title(
-        r"First flutter after a kick $\dot\varphi_2(0) = 0.6\,\sqrt{k/(m l^2)}$",
+        "Set-valued friction: first flutter after a kick "
+        r"$\dot\varphi_2(0) = 0.6\,\sqrt{k/(m l^2)}$",
         loc="left",
     )
     ax.legend(loc="upper left", facecolor="0.6", frameon=True)

@@ -42,7 +42,7 @@ def main():
     colours = {"norm": LogNorm(1e-4, 1.0), "cmap": "cividis"}
     zj.plot.map(plane, "error", x="q", y="v_smooth", ax=left, **colours)
     i, j = np.nonzero(wrong)
-    left.plot(q[i], v[j], "x", color=zj.plot.VERMILLION, label="wrong verdict")
+    left.plot(q[i], v[j], "kx", label="wrong verdict")
     left.set(xlabel="load $q = Fl/k$")
     left.set_ylabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
     left.legend(loc="lower left", bbox_to_anchor=(0, 1))

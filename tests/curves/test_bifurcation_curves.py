@@ -1,49 +1,20 @@
-"""Curves of bifurcations against other codes' figures, multipliers and stick fractions.
-
-What `NEAR` has is where to look, rounded: Newton's method starts there.
-"""
-
-from typing import NamedTuple
+"""Curves of folds against other codes' figures; the equations without a motion."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from near import Near, dry, points
 from newton_euler import Rods, motion
+from scipy.interpolate import CubicSpline
 
 import ziegler_jax as zj
-from ziegler_jax import CURVE, MEETING, ORBIT, SPECIAL
+from ziegler_jax import CURVE, MEETING, ORBIT
 from ziegler_jax.curves.degeneracy import Flip, Fold, Torus
 from ziegler_jax.curves.fill import Knots, evenly
 from ziegler_jax.curves.jets import Jet
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-
-class Near(NamedTuple):
-    """A cycle near a bifurcation: phi2, omega1, omega2 at phi1 = 0, T, q, torque."""
-
-    y: tuple[float, float, float]
-    period: float
-    q: float
-    tau: float
-
-
-def points(kind, near, monodromy=None):
-    """As a branch has its special points."""
-    unknown = jnp.full((1, 2), jnp.nan)
-    moved = np.full((4, 4), np.nan) if monodromy is None else monodromy
-    return zj.CyclePoints(
-        parameter=jnp.array([near.q]),
-        phi=jnp.array([[0.0, near.y[0]]]),
-        omega=jnp.array([near.y[1:]]),
-        period=jnp.array([near.period]),
-        rod_amplitude=unknown,
-        joint_amplitude=unknown,
-        monodromy=jnp.asarray(moved)[None],
-        kind=jnp.array([SPECIAL[kind]]),
-        settings=(("section", "phi1 rising"),),
-    )
 
 
 # Folds, equal constant torques --------------------------------------------------------
@@ -60,11 +31,6 @@ KNOWN = {
     "its upper part": [None, None, None, 1.57105, None],
     "another cycle": [None, None, None, 1.61206, 1.86140],
 }
-
-
-def dry(q, tau):
-    law = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))
-    return zj.uniform_rods(q, friction=law)
 
 
 @pytest.fixture(scope="module")
@@ -118,135 +84,46 @@ def test_curves_of_folds_end_at_their_bounds_and_where_the_cycle_grazes(folds):
     np.testing.assert_allclose(states[-1], start, rtol=0, atol=3e-8)
 
 
-# Flips and tori of columns that a search over random ones came upon ------------------
+# Folds of smoothed friction and their cusp --------------------------------------------
 
-FLIP = {"t1": 0.0956765, "c": (0.0313048, 0.0971598), "eta": 0.710525, "k": 1.128130}
-NEAR_FLIP = Near((-2.27950, 2.10147, 4.33986), 7.00939, 3.32033, 0.1696786)
-TORUS = {"t1": 0.01106865, "c": (0.0341797, 0.0846998), "eta": 0.755108, "k": 1.476009}
-NEAR_TORUS = Near((-2.49356, 2.61513, 4.42651), 5.79735, 3.75515, 0.2388106)
+# by AUTO-07p (`benchmarks/peers/auto_branch.py`), at 0.1 with v_smooth = 0.05
+AUTO = 1.6510286132, 1.6247482283
+NEAR_AUTO = Near((-0.16208, 0.46753, 0.77757), 8.26963, 1.65103, 0.1)
 
 
-def maker(t1, c, eta, k):
-    def make(q, t2):
+@pytest.mark.slow
+def test_two_curves_of_folds_meet_in_a_cusp():
+    def make(q, tau):
         load = zj.ConstantLoad(1.0)
-        law = zj.SetValuedCoulomb((t1, t2), pin_radius=1.0, load=load)
-        parts = {"damping": zj.Viscous(*c), "follower": eta, "kappa": k}
-        return zj.uniform_rods(q, friction=law, **parts)
+        law = zj.SmoothCoulomb(tau, pin_radius=1.0, v_smooth=0.05, load=load)
+        return zj.uniform_rods(q, friction=law, damping=zj.Viscous(0.002, 0.002))
 
-    return make
-
-
-def map_by_another_code(numbers, q, t2, start, period, apart=1e-5):
-    """Where the motion ends after a period, and its derivative, by differences."""
-    torques = numbers["t1"], t2
-    rods = Rods(
-        q, torques, torques, viscous=numbers["c"], follower=numbers["eta"],
-        kappa=numbers["k"],
-    )  # fmt: skip
-
-    def end(y):
-        return motion(rods, y, [0.0, period])[0][-1]
-
-    columns = [
-        (end(start + e) - end(start - e)) / (2 * apart) for e in apart * np.eye(4)
-    ]
-    return end(start), np.array(columns).T
-
-
-def multipliers_by_another_code(numbers, found, i):
-    start = np.array([*found.phi[i], *found.omega[i]])
-    where = found.first[i], found.second[i]
-    end, moved = map_by_another_code(numbers, *where, start, found.period[i])
-    assert np.abs(end - start).max() < 3e-8  # measured 2.7e-9
-    return np.linalg.eigvals(moved)
-
-
-@pytest.mark.slow
-def test_along_a_curve_of_flips_a_multiplier_is_minus_one_and_it_moves_as_it_says():
-    values = np.array([0.08, 0.2])
-
-    @jax.jit
-    def follow(c1, start):
-        def first(c1):
-            numbers = FLIP | {"c": (c1, FLIP["c"][1])}
-            course = zj.Course(values=values, second=(0.07, 0.3))
-            make = maker(**numbers)
-            curve = zj.bifurcation_curve(
-                make, "flip", start, second=NEAR_FLIP.tau, course=course
-            )
-            return curve.points.first, curve
-
-        return jax.jvp(first, (c1,), (jnp.ones_like(c1),), has_aux=True)
-
-    start = np.array([0.0, *NEAR_FLIP.y])
-    _, moved = map_by_another_code(
-        FLIP, NEAR_FLIP.q, NEAR_FLIP.tau, start, NEAR_FLIP.period
-    )
-    known = points("flip", NEAR_FLIP, moved)
-    c1 = FLIP["c"][0]
-    first, slope, curve = follow(c1, known)
-    curve = jax.tree.map(np.asarray, curve)
-    assert curve.outcome == ORBIT.found and (curve.points.residual < 1e-10).all()
-    for i in range(values.size):
-        exact = multipliers_by_another_code(FLIP, curve.points, i)
-        # measured 2.5e-6: the differences of the other code
-        assert np.abs(exact + 1).min() < 1e-5
-    # a second pair of curves crosses: another multiplier passes -1
-    meets = curve.special.meeting == MEETING.minus
-    assert meets.sum() == 1 and 0.25 < curve.special.second[meets][0] < 0.26
-    h = 1e-5
-    ahead, back = (follow(c1 + d, known)[0] for d in (h, -h))
-    # measured 2.3e-8 of it
-    np.testing.assert_allclose(slope, (ahead - back) / (2 * h), rtol=1e-6)
-
-
-@pytest.mark.slow
-def test_along_a_curve_of_tori_a_pair_is_on_the_circle():
     @jax.jit
     def follow(start):
-        course = zj.Course(values=np.array([0.25, 0.3]), second=(0.22, 0.32))
-        make = maker(**TORUS)
-        return zj.bifurcation_curve(
-            make, "torus", start, second=NEAR_TORUS.tau, course=course
-        )
+        course = zj.Course(points=60, second=(0.03, 0.12))
+        return zj.bifurcation_curve(make, "fold", start, second=0.1, course=course)
 
-    curve = jax.tree.map(np.asarray, follow(points("torus", NEAR_TORUS)))
-    assert curve.ends.tolist() == [CURVE.beyond, CURVE.beyond]
-    for i in range(2):
-        exact = multipliers_by_another_code(TORUS, curve.points, i)
-        pair = exact[exact.imag > 0.1]
-        assert len(pair) == 1
-        assert abs(np.abs(pair[0]) - 1) < 2e-6  # measured 1.4e-7
-
-
-# Where a joint begins to stick -------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_joint_begins_to_stick_where_the_curve_says():
-    @jax.jit
-    def follow():
-        settled = zj.settle(dry(2.6, 0.023), zj.State(omega=(0.0, 3.0)), certify=False)
-        orbit = zj.periodic_orbit(dry(2.6, 0.023), settled.final)
-        course = zj.Course(values=np.array([0.015, 0.02, 0.03]), second=(0.014, 0.031))
-        return zj.bifurcation_curve(
-            dry, "sticking_2", orbit, first=2.6, second=0.023, course=course
-        )
-
-    curve = jax.tree.map(np.asarray, follow())
+    curve = jax.tree.map(np.asarray, follow(points("fold", NEAR_AUTO)))
     q, tau = curve.points.first, curve.points.second
     assert (curve.points.residual < 1e-10).all()
-    assert (np.diff(q) > 0).all()
-
-    def share(q, tau):
-        """Of the time, by another motion: a long one on the attractor."""
-        start, observers = zj.State(omega=(0.0, 3.0)), (zj.StickFraction(),)
-        return zj.settle(dry(q, tau), start, observers=observers, certify=False)
-
-    shares = jax.jit(jax.vmap(lambda q, tau: share(q, tau).stick_fraction[1]))
-    # on the one side it never sticks, on the other it does, within 0.03 % in the torque
-    below, above = (np.asarray(shares(q, tau * (1 + d))) for d in (-3e-4, 3e-4))
-    assert (below == 0).all() and (above > 0).all()
+    assert curve.ends.tolist() == [CURVE.beyond, CURVE.beyond]
+    meets = curve.special.meeting == MEETING.cusp
+    assert meets.sum() == 1
+    least = np.argmin(tau)
+    sides = slice(None, least), slice(least, None)
+    ours = [
+        CubicSpline(*np.array(sorted(zip(tau[side], q[side], strict=True))).T)
+        for side in sides
+    ]
+    # it passes two of AUTO's folds, one on each side of the cusp
+    found = sorted(float(side(0.1)) for side in ours)
+    # measured 4e-10 between the points of the curve
+    np.testing.assert_allclose(found, sorted(AUTO), rtol=0, atol=1e-8)
+    # the gap between both falls with the power 3/2 of the distance from it
+    (cusp,) = curve.special.second[meets]
+    near = cusp + np.array([0.002, 0.004])
+    one, other = (abs(ours[0](t) - ours[1](t)) for t in near)
+    assert abs(np.log2(other / one) - 1.5) < 0.1  # measured 1.46
 
 
 # The equations, without a motion -----------------------------------------------------

@@ -8,8 +8,8 @@ then filled in one batch (`fill`).
 
 On the way test functions change sign, and the zero is found along the arc: a cusp of
 folds, one more multiplier at 1 or -1, a pair on the unit circle. Where a cycle comes to
-graze, a joint's rate touching zero or a sticking joint its most, the map has a square
-root: such a curve ends there, as `modes_change`.
+graze, a joint's rate touching zero or a sticking joint its most, its multipliers jump:
+curves of folds, flips and tori end there, as `modes_change`, on a curve of grazing.
 
 Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), section 10.3; M.
 di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), chapter 8.
@@ -87,10 +87,13 @@ def bifurcation_curve(
     - `kind`: "fold"; "flip": the period doubles; "torus": a complex pair of multipliers
         leaves the unit circle; "pitchfork": a symmetric cycle loses its symmetry. With
         set-valued friction also "sticking_1", "sticking_2": the joint comes to rest in
-        the cycle and the torque that would hold it is just the most: beyond it sticks.
+        the cycle and the torque that would hold it is just the most: beyond it sticks
+        (crossing becomes sliding); and "grazing_1", "grazing_2": the joint's slip comes
+        down to the rate zero and turns: beyond it is at rest for a moment. There the
+        multipliers have two values: those of one side are given.
     - `start`: a cycle, `PeriodicOrbit`, at the values `first` and `second`: then its
         branch is followed in the first parameter, as `arc` says, to the first
-        bifurcation of this kind; but for sticking Newton's method starts at
+        bifurcation of this kind; but for sticking and grazing Newton's method starts at
         the cycle itself, which must be near. Or what knows a bifurcation and its
         first parameter already: `CycleFold`, `Branch`, or `CyclePoints` such as
         `branch.special`, whose first one of this kind is taken; then `first` is left
@@ -109,7 +112,8 @@ def bifurcation_curve(
     is left.
 
     Where the sequence of stick and slip changes smoothly, a joint beginning to stick
-    where its rate passes zero, the curve goes on. Where the cycle grazes it ends.
+    where its rate passes zero, the curve goes on. Where the cycle grazes, curves of
+    folds, flips, tori and pitchforks end.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """

@@ -13,7 +13,7 @@ from ..analysis.march import Walk
 from ..analysis.periodic_orbit import PeriodicOrbit
 from ..analysis.shooting import start_of
 from ..model.column import Column
-from ..motion.contact import Contact
+from ..motion.contact import Dip, Landing
 from ..motion.implicit import fixed
 from ..motion.options import Method
 from ..motion.section import Coordinate, SectionPlane
@@ -38,9 +38,12 @@ Kind = Literal[
     "pitchfork",
     "sticking_1",
     "sticking_2",
+    "grazing_1",
+    "grazing_2",
 ]
 KINDS = get_args(Kind)
 DEGENERACIES = {"fold": Fold, "torus": Torus, "flip": Flip, "pitchfork": Flip}
+WATCHED = {"sticking": Landing, "grazing": Dip}
 # by how much half a period may miss the mirror image, of a cycle nearly known
 MIRRORED = 1e-3
 
@@ -158,4 +161,5 @@ def degeneracy_of(kind: Kind) -> AbstractDegeneracy:
     """Its equations."""
     if kind in DEGENERACIES:
         return DEGENERACIES[kind]()
-    return ModesChange(contact=Contact(int(kind.split("_")[1])))
+    what, joint = kind.split("_")
+    return ModesChange(contact=WATCHED[what](int(joint)))

@@ -221,7 +221,7 @@ def _labels(coarse: xr.Dataset, label: str | Sequence[str]) -> tuple[str, ...]:
             "Argument `coarse` must not be refined already, but holds "
             f"`{refined[0]}`: refine the sweep itself, by all its labels at once."
         )
-    for name in (*names, *map(str, coarse.dims)):
+    for name in (*names, *map(str, coarse[names[0]].dims)):
         if name in TAKEN:
             raise ValueError(
                 f"Axes and labels of `coarse` must not be named `{name}`, as a number "

@@ -1,14 +1,25 @@
 r"""Where a joint is about to stick, with derivatives: what decides a sequence of modes.
 
-Where joint j comes to rest the torque that would hold it lies below the most by
+`Landing`: where joint j comes to rest the torque that would hold it lies below the most
+by
 
 $$\frac{\tau_s^2 - \lambda^2}{2 \tau_s^2},$$
 
 positive where it sticks, negative where its rate passes zero; between them the number
 goes through zero smoothly.
 
+`Dip`: the least rate $m u_j$ that slip in the direction m comes down to before it grows
+again, positive where it does not come to rest. Where it does, at the slope
+$m \dot u_j < 0$, it would have come down to
+
+$$-\frac{\dot u_j^2}{2 m \ddot u_j}$$
+
+had slip gone on: the number goes through zero smoothly, too, where the motion grazes.
+
 Of all in a motion the one nearest to zero counts.
 """
+
+import abc
 
 from typing import cast
 
@@ -17,7 +28,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..model.column import Column, joint_balance
+from ..model.column import Column, joint_balance, vector_field
 from ..model.set_valued import FrozenCoulomb, in_modes
 from ..numerics.numbers import Pair, Scalar, Traced, Traced4
 from ..solvers import Step
@@ -30,7 +41,7 @@ Nearest = tuple[Traced, Float[Array, " k"]]
 
 
 class Contact(eqx.Module):
-    """What is watched: where `joint`, 1 or 2, comes to rest."""
+    """What is watched where `joint`, 1 or 2, comes to rest."""
 
     joint: int = eqx.field(static=True)
 
@@ -43,36 +54,31 @@ class Contact(eqx.Module):
         """None yet."""
         return zero + NONE, jnp.zeros(k, zero.dtype)
 
+    @abc.abstractmethod
+    def number(self, column: Column, step: Step, y: Traced4) -> Traced:
+        """Of the state at the step's end, in which the joint is at rest."""
+
     def landing(
         self, column: Column, step: Step, dy: Traced4, dp: Column | None
     ) -> tuple[Traced, Traced]:
-        """How far the joint's torque is below the most at the step's end; its change.
+        """The number at the step's end, and how it differs.
 
         **Arguments:** `column`: in the modes of the step; `dy`: a difference at its
         end, before the event; `dp`: how the column's numbers differ.
         """
         numbers, column_of = leaves(column, dp)
-        modes = list(cast(FrozenCoulomb, column.friction).modes or ())
-        modes[self.place] = 0.0 * modes[self.place]
-
-        def rate(y: Traced4) -> Traced:
-            return cast(Traced, joint_rates(y)[self.place])
-
-        def left(y: Traced4, numbers: Column) -> Traced:
-            here = in_modes(column_of(numbers), (modes[0], modes[1]))
-            law = cast(FrozenCoulomb, here.friction)
-            balance = joint_balance(here, y)
-            most = law.loaded(balance).static[self.place]
-            return cast(Traced, law.guard(balance)[self.place] / most)
-
         # the joint comes to rest earlier or later
-        _, towards = jax.linearize(rate, step.y1)
+        _, towards = jax.linearize(self.rate, step.y1)
         speed = towards(step.f1)
         late = -towards(dy) / jnp.where(speed == 0, jnp.inf, speed)
         pairs = zip(dy, step.f1, strict=True)
         dy = cast(Traced4, tuple(d + late * f for d, f in pairs))
         still = jax.tree.map(jnp.zeros_like, numbers) if dp is None else dp
-        return jax.jvp(left, (step.y1, numbers), (dy, still))
+
+        def value(y: Traced4, numbers: Column) -> Traced:
+            return self.number(column_of(numbers), step, y)
+
+        return jax.jvp(value, (step.y1, numbers), (dy, still))
 
     def lands(self, step: Step) -> Array:
         """Whether the joint comes to rest at the step's end."""
@@ -80,8 +86,65 @@ class Contact(eqx.Module):
         mine = (step.event[0] == self.joint) | (step.event[0] == 3)
         return jnp.asarray(mine & (self._mode(step) != 0))
 
+    def rate(self, y: Traced4) -> Traced:
+        """The joint's."""
+        return cast(Traced, joint_rates(y)[self.place])
+
     def _mode(self, step: Step) -> Scalar:
         return cast(Pair, step.modes)[self.place]
+
+
+class Landing(Contact):
+    """How far the torque that would hold the joint lies below the most."""
+
+    def number(self, column, step, y):
+        """With the joint held, whatever the other does."""
+        modes = list(cast(Pair, step.modes))
+        modes[self.place] = 0.0 * modes[self.place]
+        here = in_modes(column, (modes[0], modes[1]))
+        law = cast(FrozenCoulomb, here.friction)
+        balance = joint_balance(here, y)
+        most = law.loaded(balance).static[self.place]
+        return cast(Traced, law.guard(balance)[self.place] / most)
+
+
+class Dip(Contact):
+    """How far slip is from coming to rest: the rate at which it turns."""
+
+    def number(self, column, step, y):
+        """How far below zero slip would have turned; `NONE` if it would not."""
+
+        def slope(y: Traced4) -> Traced4:
+            return cast(Traced4, vector_field(step.t1, y, column))
+
+        towards, bends = jax.jvp(slope, (y,), (slope(y),))
+        mode = self._mode(step)
+        speed, bend = (mode * self.rate(x) for x in (towards, bends))
+        turns = (speed < 0) & (bend > 0)
+        depth = speed * speed / (2 * jnp.where(turns, bend, 1.0))
+        return jnp.where(turns, -depth, NONE)
+
+    def turn(self, step: Step) -> tuple[Traced, Array]:
+        """Where in the step slip is least, as a share of it; whether it is at all.
+
+        On the cubic through both ends: where the rate turns it stands still.
+        """
+        (u0, u1), (a0, a1) = (
+            [self._mode(step) * self.rate(x) for x in pair]
+            for pair in ((step.y0, step.y1), (step.f0, step.f1))
+        )
+        h = step.t1 - step.t0
+        v0, v1, rise = h * a0, h * a1, u1 - u0
+        turns = (v0 < 0) & (v1 > 0) & (u0 > 0)  # slip that begins does not turn
+        # the slope v0 + 2 c2 x + 3 c3 x^2 of the cubic
+        c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
+        root = jnp.sqrt(jnp.where(turns, c2 * c2 - 3 * c3 * v0, 1.0))
+        x = -v0 / jnp.where(turns, c2 + root, 1.0)
+        return jnp.where(turns, x, 1.0), turns
+
+    def least(self, step: Step, y: Traced4) -> Traced:
+        """The rate in the direction of slip, or its difference."""
+        return self._mode(step) * self.rate(y)
 
 
 def nearer(new: Nearest, old: Nearest, there: Array) -> Nearest:

@@ -19,7 +19,7 @@ from ..model.set_valued import FrozenCoulomb
 from ..numerics.numbers import Numbers, Pair, Scalar, Traced, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
-from .contact import Contact, Nearest, nearer
+from .contact import Contact, Dip, Nearest, nearer
 from .integrate import Motion, Run
 from .options import Method
 from .scene import prepared
@@ -188,6 +188,10 @@ class Variational(AbstractFold[Varied]):
             return past(column, step, (v,), dp)[0]
 
         contact = self._contact(column, state, step, dy)
+        if isinstance(self.contact, Dip):
+            contact = self._dip(
+                self.contact, column, state, step, carry, cast(Nearest, contact)
+            )
         dy = cast(Rows, jax.vmap(beyond)(dy, self.moves))
         extent, moves = [], []
         for old, dold, new, dnew in zip(
@@ -212,6 +216,25 @@ class Variational(AbstractFold[Varied]):
 
         new = jax.vmap(landing, out_axes=(None, 0))(dy, self.moves)
         return nearer(new, cast(Nearest, state.contact), watch.lands(step))
+
+    def _dip(
+        self,
+        watch: Dip,
+        column: Column,
+        state: Varied,
+        step: Step,
+        carry: Callable[[Row], Row],
+        before: Nearest,
+    ) -> Nearest:
+        """Where slip turns within the step: the same step, only as far as there."""
+        share, turns = watch.turn(step)
+        ends = step.t0, step.t0 + share * (step.t1 - step.t0), step.y0
+        y, *_, (_, rows, _), _ = self.advance(
+            self.solver, None, *ends, column, step.f0, state
+        )
+        # it stands still there: that it turns earlier or later changes nothing
+        moved = watch.least(step, cast(Traced4, tuple(map(carry, rows))))
+        return nearer((watch.least(step, y), moved), before, turns)
 
 
 def events_number(modes: Traced | tuple[()], step: Step) -> Traced | tuple[()]:
