@@ -26,7 +26,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..analysis.branch_point import characteristic_cubic, circles, products
-from ..motion.contact import Contact
+from ..motion.contact import AbstractContact
 from .jets import Jet
 
 Extra = Float[Array, " e"]  # the unknowns beside the cycle's: null vectors, an angle
@@ -49,7 +49,7 @@ class AbstractDegeneracy(eqx.Module):
 
     extra: ClassVar[int]
     vectors: ClassVar[int]
-    contact: eqx.AbstractVar[Contact | None]  # what its motions watch
+    contact: eqx.AbstractVar[AbstractContact | None]  # what its motions watch
 
     @abc.abstractmethod
     def begin(self, closing: Float[Array, "4 a"], basis: Float[Array, "a 6"]) -> Extra:
@@ -99,7 +99,7 @@ class Fold(AbstractDegeneracy):
 
     extra: ClassVar[int] = 4
     vectors: ClassVar[int] = 1
-    contact: Contact | None = None
+    contact: AbstractContact | None = None
 
     def begin(self, closing, basis):
         """The null vector of R_z."""
@@ -134,7 +134,7 @@ class Flip(AbstractDegeneracy):
 
     extra: ClassVar[int] = 4
     vectors: ClassVar[int] = 1
-    contact: Contact | None = None
+    contact: AbstractContact | None = None
 
     def begin(self, closing, basis):
         """The null vector of N + I."""
@@ -163,7 +163,7 @@ class Torus(AbstractDegeneracy):
 
     extra: ClassVar[int] = 9
     vectors: ClassVar[int] = 2
-    contact: Contact | None = None
+    contact: AbstractContact | None = None
 
     def begin(self, closing, basis):
         """The complex multiplier nearest to the circle, its vector and its angle."""
@@ -221,7 +221,7 @@ class ModesChange(AbstractDegeneracy):
 
     extra: ClassVar[int] = 0
     vectors: ClassVar[int] = 0
-    contact: Contact | None = None
+    contact: AbstractContact | None = None
 
     def begin(self, closing, basis):
         """No unknowns of its own."""

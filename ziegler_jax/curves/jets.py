@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..analysis.shooting import SHORTEST
 from ..context import Phase, place_of
-from ..motion.contact import Contact, Nearest
+from ..motion.contact import AbstractContact, Nearest
 from ..motion.integrate import Motion, Run
 from ..motion.options import Method
 from ..motion.variational import Flow, Make, Varied, flow_of, varied_motion
@@ -81,7 +81,7 @@ class Bundle:
         a: Ambient,
         directions: Float[Array, "k a"],
         method: Method,
-        contact: Contact | None = None,
+        contact: AbstractContact | None = None,
     ):
         """Place them."""
         moves = APART * directions
@@ -131,7 +131,7 @@ def jet_of(run: BundleRun, sign: Float[Array, ""]) -> Jet:
     return Jet(y, first[0], second, *ends)
 
 
-def blank_jet(k: int, a: int, dtype: np.dtype, contact: Contact | None) -> Jet:
+def blank_jet(k: int, a: int, dtype: np.dtype, contact: AbstractContact | None) -> Jet:
     """A jet of k directions in a numbers that has not been computed."""
 
     def none(*shape: int) -> Float[Array, "..."]:

@@ -20,7 +20,6 @@ Of all in a motion the one nearest to zero counts.
 """
 
 import abc
-
 from typing import cast
 
 import equinox as eqx
@@ -40,7 +39,7 @@ NONE = 1e3  # of a motion without such an instant
 Nearest = tuple[Traced, Float[Array, " k"]]
 
 
-class Contact(eqx.Module):
+class AbstractContact(eqx.Module):
     """What is watched where `joint`, 1 or 2, comes to rest."""
 
     joint: int = eqx.field(static=True)
@@ -94,7 +93,7 @@ class Contact(eqx.Module):
         return cast(Pair, step.modes)[self.place]
 
 
-class Landing(Contact):
+class Landing(AbstractContact):
     """How far the torque that would hold the joint lies below the most."""
 
     def number(self, column, step, y):
@@ -108,7 +107,7 @@ class Landing(Contact):
         return cast(Traced, law.guard(balance)[self.place] / most)
 
 
-class Dip(Contact):
+class Dip(AbstractContact):
     """How far slip is from coming to rest: the rate at which it turns."""
 
     def number(self, column, step, y):

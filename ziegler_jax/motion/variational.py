@@ -19,7 +19,7 @@ from ..model.set_valued import FrozenCoulomb
 from ..numerics.numbers import Numbers, Pair, Scalar, Traced, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
-from .contact import Contact, Dip, Nearest, nearer
+from .contact import AbstractContact, Dip, Nearest, nearer
 from .integrate import Motion, Run
 from .options import Method
 from .scene import prepared
@@ -56,7 +56,7 @@ def varied_motion(
     span: Scalar,
     method: Method,
     vary: bool = True,
-    contact: Contact | None = None,
+    contact: AbstractContact | None = None,
 ) -> Motion["Varied"]:
     """The motion of `make(parameters)` from y0 (4,) over a positive span.
 
@@ -118,7 +118,7 @@ class Variational(AbstractFold[Varied]):
     solver: Explicit
     k: int = eqx.field(static=True)
     moves: Column | None
-    contact: Contact | None = None
+    contact: AbstractContact | None = None
 
     def init(self, column, t0, y0):
         """Unit vectors, and the start's own angles."""
