@@ -138,8 +138,7 @@ def test_along_a_curve_of_pitchforks_one_more_multiplier_is_one():
     assert curve.outcome == ORBIT.found and (found.residual < 1e-10).all()
     for i in range(2):
         exact = multipliers_by_another_code(PITCHFORK, found, i)
-        print(np.sort(np.abs(exact - 1)))
-        assert np.sort(np.abs(exact - 1))[1] < 1e-5
+        assert np.sort(np.abs(exact - 1))[1] < 1e-6  # measured 1.5e-7
         torques = PITCHFORK["t1"], found.second[i]
         rods = Rods(
             found.first[i], torques, torques, viscous=PITCHFORK["c"],
@@ -147,5 +146,4 @@ def test_along_a_curve_of_pitchforks_one_more_multiplier_is_one():
         )  # fmt: skip
         start = np.array([*found.phi[i], *found.omega[i]])
         half = motion(rods, start, [0.0, found.period[i] / 2])[0][-1]
-        print(np.abs(half + start).max())
-        assert np.abs(half + start).max() < 3e-8
+        assert np.abs(half + start).max() < 1e-8  # measured 4.1e-10

@@ -57,6 +57,17 @@ def test_a_circle_is_one_closed_line_at_its_radius(two_boundaries):
     assert around == pytest.approx(2 * np.pi * 0.3, rel=1e-3)
 
 
+def test_a_dimension_beside_the_axes_may_have_any_name():
+    """As verdicts have exponents, which a refined map has, too."""
+
+    def point(x, y):
+        more = zj.Variable(jnp.stack([x, y]), "two numbers", "1", ("exponent",))
+        return made_up(x, y) | {"exponents": more}
+
+    ds = refined(point, x=X[::4], y=X[::4], width=0.1, levels=1, audit=5)
+    assert ds.refined_exponents.dims == ("refined", "exponent")
+
+
 def test_a_wave_is_one_line_from_side_to_side(two_boundaries):
     ((x, y),) = lines_between(two_boundaries, 0, 2)
     assert sorted((x[0], x[-1])) == [0.0, 1.0]
