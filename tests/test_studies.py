@@ -90,8 +90,16 @@ def test_indices_of_a_sum_are_its_parts(distribution):
 
 
 def test_a_small_run_of_the_distribution_ends_in_its_figures(distribution, tmp_path):
+    """And where friction is small, rest is certain at q = 1, and flutter at q = 3.
+
+    Folds of cycles go to 14/11 with friction to 0; without it rest is unstable from
+    2.5417 on.
+    """
     line = run(distribution, tmp_path)
     assert line["lanes"] == 4 * 3 * 4 and line["onsets"] == 2 * 5 + 1
+    assert 0.4 < line["onset_at_mean_friction"] < 3
+    ds = distribution.probability([1.0, 3.0], [0.0125], 8)
+    np.testing.assert_array_equal(ds.probability.values.ravel(), [0, 1])
 
 
 def test_derivatives_of_a_history_are_its_differences(history):
