@@ -71,10 +71,11 @@ OF_THE_INSIDE = {
 }
 
 
-def test_benchmarks_and_figures_use_public_names():
+def test_benchmarks_figures_and_studies_use_public_names():
     root = Path(__file__).parents[1]
     found = {}
-    for path in [*(root / "benchmarks").rglob("*.py"), *root.glob("figures/*.py")]:
+    scripts = [*root.glob("figures/*.py"), *root.glob("examples/studies/*.py")]
+    for path in [*(root / "benchmarks").rglob("*.py"), *scripts]:
         text = path.read_text()
         rooms = set(re.findall(r"from ziegler_jax\.(\S+) import", text))
         names = set(re.findall(r"from ziegler_jax import (\w+)|\bzj\.(\w+)", text))

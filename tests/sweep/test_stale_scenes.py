@@ -310,3 +310,18 @@ def test_constants_of_a_scene_are_recorded_wherever_they_stand():
         "scene.shift": [0.5, 1.5],
         "scene.offset": 2.0,
     }
+
+
+def test_a_key_for_random_numbers_may_stand_around_a_point():
+    """Of JAX's typed keys, which NumPy cannot hold, the words are recorded."""
+    key = jax.random.key(7)
+
+    def point(sample):
+        here = jax.random.fold_in(key, sample.astype(int))
+        return {"draw": jax.random.uniform(here)}
+
+    found = zj.sweep(point, sample=[0.0, 1.0], progress=False)
+    expected = [jax.random.uniform(jax.random.fold_in(key, i)) for i in (0, 1)]
+    np.testing.assert_array_equal(found.draw, expected)
+    words = json.loads(found.attrs["scene_constants"])["key"]
+    assert words == jax.random.key_data(key).tolist()

@@ -271,6 +271,8 @@ def _plain(value: object) -> Plain | None:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray | jax.Array) and not isinstance(value, Tracer):
+        if jax.numpy.issubdtype(value.dtype, jax.dtypes.prng_key):
+            value = jax.random.key_data(value)  # NumPy has no such dtype
         array = np.asarray(value)
         if array.dtype.kind not in "biuf":
             return None
