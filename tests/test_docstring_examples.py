@@ -187,6 +187,7 @@ CASES = {
     "plot/sections.py 1": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
     "plot/animation.py 0": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
     "plot/explore.py 0": ({"ds": small_map}, None),
+    "plot/page.py 0": ({"ds": small_map}, None),
     "accessor.py 0": ({"ds": small_map}, None),
     "analysis/onset.py 0": ({}, of_a_kick),
     "analysis/least_kick.py 0": ({}, of_a_least_kick),

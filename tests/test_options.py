@@ -1,5 +1,7 @@
 """Options are values: what is not named is the question's own, and is recorded."""
 
+import functools
+
 import jax
 import numpy as np
 import pytest
@@ -59,6 +61,7 @@ NEEDED = {
 SMOOTHED = {column: smooth, plane: smooth_plane}
 
 
+@functools.cache  # a trace takes seconds
 def record_of(question, smoothed=False, **fields):
     """What a question records; it is traced, and not computed."""
 
@@ -117,34 +120,43 @@ def test_the_tables_say_what_each_question_does_on_its_own(value):
     assert rows >= 4 and len(records) == len({name for name, *_ in table(value)})
 
 
-@pytest.mark.parametrize(
-    "value, part",
-    [
-        (zj.Method, {"rtol": 1e-5}),
-        (zj.Windows, {"length": 5.0}),
-        (zj.Spans, {"length": 5.0}),
-        (zj.Search, {"halvings": 3}),
-        (zj.Arc, {"points": 7}),
-        (zj.SectionPlane, {"level": 0.1}),
-    ],
-    ids=lambda x: getattr(x, "__name__", ""),
-)
-def test_a_partial_value_leaves_the_rest_to_the_question(value, part):
-    """To each question that takes such a value."""
-    asked = 0
+PARTS = {
+    zj.Method: {"rtol": 1e-5},
+    zj.Windows: {"length": 5.0},
+    zj.Spans: {"length": 5.0},
+    zj.Search: {"halvings": 3},
+    zj.Arc: {"points": 7},
+    zj.SectionPlane: {"level": 0.1},
+}
+
+
+def test_a_partial_value_leaves_the_rest_to_the_question():
+    """To each question that takes such values, a part of each of them at once.
+
+    What was named is recorded as it was named, in its own place, and nothing else has
+    changed.
+    """
+    asked = dict.fromkeys(PARTS, 0)
     for question in QUESTIONS:
-        (keyword, options), *_ = options_of(question, **part).items()
-        if not isinstance(options, value):
-            continue
-        if (value, question) == (zj.Arc, zj.bifurcation_curve):
-            continue  # of the branch on which the curve is met; the curve has a Course
-        before, after = record_of(question), record_of(question, **part)
-        changed = {name for name in before if before[name] != after[name]}
-        (name,) = part
-        expected = {RECORDED.get(value, {}).get(name, name)}
-        assert changed == expected | ({"atol"} if name == "rtol" else set()), keyword
-        asked += 1
-    assert asked == {zj.Method: 14, zj.Windows: 6}.get(value, 2)
+        parts, expected = {}, {}
+        for value, part in PARTS.items():
+            (options,) = options_of(question, **part).values()
+            if not isinstance(options, value):
+                continue
+            if (value, question) == (zj.Arc, zj.bifurcation_curve):
+                continue  # of the branch on which it is met; the curve has a Course
+            ((name, number),) = part.items()
+            parts[name] = expected[RECORDED.get(value, {}).get(name, name)] = number
+            asked[value] += 1
+        if "rtol" in expected:
+            expected["atol"] = expected["rtol"]
+        before, after = record_of(question), record_of(question, **parts)
+        changed = {n: after[n] for n in before if before[n] != after[n]}
+        assert changed == expected, question.__name__
+        assert set(after) == set(before)
+    assert asked == {
+        value: {zj.Method: 14, zj.Windows: 6}.get(value, 2) for value in PARTS
+    }
 
 
 def test_the_absolute_tolerance_is_the_relative_one_unless_it_is_named():

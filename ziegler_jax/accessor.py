@@ -18,8 +18,8 @@ class Accessor:
     ```
 
     Each is the function of the same name with the dataset as its first argument:
-    `motion`, `scene`; `map`, `bifurcation_diagram`, `up_down`, `branch`, `explore` of
-    `zj.plot`.
+    `motion`, `scene`; `map`, `bifurcation_diagram`, `up_down`, `branch`, `explore`,
+    `page` of `zj.plot`.
     """
 
     def __init__(self, dataset: xr.Dataset):
@@ -53,6 +53,10 @@ class Accessor:
     def explore(self, *args: Any, **options: Any):
         """`zj.plot.explore`."""
         return self._plot("explore", *args, **options)
+
+    def page(self, *args: Any, **options: Any):
+        """`zj.plot.page`."""
+        return self._plot("page", *args, **options)
 
     def _plot(self, name: str, *args: Any, **options: Any):
         plot = importlib.import_module(".plot", __package__)  # with matplotlib

@@ -124,6 +124,8 @@ def load_of(tau, kick):
         zj.State(omega=(0.0, kick)),
         (1.0, 2.4),
         search=zj.Search(halvings=9),
+        # beside the fold a motion stays undecided to t = 40 000 as it does to 8000
+        windows=zj.Windows(max_windows=200),
     )
 
 

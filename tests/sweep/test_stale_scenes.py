@@ -215,10 +215,10 @@ def orbit_damped(x):
         (settle_observed, True),
         (trajectory_damped, False),
         (trajectory_damped, True),
-        pytest.param(orbit_damped, False, marks=pytest.mark.slow),
-        pytest.param(orbit_damped, True, marks=pytest.mark.slow),
+        pytest.param(orbit_damped, True, marks=pytest.mark.slow),  # in memory as well
     ],
 )
+@pytest.mark.usefixtures("unoptimised")
 def test_laws_that_read_an_attribute_are_traced_anew(
     scene, stored, path, monkeypatch, refuses
 ):

@@ -105,7 +105,7 @@ def motion(
     """
     asked = _asked(dataset, {**(at or {}), **named}, point)
     if ts is None:
-        end = _own(asked.cell.get("time", xr.DataArray(np.nan)))
+        end = in_own_unit(asked.cell.get("time", xr.DataArray(np.nan)))
         end = min(end, LONGEST) if end > 0 else LONGEST / 2
         ts = np.linspace(0.0, end, SAMPLES)
     with jax.enable_x64(True):
@@ -238,17 +238,17 @@ def _cell(
         raise ValueError(
             f"Argument `{missing[0]}` must be given: a cell has one value on each axis."
         )
-    places = {dim: _nearest(dataset, dim, value) for dim, value in at.items()}
+    places = {dim: nearest(dataset, dim, value) for dim, value in at.items()}
     cell = dataset.isel(places)
-    return cell, {name: _own(cell[name]) for name in axes}
+    return cell, {name: in_own_unit(cell[name]) for name in axes}
 
 
-def _own(number: xr.DataArray) -> float:
+def in_own_unit(number: xr.DataArray) -> float:
     """A number in the column's unit, which `SI.restore` may have changed."""
     return float(number) / number.attrs.get("si_unit", 1.0)
 
 
-def _nearest(dataset: xr.Dataset, dim: str, value: float) -> int:
+def nearest(dataset: xr.Dataset, dim: str, value: float) -> int:
     """The place of the nearest value of an axis, or of a sample by its number."""
     if dim not in dataset.indexes:
         size = dataset.sizes[dim]
@@ -260,13 +260,13 @@ def _nearest(dataset: xr.Dataset, dim: str, value: float) -> int:
         return int(value)
     values = np.asarray(dataset[dim], float)
     apart = np.abs(values - value)
-    nearest = int(apart.argmin())
+    place = int(apart.argmin())
     # a cell reaches halfway to its neighbours, and as far beyond the ends
     gaps = np.abs(np.diff(np.sort(values)))
     reach = gaps.max() / 2 if gaps.size else np.inf
-    if not apart[nearest] <= reach * (1 + 1e-9):
+    if not apart[place] <= reach * (1 + 1e-9):
         raise ValueError(
             f"Argument `{dim}` must be on the map, which reaches from {values.min():g} "
             f"to {values.max():g}, but is {value:g}."
         )
-    return nearest
+    return place

@@ -9,6 +9,7 @@ from .explore import explore
 from .linear import sensitivity
 from .maps import bifurcation_diagram, map, up_down
 from .motions import time_history
+from .page import page
 from .sections import section, spectrum
 from .style import (
     BLUE,
@@ -44,6 +45,7 @@ __all__ = [
     "branch",
     "explore",
     "map",
+    "page",
     "section",
     "sensitivity",
     "spectrum",

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.backend_bases import Event, MouseEvent
 from matplotlib.figure import Figure
 
-from ..maps.scene import Point, checked_point, motion
+from ..maps.scene import Point, checked_point, motion, scene
 from ..motion.trajectory import Trajectory
 from .animation import MovingColumn
 from .maps import map as draw_map
@@ -56,7 +56,9 @@ class Explorer:
 
         **Raises:** `ValueError` as `motion`.
         """
-        self.motion = motion(self.dataset, {self.x: x, self.y: y}, point=self.point)
+        cell = {self.x: x, self.y: y}
+        self.motion = motion(self.dataset, cell, point=self.point)
+        column, _ = scene(self.dataset, cell, point=self.point)
         here = self.dataset.sel({self.x: x, self.y: y}, method="nearest")
         at = float(here[self.x]), float(here[self.y])
         self.mark.set_data([at[0]], [at[1]])
@@ -66,7 +68,8 @@ class Explorer:
         self.axes["history"].set_title(
             f"{self.x} = {at[0]:.4g}, {self.y} = {at[1]:.4g}"
         )
-        self._column, self._frame = MovingColumn(self.axes["column"]), 0
+        self._column = MovingColumn(self.axes["column"], float(column.l2))
+        self._frame = 0
         self._timer.start()
         self.figure.canvas.draw_idle()
         return self.motion

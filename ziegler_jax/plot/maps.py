@@ -104,14 +104,16 @@ def map(
         handles = []
         numbers = np.asarray(values, dtype=float)
         outcome = None
-        if _has_motions(dataset):
+        if has_motions(dataset):
             outcome = np.asarray(dataset["outcome"].transpose(y, x))
             flat = np.isin(outcome, (OUTCOME.not_computed, *AT_REST))
             numbers = np.where(flat, np.nan, numbers)
         mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(numbers), **style)
         mesh.set_rasterized(True)
         if colorbar:
-            plt.colorbar(mesh, ax=ax, label=in_lines(label_of(values)))
+            figure = ax.get_figure(root=False)
+            assert figure is not None
+            figure.colorbar(mesh, ax=ax, label=in_lines(label_of(values)))
         if outcome is not None:
             handles = _outcomes(ax, edges, outcome)
     _boundaries(ax, dataset, x, y)
@@ -177,7 +179,7 @@ def bifurcation_diagram(
         draw_branch(ax, branch, variable)
     for way, part, of_it in zip(ways or [""], parts, values, strict=True):
         places, numbers = np.asarray(dataset[along]), np.asarray(of_it, dtype=float)
-        if _has_motions(part):
+        if has_motions(part):
             _motions(ax, places, numbers, np.asarray(part["outcome"]), way)
         else:
             ax.plot(places, numbers, "o", color=BLUE, markersize=3)
@@ -269,7 +271,7 @@ def _motions(
         )
 
 
-def _has_motions(dataset: xr.Dataset) -> bool:
+def has_motions(dataset: xr.Dataset) -> bool:
     """Whether `outcome` says how motions ended, not how a search did."""
     meanings = " ".join(code.name for code in OUTCOME)
     if "outcome" not in dataset:

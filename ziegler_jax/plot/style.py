@@ -78,14 +78,19 @@ def flags_of(values: xr.DataArray) -> tuple[list[int], list[str]]:
     return [int(c) for c in codes], str(values.attrs["flag_meanings"]).split()
 
 
-def label_of(values: xr.DataArray) -> str:
-    """Meaning, symbol and units; of one rod or joint, which."""
-    name = str(values.name)
-    text = str(values.attrs.get("long_name", name))
+def meaning_of(values: xr.DataArray) -> str:
+    """What the numbers are; of one rod or joint, which."""
+    text = str(values.attrs.get("long_name", values.name))
     for dim in ("rod", "joint"):
         if dim in values.coords and dim not in values.dims:
             number = int(values.coords[dim])
             text = re.sub(rf"(?:the )?\b{dim}\b", f"{dim} {number}", text)
+    return text
+
+
+def label_of(values: xr.DataArray) -> str:
+    """Meaning, symbol and units."""
+    name, text = str(values.name), meaning_of(values)
     symbol = str(values.attrs.get("symbol", name))
     if symbol != name and name in values.dims:
         text = f"{text}, {symbol}"

@@ -41,7 +41,8 @@ def work_precision(
     """What each tolerance and solver costs on a map of one's own, and how wrong it is.
 
     ```python
-    ds = zj.work_precision(point, q=np.linspace(1, 4, 128), mu=np.linspace(0, 0.4, 64))
+    plane = {"q": np.linspace(1, 4, 128), "mu": np.linspace(0, 0.4, 64)}
+    ds = zj.work_precision(point, tolerances=[1e-4, 1e-6, 1e-8], **plane)
     zj.plot.work_precision(ds, "joint_amplitude")
     ```
 

@@ -1,0 +1,254 @@
+"""A page of a map: it needs nothing beside it, and its motions are the cells' own."""
+
+import base64
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
+import textwrap
+from html.parser import HTMLParser
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.colors import Normalize
+from PIL import Image
+from scipy.interpolate import CubicHermiteSpline
+
+import ziegler_jax as zj
+from ziegler_jax.plot.page import TEMPLATE, thinned
+
+Q, MU = np.linspace(1.6, 2.8, 4), np.geomspace(0.05, 0.4, 3)
+
+
+def point(q, mu):
+    friction = zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.05)
+    windows = zj.Windows(transient=60.0, length=20.0, max_windows=10)
+    column = zj.uniform_rods(q, friction=friction)  # not <b>bold</b> on the page
+    start = zj.State(omega=(0.0, 0.3))
+    return zj.settle(column, start, windows=windows, certify=False)
+
+
+@pytest.fixture(scope="module")
+def ds():
+    ds = zj.sweep(point, q=Q, mu=MU, progress=False)
+    ds.joint_amplitude[0, 0] = np.nan
+    ds.outcome[0, 0] = zj.OUTCOME.escaped
+    ds.outcome[1, 1] = zj.OUTCOME.not_computed
+    return ds
+
+
+class Reader(HTMLParser):
+    """What a page refers to, what it holds, and its data."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.addresses, self.tags, self.text, self.data = [], [], "", ""
+        self._in_data = False
+        self.feed(path.read_text(encoding="utf-8"))
+        self.json = json.loads(self.data, parse_constant=pytest.fail)
+
+    def handle_starttag(self, tag, attrs):
+        about = dict(attrs)
+        self.tags.append(tag)
+        names = ("src", "srcset", "href", "action", "poster", "data")
+        self.addresses += [about[name] for name in names if name in about]
+        self._in_data = about.get("id") == "data"
+
+    def handle_endtag(self, tag):
+        self._in_data = False
+
+    def handle_data(self, data):
+        self.data += data if self._in_data else ""
+        self.text += "" if self._in_data else data
+
+
+@pytest.fixture(scope="module")
+def written(ds, tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "map.html"
+    cells = [(2.0, 0.05), (2.75, 0.35), (2.0, 0.04), (1.6, 0.05)]
+    assert ds.zj.page(path, x="q", y="mu", cells=cells, title="A & B") == path
+    return path, Reader(path)
+
+
+def test_a_page_needs_nothing_beside_it(written):
+    path, page = written
+    assert page.addresses and all(a.startswith("data:image/") for a in page.addresses)
+    assert not {"link", "iframe", "object", "embed"} & set(page.tags)
+    code = TEMPLATE.read_text(encoding="utf-8")
+    for word in ("http:", "https:", "//cdn", "url(", "@import", "fetch(", "import("):
+        assert word not in code
+    assert "default-src 'none'" in code  # a browser then asks for nothing, whatever
+    assert "{{" not in path.read_text(encoding="utf-8")
+    assert path.stat().st_size < 400_000  # measured 245 kB
+
+
+def test_its_numbers_are_the_maps_and_what_is_none_is_null(ds, written):
+    _, page = written
+    x, y, (amplitude, outcome) = (page.json[name] for name in ("x", "y", "fields"))
+    np.testing.assert_allclose(x["values"], Q, rtol=5e-6)
+    np.testing.assert_allclose(y["values"], MU, rtol=5e-6)
+    assert amplitude["values"][0][0] is None
+    shown = np.array(amplitude["values"], float)
+    np.testing.assert_allclose(shown, ds.joint_amplitude.sel(joint=2).T, rtol=5e-5)
+    np.testing.assert_array_equal(outcome["values"], ds.outcome.T)
+    assert outcome["names"][str(outcome["values"][0][0])] == "escaped"
+
+
+def test_its_motions_are_those_of_the_cells(ds, written):
+    _, page = written
+    places = [tuple(cell["at"]) for cell in page.json["cells"]]
+    assert places == [(1, 0), (3, 2), (0, 0)]  # each to the nearest, each once
+    for (i, j), cell in zip(places, page.json["cells"], strict=True):
+        motion = zj.motion(ds, q=Q[i], mu=MU[j])
+        assert len(cell["ts"]) < 600  # of 4001, measured 20 to 295
+        assert cell["ts"][-1] == motion.ts[-1]
+        nodes = (np.array(cell[name]).T for name in ("phi", "omega"))
+        cubic = CubicHermiteSpline(cell["ts"], *nodes)
+        for ours, exact in ((cubic, motion.phi), (cubic.derivative(), motion.omega)):
+            span = np.ptp(exact, axis=0).max()
+            off = np.abs(ours(np.asarray(motion.ts)) - exact).max()
+            assert off <= 2e-3 * span  # measured 1.998e-3
+
+
+def test_a_thinned_motion_keeps_its_kinks_and_its_rest():
+    """Slip that ends in rest: a rate that falls evenly to zero, and stays there."""
+    ts = np.linspace(0, 100, 4001)
+    left = np.maximum(0, 10.03 - ts)
+    phi = np.stack([-(left**2), 0 * ts], axis=1)
+    omega = np.stack([2 * left, 0 * ts], axis=1)
+    phi[3500:], omega[3500:] = np.nan, np.nan  # it ended early
+    t, angle, rate = thinned(ts, phi, omega)
+    assert t.size < 20 and t[-1] == ts[3499]  # measured 11 of 3500
+    cubic = CubicHermiteSpline(t, angle, rate)
+    assert np.abs(cubic(ts[:3500]) - phi[:3500]).max() < 2e-3 * 10.03**2
+    assert np.abs(cubic(ts[:3500], 1) - omega[:3500]).max() < 2e-3 * 20.06
+    assert thinned(ts, phi * np.nan, omega)[0].size == 0
+
+
+@pytest.mark.parametrize("name", [0, 1])
+def test_a_circle_stands_on_its_cell(ds, written, name):
+    """The picture has the cell's colour where the page puts it: on a log axis too."""
+    _, page = written
+    source = page.addresses[1 - name]
+    data = base64.b64decode(source.removeprefix("data:image/png;base64,"))
+    pixels = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+    left, top, width, height = page.json["frames"][("wide", "narrow")[name]]
+    amplitude = ds.joint_amplitude.sel(joint=2)
+    moves = ds.outcome == zj.OUTCOME.cycle
+    assert moves.sum() >= 3
+    flat = np.isin(ds.outcome, (zj.OUTCOME.not_computed, zj.OUTCOME.stuck))
+    norm = Normalize(*np.nanquantile(amplitude.where(~flat), [0, 1]))
+    for i, j in zip(*np.nonzero(moves.values), strict=True):
+        row = (top + height * (1 - page.json["y"]["at"][j])) * pixels.shape[0]
+        column = (left + width * page.json["x"]["at"][i]) * pixels.shape[1]
+        expected = matplotlib.colormaps["viridis"](norm(float(amplitude[i, j])))[:3]
+        shown = pixels[int(row), int(column)] / 255
+        np.testing.assert_allclose(shown, expected, atol=0.01)
+
+
+def test_its_foot_says_where_the_numbers_come_from(ds, written):
+    path, page = written
+    assert "zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.05)" in page.text
+    assert "not <b>bold</b>" in page.text and "b" not in page.tags[-20:]
+    for name in ("rtol", "ziegler_jax_version", "jax_version", "scene_axes"):
+        assert name in page.text and str(ds.attrs[name]) in page.text
+    assert "A & B" in page.text and "<title>A &amp; B</title>" in path.read_text(
+        "utf-8"
+    )
+
+
+def test_marks_are_spread_over_what_was_computed(ds, tmp_path):
+    path = zj.plot.page(ds, tmp_path / "a.html", x="q", y="mu", cells=12)
+    places = [tuple(cell["at"]) for cell in Reader(path).json["cells"]]
+    everywhere = {(i, j) for i in range(4) for j in range(3)}
+    assert set(places) == everywhere - {(1, 1)} and len(places) == 11
+
+
+def test_a_store_of_another_process_makes_a_page(tmp_path, monkeypatch):
+    (tmp_path / "elsewhere.py").write_text(
+        textwrap.dedent("""
+        import ziegler_jax as zj
+        def point(q, c):
+            column = zj.uniform_rods(q, l2=0.5, damping=zj.Viscous(c, c))
+            motion = zj.trajectory(column, zj.State(omega=(0, 0.3)), [0.0, 1.0])
+            return {"angle": motion.phi[1, 0]}
+        """)
+    )
+    write = """
+        import elsewhere, ziegler_jax as zj
+        zj.sweep(elsewhere.point, q=[2.0, 2.6], c=[0.1, 0.2], store="s", progress=False)
+        """
+    run = [sys.executable, "-c", textwrap.dedent(write)]
+    subprocess.run(run, cwd=tmp_path, check=True)
+    monkeypatch.syspath_prepend(tmp_path)
+    stored = zj.open_sweep(tmp_path / "s")
+    cells = [(2.6, 0.2)]
+    path = zj.plot.page(stored, tmp_path / "p.html", "angle", x="q", y="c", cells=cells)
+    (cell,) = Reader(path).json["cells"]
+    column = zj.uniform_rods(2.6, l2=0.5, damping=zj.Viscous(0.2, 0.2))
+    at = np.array(cell["ts"])
+    direct = zj.trajectory(column, zj.State(omega=(0, 0.3)), at)
+    assert cell["l2"] == 0.5 and at[-1] == 100.0
+    # what is written is rounded, of 0.09: measured 5e-9
+    np.testing.assert_allclose(np.array(cell["phi"]).T, direct.phi, rtol=0, atol=5e-8)
+
+
+def test_what_makes_no_page_is_refused(ds, refuses, tmp_path):
+    path = tmp_path / "p.html"
+
+    def page(dataset=ds, path=path, **options):
+        return lambda: zj.plot.page(dataset, path, **{"x": "q", "y": "mu", **options})
+
+    refuses(page(path=tmp_path / "p.pdf"), "`path`", ".html", "p.pdf")
+    refuses(page(cells=[(9.0, 0.1)]), "`q`", "1.6 to 2.8", "9")
+    refuses(page(cells=[(2.0, 0.1, 0.1)]), "`cells`", "pairs", "`q` and `mu`")
+    refuses(page(cells=[]), "`cells`", "1 to 400", "0")
+    refuses(page(cells=401), "`cells`", "1 to 400", "401")
+    refuses(page(cells=0), "`cells`", "at least 1", "0")
+    left_out = ds.assign(outcome=0 * ds.outcome)
+    left_out.outcome.attrs = ds.outcome.attrs
+    refuses(page(left_out, cells=3), "`cells`", "computed")
+    refuses(page(ds.drop_attrs()), "`scene`")
+    refuses(page(variable="steps", y="w"), "`y`", "'w'")
+    refuses(page(dataset=3), "`dataset`", "3")
+    assert not path.exists()
+
+
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-headless-shell", "chrome"))),
+    None,
+)
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium here to click in")
+def test_a_click_shows_the_cell_in_a_browser(written, tmp_path):
+    """Beside a circle, a circle itself, and by key; the page says what it shows."""
+    path, page = written
+    clicks = """<script>
+      const said = [], note = () => said.push($("name").textContent);
+      addEventListener("error", event => said.push(event.message));
+      const beside = () => {  // a page that was scrolled has other places
+        const box = plane.getBoundingClientRect(), [u, v] = spot(data.cells[1]);
+        return {clientX: box.left + (u - 0.1) * box.width,
+          clientY: box.bottom - (v - 0.1) * box.height, bubbles: true};
+      };
+      plane.dispatchEvent(new MouseEvent("click", beside())); note();
+      buttons[0].click(); note();
+      plane.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowLeft"})); note();
+      plane.dispatchEvent(new PointerEvent("pointermove", beside()));
+      said.push($("reading").textContent);
+      document.title = said.join(" | ");
+    </script></body>"""
+    clicked = tmp_path / "clicked.html"
+    clicked.write_text(path.read_text("utf-8").replace("</body>", clicks), "utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
+    home = f"--user-data-dir={tmp_path / 'home'}"
+    run = [BROWSER, *options, home, clicked.as_uri()]
+    done = subprocess.run(run, capture_output=True, text=True, timeout=120)
+    title = re.search("<title>(.*?)</title>", done.stdout)[1]
+    said = title.split(" | ")
+    assert said[:3] == ["q = 2.8, mu = 0.4", "q = 2, mu = 0.05", "q = 1.6, mu = 0.05"]
+    assert said[3].startswith("q = 2.8, mu = 0.4: joint_amplitude ")
