@@ -118,27 +118,8 @@ print(
 # two cycles which meet. Below this load the smoothed column has no flutter cycle on
 # this branch, however hard it is kicked.
 #
-# ## How the fold moves
-#
-# `cycle_fold` goes straight to the fold, and carries derivatives in every number of the
-# column.
-
-
-# %%
-def fold(mu):
-    def make(q):
-        friction = zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.1)
-        return zj.uniform_rods(q, friction=friction, damping=zj.Viscous(0.02, 0.02))
-
-    return zj.cycle_fold(make, orbit, 1.62).fold
-
-
-value, slope = jax.value_and_grad(fold)(0.1)
-print("fold at q =", value, "and d fold / d mu =", slope)
-
-# %% [markdown]
-# The slope is negative: under this wide layer (`v_smooth` = 0.1) more friction lets
-# flutter live at lower loads. A curve of such folds over two parameters is
-# `bifurcation_curve`:
+# `cycle_fold` goes straight to the fold, and its number has derivatives: `jax.grad` of it
+# in the friction, the damping or the masses says how the fold moves.
+# `bifurcation_curve` follows it over two parameters:
 #
 # ![Curves of folds](../figures/bifurcation_curves.png)
