@@ -5,10 +5,12 @@ that it has when it is imported is put there. Results, which nobody calls, get n
 What an `__init__` says of itself is left out: the class says it.
 """
 
+import enum
 import importlib
 import inspect
 from typing import Any
 
+import equinox as eqx
 import griffe
 
 from ziegler_jax.results import AbstractResult
@@ -35,14 +37,11 @@ def _complete(class_: griffe.Class) -> None:
     if "__init__" in class_.members:
         class_.members["__init__"].docstring = None
         return
-    module = importlib.import_module(class_.module.path)
-    real = getattr(module, class_.name)
-    if issubclass(real, AbstractResult | tuple) or inspect.isabstract(real):
+    real = getattr(importlib.import_module(class_.module.path), class_.name)
+    uncalled = issubclass(real, AbstractResult | enum.Enum) or inspect.isabstract(real)
+    if uncalled or not issubclass(real, eqx.Module | tuple):
         return
-    try:
-        signature = inspect.signature(real.__init__)
-    except (TypeError, ValueError):
-        return
+    self_ = griffe.Parameter("self", kind=griffe.ParameterKind.positional_or_keyword)
     parameters = [
         griffe.Parameter(
             name,
@@ -51,8 +50,7 @@ def _complete(class_: griffe.Class) -> None:
             if parameter.default is parameter.empty
             else repr(parameter.default),
         )
-        for name, parameter in signature.parameters.items()
-        if name not in ("args", "kwargs")
+        for name, parameter in inspect.signature(real).parameters.items()
     ]
-    init = griffe.Function("__init__", parameters=griffe.Parameters(*parameters))
+    init = griffe.Function("__init__", parameters=griffe.Parameters(self_, *parameters))
     class_.set_member("__init__", init)
