@@ -5,6 +5,7 @@ one of a class of codes, `<!-- command line -->` for `python -m ziegler_jax --he
 Public names in code, as `settle` or `zj.settle`, become links to the reference.
 """
 
+import importlib.util
 import inspect
 import os
 import re
@@ -45,6 +46,14 @@ def on_page_markdown(
     return markdown
 
 
+def identifier(name: str) -> str:
+    """Where the reference has it: of `sweep` and `motion`, rooms too, in full."""
+    known = getattr(zj, name)
+    if importlib.util.find_spec(f"ziegler_jax.{name}") and not inspect.ismodule(known):
+        return f"{known.__module__}.{known.__qualname__}"
+    return f"ziegler_jax.{name}"
+
+
 def codes(name: str) -> str:
     """A class of codes as a table."""
     rows = ["| code | name | meaning |", "|---|---|---|"]
@@ -60,7 +69,7 @@ def names() -> str:
     for name in zj.__all__:
         text = inspect.getdoc(getattr(zj, name)) or ""
         first = " ".join(text.split("\n\n")[0].split()).replace("|", r"\|")
-        rows.append(f"| [`{name}`][ziegler_jax.{name}] | {first} |")
+        rows.append(f"| [`{name}`][{identifier(name)}] | {first} |")
     return "\n".join(rows)
 
 
@@ -121,4 +130,4 @@ def _target(code: etree.Element) -> str | None:
         return f"ziegler_jax.plot.{name}" if known else None
     if name not in zj.__all__ or (name in AMBIGUOUS and not prefix):
         return None
-    return f"ziegler_jax.{name}"
+    return identifier(name)

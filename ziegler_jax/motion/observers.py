@@ -62,6 +62,9 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     ds = zj.sweep(point, q=[2.4, 2.6])
     ```
 
+    A mean is an integral over the window by its `span`: `integrand` names what is
+    integrated, `step.integrals` are its integrals over a step, see `Step`.
+
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers outside of `sweep` what it was when first traced.
     """
@@ -79,17 +82,23 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
         return True
 
     def integrand(self, column: Column, y: Vector4) -> Numbers:
-        """Functions of the state to integrate along the motion."""
+        """A tuple of functions of the state, integrated over each step to its order.
+
+        What the column's parts make of a state is in `power`, `reactions` and `energy`.
+        """
         del column, y
         return ()
 
     @abc.abstractmethod
     def init(self, column: Column, t: Scalar, y: Vector4) -> Watched:
-        """The running numbers at a window's start."""
+        """The running numbers at a window's start, any tree of numbers.
+
+        Each keeps its type and shape: write `0.0 * y[0]` for a zero.
+        """
 
     @abc.abstractmethod
     def step(self, column: Column, state: Watched, step: Step) -> Watched:
-        """The running numbers after an accepted step; `integrals` are this one's."""
+        """The running numbers after an accepted step, a `Step`."""
 
     @abc.abstractmethod
     def result(
