@@ -131,9 +131,9 @@ print("the share of the map that may be missed is below", sharp.refine_missed_ar
 # %% [markdown]
 # ## What to keep
 #
-# The dataset's attributes hold the scene's source, the numbers it read, tolerances and
-# versions; `ds.to_netcdf` or `sweep(..., store="map.zarr")` keeps it ([Long
-# sweeps](long_sweeps.md)).
+# The dataset's attributes hold the scene's source, the numbers that it read, tolerances
+# and versions. `sweep(..., store="map.zarr")` keeps it all in a folder:
+# [Long sweeps](long_sweeps.md).
 
 # %%
 for name in ("rtol", "transient", "precision", "ziegler_jax_version", "jax_version"):

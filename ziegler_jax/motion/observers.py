@@ -63,7 +63,10 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     ```
 
     A mean is an integral over the window by its `span`: `integrand` names what is
-    integrated, `step.integrals` are its integrals over a step, see `Step`.
+    integrated, `step.integrals` are its integrals over a step, see `Step`. `column` is
+    the one that the motion runs with: the constants of this library's friction laws are
+    worked out, `levers` are then torques and `load_law()` is None, except with
+    `JointReaction()`. `zj.power` knows of all that.
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers outside of `sweep` what it was when first traced.
