@@ -58,9 +58,10 @@ class SetValuedCoulomb(AbstractFriction):
     $$T_i = \tau_{k,i}\,\mathrm{sign}(u_i) \text{ where } u_i \ne 0, \qquad
     |T_i| \le \tau_{s,i} \text{ where } u_i = 0, \qquad \tau_i = \mu_i \rho_i N_i$$
 
-    With $\mu_s = \mu_k$ the law fixes every motion. With $\mu_s > \mu_k$ it does not:
-    where one joint comes to rest or breaks loose while the other rests too, more than
-    one pair of modes can agree with it, and `release` names the rule that chooses:
+    With $\mu_s = \mu_k$ the law fixes every motion. With $\mu_s > \mu_k$, where one
+    joint comes to rest or breaks loose while the other rests, more than one pair of
+    modes can agree with it, and `release` names the rule that chooses:
+
     - `"stick-first"`: a joint at rest sticks if its constraint torque fits within
         $\tau_s$, taken for the modes that are chosen; a joint sticks rather than not.
     - `"stribeck-limit"`: the limit $v \to 0$ of the layer
@@ -94,8 +95,7 @@ class SetValuedCoulomb(AbstractFriction):
     none (Painleve's paradox of rigid bodies with friction) the accelerations are NaN
     and the lane ends as `not_finite` or `step_vanished`.
 
-    **Raises:** `ValueError` for concrete numbers that break a rule. Traced numbers
-    give the outcome `invalid`.
+    **Raises:** `ValueError` for concrete numbers that break a rule; traced: `invalid`.
     """
 
     rules: ClassVar = {

@@ -62,6 +62,12 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     ds = zj.sweep(point, q=[2.4, 2.6])
     ```
 
+    A mean is an integral over the window by its `span`: `integrand` names what is
+    integrated, `step.integrals` are its integrals over a step, see `Step`. `column` is
+    the one that the motion runs with: the constants of this library's friction laws are
+    worked out, `levers` are then torques and `load_law()` is None, except with
+    `JointReaction()`. `zj.power` knows of all that.
+
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers outside of `sweep` what it was when first traced.
     """
@@ -79,18 +85,24 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
         return True
 
     def integrand(self, column: Column, y: Vector4) -> Numbers:
-        """Functions of the state to integrate along the motion."""
+        """A tuple of functions of the state, integrated over each step to its order.
+
+        What the column's parts make of a state is in `power`, `reactions` and `energy`.
+        """
         del column, y
         return ()
 
     def init(self, column: Column, t: Scalar, y: Vector4) -> Watched:
-        """The running numbers at a window's start: one zero, unless it says more."""
+        """The running numbers at a window's start, any tree of numbers; else a zero.
+
+        Each keeps its type and shape: write `0.0 * y[0]` for a zero.
+        """
         del column, t
         return cast(Watched, 0.0 * y[0])
 
     @abc.abstractmethod
     def step(self, column: Column, state: Watched, step: Step) -> Watched:
-        """The running numbers after an accepted step; `integrals` are this one's."""
+        """The running numbers after an accepted step, a `Step`."""
 
     @abc.abstractmethod
     def result(

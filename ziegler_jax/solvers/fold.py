@@ -24,7 +24,14 @@ Where = TypeVar("Where")  # of a solve: where it is
 
 
 class Step(NamedTuple):
-    """One step: both ends, the derivatives there, and the integrals over it."""
+    """One step: both ends, the derivatives there, and the integrals over it.
+
+    `t0`, `t1`: its times; `y0`, `y1`: the states there, four scalars, both angles and
+    both rates; `f0`, `f1`: their time derivatives; `integrals`: a tuple, in its order
+    over the step what an observer's `integrand` gives. With set-valued friction
+    `modes`: -1., 0. (sticks) or 1. for each joint, and `event`: the joint on which the
+    step ended (0 none, 3 both) with the new modes; else both are empty.
+    """
 
     t0: Traced
     t1: Traced
@@ -32,13 +39,9 @@ class Step(NamedTuple):
     y1: Traced4
     f0: Traced4
     f1: Traced4
-    integrals: tuple  # what the fold's `advance` returned
-    modes: (
-        Pair | tuple[()]
-    ) = ()  # with set-valued friction: -1., 0. or 1. for each joint
-    event: (
-        tuple[Count, Pair] | tuple[()]
-    ) = ()  # and on which joint it ended (0 none, 3 both), and the new modes
+    integrals: tuple
+    modes: Pair | tuple[()] = ()
+    event: tuple[Count, Pair] | tuple[()] = ()
 
 
 class Ending(Protocol):

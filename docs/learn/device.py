@@ -1,0 +1,138 @@
+# %% [markdown]
+# # A device in SI units
+#
+# From a data sheet to a map: a column of two rods, 0.1 kg and 0.2 m each, springs of
+# 0.5 N m/rad, pins of 4 mm radius with a friction coefficient of 0.15. At which force
+# does it flutter, after which knock, how large, how fast?
+
+# %%
+import jax
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+
+import ziegler_jax as zj
+
+zj.configure_cpu()
+jax.config.update("jax_enable_x64", True)
+
+DEVICE = zj.SI(m=0.1, l=0.2, k=0.5)
+print("the unit of time is", DEVICE.time, "s, that of force", DEVICE.force, "N")
+
+# %% [markdown]
+# ## The column
+#
+# Methods of `SI` have the names of what they make, and take kilograms, metres, newtons
+# and seconds.
+
+
+# %%
+def column(F):
+    friction = DEVICE.set_valued_coulomb(0.15, pin_radius=0.004)
+    damping = DEVICE.viscous(1e-4, 1e-4)  # N m s/rad
+    return DEVICE.uniform_rods(F, friction=friction, damping=damping)
+
+
+# %% [markdown]
+# Without friction and with this damping it would flutter from here on:
+
+# %%
+bare = DEVICE.uniform_rods(0.0, damping=DEVICE.viscous(1e-4, 1e-4))
+load = zj.critical_load(bare)
+print("critical force", load.q_cr * DEVICE.force, "N")
+print("frequency there", load.frequency / DEVICE.time / (2 * np.pi), "Hz")
+
+# %% [markdown]
+# ## One motion, in seconds
+#
+# `restore` turns a result back into SI units; its labels and pictures follow.
+
+# %%
+seconds = np.linspace(0, 6, 1501)
+start = DEVICE.state(omega=(0, 2.0))  # rad/s
+motion = zj.trajectory(column(6.0), start, seconds / DEVICE.time)
+ax = zj.plot.time_history(DEVICE.restore(motion))
+
+# %% [markdown]
+# ## What it ends in
+
+# %%
+windows = DEVICE.windows(transient=10.0, length=5.0)  # seconds
+observers = (zj.Period(), zj.StickFraction())
+end = zj.settle(column(6.0), start, windows=windows, observers=observers)
+end = DEVICE.restore(end)
+end
+
+# %%
+print(f"it swings {1 / float(end.period):.2f} times a second, ")
+print(f"joint 2 by {np.rad2deg(float(end.joint_amplitude[1])):.0f} degrees")
+
+# %% [markdown]
+# ## A map over force and knock
+
+
+# %%
+def point(F, kick):  # newtons, rad/s
+    return zj.settle(column(F), DEVICE.state(omega=(0, kick)), windows=windows)
+
+
+kick = xr.DataArray(
+    np.linspace(0.25, 4, 12), attrs={"long_name": "knock on rod 2", "units": "rad/s"}
+)
+ds = zj.sweep(point, F=np.linspace(2, 8, 16), kick=kick)
+ds = DEVICE.restore(ds)
+ax = ds.sel(joint=2).zj.map("joint_amplitude", x="F", y="kick")
+
+# %% [markdown]
+# On the left every knock ends at rest, and the knock that it takes falls as the force
+# grows. Dotted cells are `unsettled`: they go on moving, but not yet on a cycle. An
+# axis can bring its own name and unit, as the knock does here.
+#
+# ## From which force on, exactly
+
+# %%
+search = zj.Search(scan=6, halvings=6)
+knock = DEVICE.state(omega=(0, 2.0))
+onset = zj.flutter_onset(column, knock, (2.0, 8.0), search=search)
+print(
+    zj.ONSET(int(onset.outcome)).name, "at", onset.threshold, "N, to", onset.width, "N"
+)
+
+# %% [markdown]
+# `flutter_onset` varies the argument of the function that you give it, here a force in
+# newtons: so its threshold is in newtons.
+#
+# ## What if the pins were rougher?
+#
+# The friction of a device is the number that one knows least. Vary it.
+
+
+# %%
+def rougher(F, mu):
+    friction = DEVICE.set_valued_coulomb(mu, pin_radius=0.004)
+    damping = DEVICE.viscous(1e-4, 1e-4)
+    device = DEVICE.uniform_rods(F, friction=friction, damping=damping)
+    return zj.settle(device, DEVICE.state(omega=(0, 2.0)), windows=windows)
+
+
+ds = zj.sweep(rougher, F=np.linspace(2, 8, 16), mu=np.linspace(0.05, 0.5, 10))
+ds = DEVICE.restore(ds)
+ax = ds.sel(joint=2).zj.map("joint_amplitude", x="F", y="mu")
+
+# %% [markdown]
+# ## Friction from a multibody program
+#
+# Such a program takes coefficients, the pin's radius and a transition velocity of its
+# surface. `joint_friction` translates these into a smoothed law on the joints'
+# reactions.
+
+# %%
+law = DEVICE.joint_friction(0.2, 0.15, pin_radius=0.004, transition_velocity=1e-3)
+law
+
+# %%
+figure, ax = plt.subplots(layout="constrained")
+rate = np.linspace(-1.5, 1.5, 601)  # rad/s
+lever = law.levers(rate * DEVICE.time, rate * DEVICE.time)[0]
+ax.plot(rate, 1000 * lever * DEVICE.l)
+ax.set(xlabel="joint rate (rad/s)", ylabel="torque per newton of reaction (N mm/N)")
