@@ -44,8 +44,8 @@ own
 # ## One motion
 #
 # `State` is a start: angles and rates of both rods. `trajectory` gives the motion at
-# the times that you name. With set-valued friction the joints truly stick: the plateaus
-# of the rates below are exactly zero.
+# the times that you name. Here a kick grows: left the angles over time, right the phase
+# plane.
 
 # %%
 kick = zj.State(omega=(0, 0.3))
@@ -132,8 +132,8 @@ print("the share of the map that may be missed is below", sharp.refine_missed_ar
 # ## What to keep
 #
 # The dataset's attributes hold the scene's source, the numbers that it read, tolerances
-# and versions. `sweep(..., store="map.zarr")` keeps it all in a folder:
-# [Long sweeps](long_sweeps.md).
+# and versions. `sweep(..., store="map.zarr")` keeps it all in a folder: [Long
+# sweeps](long_sweeps.md).
 
 # %%
 for name in ("rtol", "transient", "precision", "ziegler_jax_version", "jax_version"):

@@ -6,10 +6,11 @@ import sys
 import types
 
 import jax
+import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import progress
+from ziegler_jax.sweep import partition, progress
 
 # XLA folds so many terms at 20 000 places itself, for two or three seconds
 TERMS = 8001 if jax.__version_info__ >= (0, 11) else 101
@@ -60,3 +61,13 @@ def test_the_bar_is_shown_on_a_terminal_and_in_a_notebook(
     zj.sweep(lambda x: 2 * x, x=[1.0, 2.0], progress=show)
     assert ("100%" in stream.getvalue()) == shown
     assert progress.shown(show) == shown
+
+
+@pytest.mark.parametrize("name, failures", [("obstacle", 0), ("smoothed_outcome", 3)])
+def test_what_a_search_met_on_its_way_is_no_failure_of_the_point(name, failures):
+    """An onset that is found names no motion that stood in its way."""
+    variables = {name: zj.Variable(None, "how a motion ended", codes=zj.OUTCOME)}
+    block = types.SimpleNamespace(region=(slice(0, 3),))
+    arrays = {name: np.full(3, zj.OUTCOME.not_computed, np.int8)}
+    opened = partition.OpenBlock(block, np.arange(3), arrays)
+    assert opened.tally(variables).failures == failures

@@ -268,8 +268,9 @@ class OpenBlock:
     def tally(self, variables: dict[str, Variable]) -> Tally:
         """What the block cost and how its points ended."""
         outcomes: dict[str, int] = {}
-        for variable, values in zip(variables.values(), self.flat, strict=True):
-            if variable.codes is OUTCOME:
+        for (name, variable), values in zip(variables.items(), self.flat, strict=True):
+            # not what a search met on its way, as an onset's `obstacle`
+            if variable.codes is OUTCOME and name.endswith("outcome"):
                 here = values[..., self.points].ravel()  # several of a point: branches
                 codes = np.bincount(here, minlength=len(OUTCOME))
                 outcomes = {c.name: int(codes[c]) for c in OUTCOME if codes[c]}
