@@ -81,9 +81,9 @@ def commands(text):
     return [shlex.split(part) for part in parts]
 
 
-def test_the_two_commands_make_an_environment_and_install_what_is_there():
+def test_the_commands_make_an_environment_and_install_what_is_there():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert len(SHELL) == 2
+    assert len(SHELL) == 3
     for text in SHELL:
         subprocess.run(["sh", "-n", "-c", text], check=True)
         venv, pip, last = commands(text)
