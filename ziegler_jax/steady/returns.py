@@ -52,6 +52,8 @@ SMALL, LARGE = 0.01, 0.03
 EARLIEST = 15.0
 ALIKE = 3.0  # of fewer returns more is put up with: they close as well
 CALM = 20.0  # time units for which a motion at rest stays below the cut
+# the share of it before which rates do not count: slow motions begin or end as kicks do
+ENTRY = 0.25
 OWN = 3  # returns of its own by which a motion shows that it draws nearer
 # Distances, in the orbit's own size: what has left it, what may follow its linear map,
 # and, in the norm in which that contracts, what is so near that no torus, and no saddle
@@ -127,7 +129,7 @@ class March(AbstractFold[Lookout]):
         return Lookout(
             passed=Ends(start, start, y0, y0, none, none),
             waits=zero,
-            calm=() if self.rest.by_modes else Calm(start, fastest(y0), zero),
+            calm=() if self.rest.by_modes else Calm(start, zero, zero),
             asks=jnp.zeros((), jnp.int32),
             grown=() if self.carrier is None else kick_tangent(y0),
         )
@@ -169,7 +171,7 @@ class March(AbstractFold[Lookout]):
         calm = state.calm
         if not self.rest.by_modes:
             rate = fastest(step.y1)
-            anew = Calm(step.t1, rate, 0.0 * rate)
+            anew = Calm(step.t1, 0.0 * rate, 0.0 * rate)
             calm = tree_where(goes_on > 0, _longer(cast(Calm, calm), step, rate), anew)
         after = Lookout(passed, state.waits + there, calm, asks, growth)
         return after, jnp.inf, asks != NOTHING
@@ -190,8 +192,10 @@ class March(AbstractFold[Lookout]):
 
 def _longer(calm: Calm, step: Step, rate: Scalar) -> Calm:
     """The same calm a step later."""
-    first_half = step.t1 - calm.start <= CALM / 2
-    early = jnp.where(first_half, larger(calm.early, rate), calm.early)
+    since = step.t1 - calm.start
+    first_half = since <= CALM / 2
+    counts = first_half & (since > ENTRY * CALM)
+    early = jnp.where(counts, larger(calm.early, rate), calm.early)
     late = jnp.where(first_half, calm.late, larger(calm.late, rate))
     return Calm(calm.start, early, late)
 
