@@ -31,7 +31,7 @@ matplotlib.rcParams["figure.dpi"] = 110
 """
 # what a call that draws gives back: the picture says it
 DRAWN = re.compile(r"<Axes|\[?<matplotlib|array\(\[<Axes|\[?Text\(")
-TIMEOUT = 300  # seconds for a cell
+TIMEOUT = 900  # seconds for a cell, on a busy machine
 
 
 class Ran(NamedTuple):
