@@ -32,7 +32,8 @@ EXCESS, SPREAD_OF_EXCESS = 0.2, 0.4  # median of mu_s / mu_k - 1, and of its log
 PIN_RADIUS, KICK = 0.05, zj.State(omega=(0, 0.3))
 WINDOWS = zj.Windows(max_windows=100, agreement=5e-5)  # to t = 4100
 MEAN, BRACKET, Z = 0.2, (0.4, 3.0), ("z1", "z2", "z3")  # of the onset load
-FINE, COARSE = zj.Search(scan=13, halvings=7), zj.Search(scan=2, halvings=2)
+FINE = {"search": zj.Search(scan=13, halvings=7)}
+COARSE = {"search": zj.Search(scan=2, halvings=3), "method": zj.Method(rtol=1e-5)}
 
 
 def column(q, mu, z):
@@ -60,13 +61,11 @@ def probability(q, mu, draws):
     return ds
 
 
-def onset_of(search):
+def onset_of(how):
     """The load from which the kick starts flutter, and its derivatives, of z."""
 
     def load(z):
-        found = zj.flutter_onset(
-            lambda q: column(q, MEAN, z), KICK, BRACKET, search=search
-        )
+        found = zj.flutter_onset(lambda q: column(q, MEAN, z), KICK, BRACKET, **how)
         return found.threshold, found.outcome
 
     def point(z1, z2, z3):
@@ -111,6 +110,8 @@ def main(arguments=None):
     end = time.process_time()
     shares, values = indices(problem, loads.onset_load.values[:-1])
     slopes, steep = loads.slopes.values[-1], loads.slopes.values[:-1]
+    missing = int(np.isnan(steep).any(axis=1).sum())
+    squares = np.nansum(steep**2, axis=0) / max(len(steep) - missing, 1)
     sampled, exact = viscous_variance(4096)
     result = {
         "lanes": ds.outcome.size,
@@ -127,8 +128,8 @@ def main(arguments=None):
         "deviation_by_derivatives": float(np.linalg.norm(slopes)),
         **{name: shares[name] for name in ("S1", "S1_conf", "ST", "ST_conf")},
         "shares_by_derivatives": slopes**2 / (slopes @ slopes),
-        "mean_square_slopes_over_variance": np.nanmean(steep**2, axis=0) / values.var(),
-        "slopes_without_a_value": int(np.isnan(steep).any(axis=1).sum()),
+        "mean_square_slopes_over_variance": squares / values.var(),
+        "slopes_without_a_value": missing,
         "viscous_variance_over_closed_form": sampled / exact,
     }
     save(of_distribution(ds, loads, values, shares), result, options.out, __file__)
