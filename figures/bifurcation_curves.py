@@ -8,10 +8,10 @@ import style
 import ziegler_jax as zj
 
 STARTS = {  # a torque, and which fold down the branch of its cycle at q = 1.95
-    (0.03, 0): (zj.plot.BLUE, "folds of the lowest cycle"),
-    (0.1, 0): (zj.plot.VERMILLION, "joint 2 sticks once more"),
-    (0.1, 1): (zj.plot.PURPLE, "the way to another cycle"),
-    (0.2, 0): (zj.plot.GREEN, "folds of that"),
+    (0.03, 0): ("o-", zj.plot.BLUE, "folds of the lowest cycle"),
+    (0.1, 0): ("s-", zj.plot.VERMILLION, "joint 2 sticks once more"),
+    (0.1, 1): ("^-.", zj.plot.PURPLE, "the way to another cycle"),
+    (0.2, 0): ("D-", zj.plot.GREEN, "folds of that"),
 }
 
 
@@ -37,20 +37,20 @@ def change_of_modes(kind, q, tau):
 
 def main():
     figure, axes = plt.subplots(1, 2, figsize=(11, 5), layout="constrained")
-    for start, (colour, label) in STARTS.items():
+    for start, (line, colour, label) in STARTS.items():
         curve = folds(*start)
         x, y = curve.points.second, curve.points.first
         grazing = np.asarray(curve.ends) == zj.CURVE.modes_change
         ends = np.flatnonzero(np.isfinite(y))[[0, -1]][grazing].tolist()
         for ax, shown in zip(axes, (label, None), strict=True):
-            ax.plot(x, y, "o-", color=colour, lw=2.5, label=shown, markevery=ends)
+            ax.plot(x, y, line, color=colour, lw=2.5, label=shown, markevery=ends)
             ax.set_xlabel(r"friction torque $\tau$ in both joints ($k$)")
     points = jax.jit(change_of_modes, static_argnums=0)("sticking_2", 2.5, 0.023)
     axes[0].plot(points.second, points.first, "k--", label="joint 2 begins to stick")
     points = jax.jit(change_of_modes, static_argnums=0)("grazing_2", 1.48, 0.05)
     axes[1].plot(points.second, points.first, "k:", lw=2, label="joint 2 grazes")
     axes[0].set(ylabel="follower load $q = F l/k$", title="Set-valued friction")
-    axes[1].set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="Dots: folds end, modes change")
+    axes[1].set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="Marked ends: modes change")
     figure.legend(loc="outside lower center", ncols=3)
     style.save(figure, __file__)
 

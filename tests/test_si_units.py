@@ -2,6 +2,7 @@
 
 import jax
 import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -44,6 +45,27 @@ def test_a_restored_motion_is_that_of_the_equations_in_si_units():
     # worst cases 3e-11, 4e-10
     np.testing.assert_allclose(back.phi, direct.y[:2].T, atol=2e-10)
     np.testing.assert_allclose(back.omega, direct.y[2:].T, atol=2e-9)
+
+
+def test_a_restored_motion_says_that_it_is_in_seconds(refuses):
+    column = UNITS.uniform_rods(12.0)
+    motion = zj.trajectory(column, KICK, np.linspace(0, 20, 201))
+    back = UNITS.restore(motion)
+    assert "rad/s" in str(back) and "sqrt" not in str(back)
+    ds = back.to_dataset()
+    assert ds.ts.units == "s" and ds.omega.units == "rad/s"
+    axes = zj.plot.time_history(back)
+    assert axes[0].get_xlabel() == "time $t$ (s)"
+    drawn = zj.plot.spectrum(back)
+    assert drawn.get_xlabel() == "angular frequency (rad s$^{-1}$)"
+    own = zj.plot.spectrum(motion)
+    ratio = drawn.lines[0].get_xdata() / own.lines[0].get_xdata()
+    np.testing.assert_allclose(ratio, 1 / UNITS.time, rtol=1e-12)
+    refuses(lambda: UNITS.restore(back), "`result`", "own units", "seconds")
+    rest = zj.trajectory(column, zj.State(), np.linspace(0, 20, 201))
+    refuses(lambda: zj.plot.spectrum(rest), "`motion`", "at rest")
+    refuses(lambda: zj.plot.time_history(3), "`motion`", "`Trajectory`", "3")
+    plt.close("all")
 
 
 def test_the_events_of_a_motion_are_in_seconds_too():

@@ -59,7 +59,11 @@ class KICK(Code):
 
     not_computed = 0, "the point was left out or has not been computed yet"
     invalid = 1, "the scene's numbers, its norm or the bracket break a rule"
-    undecided = 2, "a motion that mattered neither came to rest nor settled in time"
+    undecided = (
+        2,
+        "a motion that mattered neither came to rest nor settled in time, or (smoothed "
+        "friction) what creeps was taken for rest: the least kick is on a corner",
+    )
     rests = 3, "the column comes to rest after every kick that was tried"
     moves = 4, "the smallest kicks flutter already"
     found = 5, "neighbours of this kick have no lower threshold"

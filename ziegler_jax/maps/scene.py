@@ -250,6 +250,8 @@ def in_own_unit(number: xr.DataArray) -> float:
 
 def nearest(dataset: xr.Dataset, dim: str, value: float) -> int:
     """The place of the nearest value of an axis, or of a sample by its number."""
+    if not isinstance(value, int | float | np.number):
+        raise ValueError(f"Argument `{dim}` must be a number, but is {value!r}.")
     if dim not in dataset.indexes:
         size = dataset.sizes[dim]
         if not (isinstance(value, int | np.integer) and 0 <= value < size):

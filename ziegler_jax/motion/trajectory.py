@@ -10,6 +10,7 @@ import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import xarray as xr
 from jaxtyping import Array, Float, Int
 
 from ..model.column import Column, State
@@ -154,8 +155,27 @@ class Trajectory(AbstractResult):
     events: Events | None = None
     times: tuple[float, ...] | None = eqx.field(static=True, default=None)  # if known
 
+    @property
+    def in_si(self) -> bool:
+        """Whether `SI.restore` has made it: in s and rad/s."""
+        return ("units", "SI") in self.settings
+
     def variables(self) -> dict[str, Variable]:
         """All numbers with their names, units and dimensions."""
+        own = self._variables()
+        if not self.in_si:
+            return own
+        si = {TIME: "s", RATE: "rad/s"}
+        return {n: v._replace(units=si.get(v.units, v.units)) for n, v in own.items()}
+
+    def to_dataset(self) -> xr.Dataset:
+        """The time history with names and units."""
+        ds = super().to_dataset()
+        if self.in_si and "ts" in ds.coords:
+            ds["ts"].attrs["units"] = "s"
+        return ds
+
+    def _variables(self) -> dict[str, Variable]:
         along = "sample" if self.times is None else "ts"
         angle, rate = "angle of the rod", "rate of the rod"
         named = {

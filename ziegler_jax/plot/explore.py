@@ -1,5 +1,6 @@
 """A map, and beside it the motion of the cell that is clicked on."""
 
+from textwrap import fill
 from typing import Any, cast
 
 import matplotlib.pyplot as plt
@@ -8,8 +9,9 @@ import xarray as xr
 from matplotlib.backend_bases import Event, MouseEvent
 from matplotlib.figure import Figure
 
-from ..maps.scene import Point, checked_point, motion, scene
+from ..maps.scene import Point, checked_point, motion, nearest, scene
 from ..motion.trajectory import Trajectory
+from ..numerics.numbers import instance
 from .animation import MovingColumn
 from .maps import map as draw_map
 from .motions import time_history
@@ -32,6 +34,7 @@ class Explorer:
         **style: Any,
     ):
         """Draw the map, and wait for clicks."""
+        instance("dataset", dataset, xr.Dataset)
         checked_point(dataset, point)  # before anybody clicks
         self.dataset, self.x, self.y, self.point = dataset, x, y, point
         self.motion: Trajectory | None = None
@@ -59,8 +62,12 @@ class Explorer:
         cell = {self.x: x, self.y: y}
         self.motion = motion(self.dataset, cell, point=self.point)
         column, _ = scene(self.dataset, cell, point=self.point)
-        here = self.dataset.sel({self.x: x, self.y: y}, method="nearest")
-        at = float(here[self.x]), float(here[self.y])
+        places = {dim: nearest(self.dataset, dim, at) for dim, at in cell.items()}
+        here = self.dataset.isel(places)  # a sample has no value but its number
+        at = [
+            float(here[d]) if d in self.dataset.indexes else i
+            for d, i in places.items()
+        ]
         self.mark.set_data([at[0]], [at[1]])
         for name in ("history", "phase", "column"):
             self.axes[name].clear()
@@ -82,10 +89,14 @@ class Explorer:
             return
         assert mouse.xdata is not None and mouse.ydata is not None
         title = self.axes["map"].set_title("", loc="right", fontsize=9)
+        x, y = (
+            at if dim in self.dataset.indexes else round(at)
+            for dim, at in ((self.x, mouse.xdata), (self.y, mouse.ydata))
+        )
         try:
-            self.show(mouse.xdata, mouse.ydata)
+            self.show(x, y)
         except ValueError as error:  # beside the cells, or a scene that is gone
-            title.set_text(str(error)[:60])
+            title.set_text(fill(str(error), 60))
             self.figure.canvas.draw_idle()
 
     def _next(self) -> None:

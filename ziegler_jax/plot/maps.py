@@ -309,8 +309,9 @@ def _failed(outcome: np.ndarray) -> np.ndarray:
 
 def _outcomes(ax: Axes, edges: Edges, outcome: np.ndarray) -> list[Patch]:
     """Cells that say how the motion ended; returns what a legend needs."""
+    rest = "stuck" if (outcome == OUTCOME.stuck).any() else "rest"
     layers = (
-        ("stuck", np.isin(outcome, AT_REST), REST_COLOUR, None, "none"),
+        (rest, np.isin(outcome, AT_REST), REST_COLOUR, None, "none"),
         ("unsettled", outcome == OUTCOME.unsettled, "none", UNSETTLED_HATCH, "white"),
         ("failed", _failed(outcome), FAILED_COLOUR, FAILED_HATCH, VERMILLION),
     )

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..motion.trajectory import Trajectory
+from ..numerics.numbers import instance
 from ..results import OUTCOME
 from ..units.si import SI
 from .style import PHI1, PHI2, unit_label
@@ -23,7 +24,7 @@ def time_history(
 
     **Arguments:**
 
-    - `motion`: a `Trajectory` of one column.
+    - `motion`: a `Trajectory` of one column; seconds on the axes of one in SI.
     - `ax`: two axes to draw in; None opens a figure.
     - `units`: the column's `SI` units, for seconds on the axes; None leaves
         $\sqrt{m l^2/k}$.
@@ -35,8 +36,11 @@ def time_history(
     two axes.
     """
     time, rate = unit_label("sqrt(m l^2/k)"), unit_label("sqrt(k/(m l^2))")
+    instance("motion", motion, Trajectory)
     if units is not None:
-        motion, time, rate = cast(Trajectory, units.restore(motion)), "s", "s$^{-1}$"
+        motion = cast(Trajectory, units.restore(motion))
+    if motion.in_si:
+        time, rate = "s", "s$^{-1}$"
     ts, phi, omega = (np.asarray(a) for a in (motion.ts, motion.phi, motion.omega))
     if ts.ndim != 1 or phi.shape != (ts.size, 2):
         raise ValueError(

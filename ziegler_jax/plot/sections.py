@@ -97,10 +97,11 @@ def spectrum(motion: Trajectory, *, skip: float = 0.5, ax: Axes | None = None) -
     - `skip`: the share of its time that is left out as transient, below 1.
     - `ax`: where to draw, None opens a figure.
 
-    **Returns:** the axes, angular frequencies in $\sqrt{k/(m l^2)}$.
+    **Returns:** the axes, angular frequencies in $\sqrt{k/(m l^2)}$, or in rad/s of a
+    motion in SI.
 
     **Raises:** `ValueError` for times that are not evenly spaced or too few, and for
-    a motion that ended early.
+    a motion that ended early or is at rest.
     """
     instance("motion", motion, Trajectory)
     if not 0 <= skip < 1:
@@ -115,6 +116,8 @@ def spectrum(motion: Trajectory, *, skip: float = 0.5, ax: Axes | None = None) -
         )
     if not np.isfinite(phi).all():
         raise ValueError("Argument `motion` must reach its last time, but ended early.")
+    if not np.ptp(phi, axis=0).any():
+        raise ValueError("Argument `motion` must move, but is at rest.")
     window = np.hanning(ts.size)
     lines = np.fft.rfft(window[:, None] * (phi - phi.mean(axis=0)), axis=0)
     heights = 2 * np.abs(lines) / window.sum()
@@ -125,7 +128,7 @@ def spectrum(motion: Trajectory, *, skip: float = 0.5, ax: Axes | None = None) -
         ax.semilogy(frequency[1:], heights[1:, i], dash, color=colour, lw=1, label=name)
     # as far as a line stands out by a ten thousandth of the highest
     shown = frequency[heights.max(axis=1) > 1e-4 * heights.max()]
-    rate = unit_label("sqrt(k/(m l^2))")
+    rate = "rad s$^{-1}$" if motion.in_si else unit_label("sqrt(k/(m l^2))")
     ax.set(
         xlabel=rf"angular frequency ({rate})",
         ylabel="amplitude (rad)",

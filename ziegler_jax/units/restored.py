@@ -23,7 +23,15 @@ class Scales(NamedTuple):
 
 
 def restored_motion(motion: Trajectory, si: Scales) -> Trajectory:
-    """A motion in seconds and rad/s."""
+    """A motion in seconds and rad/s.
+
+    **Raises:** `ValueError` for one that is so already.
+    """
+    if motion.in_si:
+        raise ValueError(
+            "Argument `result` must be in the column's own units, but is a motion in "
+            "seconds, which `restore` has made."
+        )
     events = motion.events
     if events is not None:
         events = eqx.tree_at(lambda e: e.times, events, events.times * si.time)
@@ -33,6 +41,7 @@ def restored_motion(motion: Trajectory, si: Scales) -> Trajectory:
         ts=motion.ts * si.time,
         omega=motion.omega / si.time,
         events=events,
+        settings=(*motion.settings, ("units", "SI")),
         times=times and tuple(float(t * si.time) for t in times),
     )
 
