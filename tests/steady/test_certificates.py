@@ -125,6 +125,22 @@ def test_what_grows_from_below_the_cut_is_not_at_rest():
     assert result.outcome != zj.OUTCOME.rest
 
 
+@pytest.mark.slow
+def test_what_falls_first_and_then_grows_below_the_cut_is_not_at_rest():
+    """The fall of the kick itself hides the growth: it does not count."""
+    law = zj.SmoothCoulomb(
+        (0.04, 0.02), pin_radius=1.0, v_smooth=0.02, load=zj.ConstantLoad(1.0)
+    )
+    damping = zj.Viscous(0.01, 0.01)
+    slow = zj.point_masses(q=2.6, friction=law, damping=damping, kappa=1.3)
+    kick = zj.State(omega=(0.01, 0.02))  # of the cut's size
+    ts = np.linspace(0, 500, 1001)
+    phi = np.abs(zj.trajectory(slow, kick, ts).phi).max(axis=1)
+    assert phi[:50].max() < 0.03 and phi[-100:].max() > 0.4
+    found = jax.jit(lambda: zj.settle(slow, kick))()
+    assert found.outcome == zj.OUTCOME.cycle
+
+
 def test_what_cannot_be_certified_is_refused():
     start = zj.State(omega=KICK)
     with pytest.raises(ValueError, match="`certify` must be False or None with"):
