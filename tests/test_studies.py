@@ -133,9 +133,9 @@ def test_the_onset_load_of_the_study_can_be_traced_with_its_derivatives(distribu
 
 
 @pytest.fixture
-def optimised(history, unoptimised):
+def optimised(request, history, unoptimised):
     """As users compile: jax 0.10 without optimisations lands late in 7 % of these."""
-    before = jax.config.jax_disable_most_optimizations
+    before = not request.config.getoption("--optimised")
     jax.config.update("jax_disable_most_optimizations", False)
     history.measured.clear_cache()
     yield
