@@ -52,7 +52,7 @@ SMALL, LARGE = 0.01, 0.03
 EARLIEST = 15.0
 ALIKE = 3.0  # of fewer returns more is put up with: they close as well
 CALM = 20.0  # time units for which a motion at rest stays below the cut
-# the share of it before which rates do not count: slow motions begin or end as kicks do
+# Its first share does not count: there the kick itself falls, and hides what grows.
 ENTRY = 0.25
 OWN = 3  # returns of its own by which a motion shows that it draws nearer
 # Distances, in the orbit's own size: what has left it, what may follow its linear map,
