@@ -342,7 +342,8 @@ def _foot(dataset: xr.Dataset, moved: Trajectory) -> str:
     return (
         f"<p>The motions shown were computed for this page by trajectory: "
         f"{html.escape(how)}. Of their {moved.phi.shape[0]} states some are written; "
-        f"the cubics between are within {NEAR:.1%} of the range of angles and rates at all.</p>\n"
+        f"the cubics between are within {NEAR:.1%} of the range of angles and rates "
+        f"at all.</p>\n"
         f"<details open><summary>The scene</summary><pre>{source}</pre></details>\n"
         f"<details><summary>How the map was computed</summary>{_list(about)}</details>"
     )
