@@ -1,14 +1,16 @@
 """Calls that are made twice, or that lead nowhere: what a sweep says of its machine."""
 
 import itertools
+import threading
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from small_map import MU, Q, sweep
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import lanes
+from ziegler_jax.sweep import lanes, program
 
 
 def test_some_batches_are_computed_twice_and_give_the_same_bits(monkeypatch):
@@ -50,3 +52,27 @@ def test_a_lane_that_takes_no_step_is_told_by_name(monkeypatch):
     monkeypatch.setattr(lanes.Work, "_run", stuck)
     with pytest.raises(RuntimeError, match="no step .* at 2.25 <= q <= 2.25"):
         sweep(q=Q, mu=MU, lanes=zj.Lanes(32, 1))
+
+
+@pytest.mark.parametrize("function", [jnp.sin, jnp.linalg.eigvals, jnp.fft.fft])
+def test_programs_that_call_libraries_run_in_one_thread_at_a_time(function):
+    """Two of LAPACK's in two threads waited for each other, on jaxlib 0.10.2."""
+
+    def point(q):
+        return {"x": jnp.real(function(q * jnp.eye(2))).sum()}
+
+    scene = program.traced(point, ("q",), wide=True, batch_size=32)
+    (stage,) = program.compiled(scene).stages
+    ended = threading.Event()
+
+    def call():
+        with jax.enable_x64(True):
+            stage.function(stage.fixed.empty(32), stage.state.empty(32))
+        ended.set()
+
+    thread = threading.Thread(target=call)
+    with program._library_lock:
+        thread.start()
+        assert ended.wait(2.0) == (function is jnp.sin)
+    thread.join(60)
+    assert ended.is_set()

@@ -268,6 +268,7 @@ def _callbacks(jaxpr: Jaxpr) -> Iterator[Callable]:
 
 _cache: OrderedDict[tuple, Callable] = OrderedDict()
 _kept_lock = threading.Lock()
+_library_lock = threading.Lock()
 
 
 @held_interrupts()
@@ -310,8 +311,31 @@ def _compiled(lowered: LoweredStage, key: tuple, wide: bool) -> tuple[Callable, 
             run(*_nothing(lowered.stage))
         else:  # not run: what it would do with these numbers is not known
             run = lowered.lowered.compile()
+    if calls_libraries(lowered):
+        run = _one_at_a_time(run)
     with _kept_lock:
         _cache[key] = run
         while len(_cache) > CACHED_STAGES:
             _cache.popitem(last=False)
     return run, True
+
+
+def calls_libraries(lowered: LoweredStage) -> bool:
+    """Whether the program calls LAPACK or a Fourier transform."""
+    text = lowered.lowered.as_text()
+    return "custom_call @lapack" in text or "stablehlo.fft" in text
+
+
+def _one_at_a_time(run: Callable) -> Callable:
+    """The program, in one thread at a time.
+
+    jaxlib's kernels for LAPACK hand parts of a batch to the threads of the pool that
+    they run on, and wait. Two of them on two cores wait for each other for ever: so
+    two threads with `jnp.linalg.eigvals` did, on jaxlib 0.10.2, after some 50 sweeps.
+    """
+
+    def alone(*arguments):
+        with _library_lock:
+            return jax.block_until_ready(run(*arguments))
+
+    return alone
