@@ -111,8 +111,8 @@ print("and settle says:", zj.OUTCOME(int(end.outcome)).sentence)
 
 # %% [markdown]
 # The flutter of the smoothed column here is a property of `v_smooth`, not of friction.
-# Mind the last line: under a smoothed law `stuck` means that a joint creeps below the
-# cut, not that rest is stable. Whether it is, the regime of the tangent column says.
+# `stuck` means more than slow: what is left must decay, and here it grows, as the
+# regime of the tangent column says.
 #
 # ## Over a plane
 #

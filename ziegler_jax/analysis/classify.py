@@ -25,12 +25,13 @@ from ..motion.scene import (
     rate_cut_of,
 )
 from ..motion.section import SectionPlane, passage
-from ..motion.spans import AbstractSpans, Rest, SpanState, Speeds, follow_spans
+from ..motion.spans import AbstractSpans, SpanState, follow_spans
 from ..motion.tangents import AbstractGrowth
 from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import Flag, Pair, Scalar, keeps, number
 from ..results import OUTCOME, TIME, VERDICT, AbstractMotionResult, quantity
 from ..solvers import Explicit
+from ..steady.rest import Rest, Speeds
 from .lyapunov import (
     ERRORS,
     EXPONENTS,

@@ -62,7 +62,7 @@ class KICK(Code):
     undecided = (
         2,
         "a motion that mattered neither came to rest nor settled in time, or (smoothed "
-        "friction) what creeps was taken for rest: the least kick is on a corner",
+        "friction) was misjudged: the least kick is on a corner, and there is none",
     )
     rests = 3, "the column comes to rest after every kick that was tried"
     moves = 4, "the smallest kicks flutter already"

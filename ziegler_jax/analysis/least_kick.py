@@ -237,10 +237,9 @@ def least_kick(
     minimum to which one of the directions leads is lower; from the lower end of the
     last interval no motion was seen to flutter, and the one from the upper end was
     followed until it does, as `flutter_onset` takes it. Where rest itself is unstable,
-    as it may be under smoothed friction, it is `moves`. Such friction creeps where it
-    ought to stick; where thresholds lie at rates of its own layer, creeping motions
-    that grow late may be taken for rest. As its edge has no corners, a misalignment
-    above 0.05 tells, and the outcome is `undecided`.
+    as it may be under smoothed friction, it is `moves`. The edge of such friction has
+    no corners: where the misalignment is above 0.05, a motion was misjudged, and the
+    outcome is `undecided`.
 
     **Derivatives:** of `energy`, forward and reverse, first order, in every number of
     the column: at a minimum those along its ray (J. M. Danskin, 1967), see
@@ -351,7 +350,7 @@ class _Problem:
         misalignment = self.rays.angle(y, normal)
         edge = edge_state(self.column, middle, jnp.max(jnp.abs(y)), named)
         smooth = sure & (misalignment < SMOOTH)
-        # a law without corners has none on its edge: what creeps was taken for rest
+        # a law without corners has none on its edge: a motion was misjudged
         misled = sure & ~smooth & jnp.isfinite(misalignment) & (not self.column.sticks)
         outcome = jnp.where(misled, KICK.undecided, search.outcome)
         change = carried(scene, r, width, smooth, motion.last, motion.horizon, method)

@@ -4,16 +4,13 @@
 """
 
 import abc
-from typing import Generic, NamedTuple, TypeVar, cast
+from typing import Generic, NamedTuple, TypeVar
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..model.column import Column, State
-from ..numerics.elementary import larger
-from ..numerics.materialise import if_any_lane, tree_where
+from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import (
     Flag,
     Scalar,
@@ -26,7 +23,6 @@ from ..numerics.numbers import (
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Step
 from .integrate import Motion, Run, follow
-from .observers import joint_rates
 from .options import Method
 from .scene import float_state, valid_scene
 
@@ -168,83 +164,6 @@ def follow_spans(
     return follow(motion)
 
 
-class Speeds(NamedTuple):
-    """The largest joint rates; by modes 1 for a joint that slips."""
-
-    now: Scalar  # in this span
-    before: Scalar  # in the span before
-
-
-class Rest(eqx.Module):
-    """When a motion has come to rest: all joints stick, or creep and do not speed up.
-
-    **Arguments:** `rate_cut`: what is slower creeps; None: set-valued friction, by
-    modes; `at_once`: what sticks in both joints sticks for ever: no span is waited for.
-    """
-
-    rate_cut: Scalar | None
-    at_once: bool = eqx.field(static=True)
-
-    @property
-    def by_modes(self) -> bool:
-        """Whether rest is a matter of modes."""
-        return self.rate_cut is None
-
-    def begin(self, y: Vector4) -> Speeds:
-        """At the start of a motion."""
-        zero = 0.0 * y[0]
-        return Speeds(zero if self.by_modes else fastest(y), zero)
-
-    def watch(self, speeds: Speeds, step: Step) -> Speeds:
-        """After a step."""
-        if self.by_modes:
-            assert step.modes
-            m1, m2 = step.modes
-            rate = jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0)
-            rate = rate.astype(cast(jax.Array, m1).dtype)
-        else:
-            rate = fastest(step.y1)
-        return speeds._replace(now=larger(speeds.now, rate))
-
-    def sticks(self, step: Step) -> Flag:
-        """Whether both joints stick from here on, where that is enough."""
-        if not (self.by_modes and self.at_once):
-            return False
-        assert step.event
-        m1, m2 = step.event[1]
-        return (m1 == 0) & (m2 == 0)
-
-    def reached(self, speeds: Speeds, step: Step, ended: Flag) -> Flag:
-        """Whether it rests at the end of a step, with which a span may have ended."""
-        if self.by_modes:
-            return self.sticks(step) | (ended & (speeds.now < 0.5))
-        # slow is not at rest where it grows: the span before tells
-        return (
-            ended
-            & (speeds.now < cast(Scalar, self.rate_cut))
-            & (speeds.now <= speeds.before)
-        )
-
-    def outcome(self, column: Column) -> OUTCOME:
-        """What rest is called."""
-        return OUTCOME.rest if column.friction is None else OUTCOME.stuck
-
-    def setting(self) -> Scalar | str:
-        """The cut, for the record."""
-        return "by modes" if self.rate_cut is None else self.rate_cut
-
-    def renewed(self, speeds: Speeds, step: Step, begins: Flag) -> Speeds:
-        """Where a span begins after a step."""
-        new = Speeds(self.begin(step.y1).now, speeds.now)
-        return tree_where(begins, new, speeds)
-
-
 def turns_over(y: Vector4, escape: Scalar) -> Flag:
     """Whether a rod has turned so far that its motion is over."""
     return (jnp.abs(y[0]) > escape) | (jnp.abs(y[1]) > escape)
-
-
-def fastest(y: Vector4) -> Scalar:
-    """The larger joint rate."""
-    u1, u2 = joint_rates(y)
-    return larger(jnp.abs(u1), jnp.abs(u2))

@@ -38,7 +38,6 @@ from ..motion.scene import (
     valid_scene,
     with_amplitude,
 )
-from ..motion.spans import Rest
 from ..numerics.materialise import if_any_lane, replaced, tree_where
 from ..numerics.numbers import (
     Count,
@@ -61,9 +60,10 @@ from .contraction import (
     spectral_radius,
 )
 from .growth import Growth
-from .lane import DECISION, Certifying, Orbit
+from .lane import DECISION, Certifying, Orbit, going_on
 from .observation import Observation, Record
 from .oddness import is_odd
+from .rest import Rest, decays
 from .returns import (
     A_SHOT,
     ACCEPTANCE,
@@ -308,7 +308,9 @@ class CertifiedMotion:
         well = run.outcome == OUTCOME.complete
         tries = well & (last == A_SHOT)
         accepted = well & (last == ACCEPTANCE)
-        rests = well & (last == REST)
+        rests, refused = well & (last == REST), False
+        if run.folded.calm:
+            refused = rests & ~decays(self.column, run.y, run.folded.calm.late)
         over = well & ((last == NOTHING) | (last == ENDURES))
         shoots, x, zero = tries, state.points[0], 0.0 * run.time
         if self.watches:
@@ -324,13 +326,14 @@ class CertifiedMotion:
         ended = jnp.where(rests | over, watched, failed)
         outcome = jnp.where(shoots, OUTCOME.not_computed, ended)
         outcome = jnp.where(accepted, OUTCOME.cycle, outcome)
-        return now._replace(
+        after = now._replace(
             shoots=shoots,
             shot=tree_where(shoots, to_be_begun(now.shot), now.shot),
             attempt=attempt,
             observing=watched.astype(jnp.int32),
             outcome=outcome.astype(jnp.int32),
         )
+        return replaced(refused, going_on(now), after)
 
     def _after_observation(self, now: Certifying) -> Certifying:
         """What was observed."""
@@ -383,8 +386,8 @@ class CertifiedMotion:
     def kind(self, now: Certifying) -> Int[Array, ""]:
         """Of which kind an undecided lane is."""
         kind = now.returns.trend.kind(now.returns.nearest, now.unstable)
-        open_ = now.outcome == OUTCOME.unsettled
-        return jnp.where(open_, kind, UNDECIDED.decided).astype(jnp.int8)
+        kind = jnp.where(now.outcome == OUTCOME.unsettled, kind, UNDECIDED.decided)
+        return kind.astype(jnp.int8)
 
     def settings(self) -> dict[str, Option]:
         """The options, for the record."""

@@ -20,11 +20,11 @@ from ..model.column import Column
 from ..motion.implicit import fixed, moving, solve
 from ..motion.integrate import Motion
 from ..motion.options import Method
-from ..motion.spans import Rest
 from ..numerics.numbers import Count, Scalar, Traced4, Vector4
 from ..results import Variable
 from .certified import FINE, FINEST, CertifiedMotion
 from .observation import Observation, Record
+from .rest import Rest
 from .shots import start_of
 from .window_rule import SettleFold
 

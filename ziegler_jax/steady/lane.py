@@ -11,7 +11,7 @@ from ..numerics.materialise import tree_where
 from ..numerics.numbers import Scalar, Traced, Vector4
 from ..results import OUTCOME
 from .observation import Record
-from .returns import Candidate, Lookout, Returns
+from .returns import Calm, Candidate, Lookout, Returns, ask_no_more
 from .shots import Attempt, ShotState
 
 MARCH, SHOTS, DECISION = range(3)  # the phases
@@ -82,3 +82,13 @@ class Certifying(NamedTuple):
         moves = jnp.where(self.shoots, self.shot.running, self.march.running)
         phase = jnp.where(moves, jnp.where(self.shoots, SHOTS, MARCH), DECISION)
         return jnp.where(self.running, phase, ENDED).astype(jnp.int32)
+
+
+def going_on(lane: Certifying) -> Certifying:
+    """A lane whose calm was no rest: calm counts from here."""
+    run = lane.march
+    zero = 0.0 * run.time
+    calm = Calm(run.time, zero, zero) if run.folded.calm else ()
+    lookout = run.folded._replace(calm=calm, asks=jnp.zeros_like(run.folded.asks))
+    march = run.paused(False, lookout).resumed()
+    return lane._replace(march=march, returns=ask_no_more(lane.returns))

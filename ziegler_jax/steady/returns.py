@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..motion.section import SectionPlane, passage
-from ..motion.spans import Rest, fastest, turns_over
+from ..motion.spans import turns_over
 from ..motion.tangents import push
 from ..numerics.elementary import larger
 from ..numerics.materialise import materialise, tree_where
@@ -39,6 +39,7 @@ from .contraction import (
     length,
 )
 from .growth import Grown, grown, kick_tangent
+from .rest import Rest, fastest
 from .trend import Trend, no_trend
 
 RETURNS = (1, 2, 3, 4, 6)  # how many close an orbit

@@ -16,7 +16,7 @@ from ..motion.integrate import Run, follow
 from ..motion.observers import AbstractObserver
 from ..motion.options import Method, Windows, recorded
 from ..motion.scene import check_scene, ending, nan_where
-from ..motion.spans import Rest, SpanState
+from ..motion.spans import SpanState
 from ..numerics.numbers import Scalar, instance
 from ..results import (
     OUTCOME,
@@ -34,6 +34,7 @@ from .derivative import Place, carried, floats, with_zeros
 from .growth import Grown, growth_variables
 from .lane import Certifying
 from .observation import Record
+from .rest import Rest
 from .window_rule import SettleProblem, WindowState
 
 
@@ -83,14 +84,15 @@ def settle(
     - and the motion contracts towards it: its own returns follow the orbit's linear
         map, in the norm in which that contracts, to within 1 % of the orbit.
 
-    It is at rest where both joints stay below `rate_cut` for 20 time units and are no
-    faster in the second half of them (set-valued friction: where both stick), and
-    `unsettled` if neither came by the horizon, `transient + length * max_windows`
-    (`undecided` says of which kind it is). What
-    observers give is, of a cycle, of exactly one turn of the orbit (of half a turn
-    where the cycle is its own mirror image, and all observers say that this is enough);
-    at rest, of the next 2 time units (set-valued: of `length`); else of the last
-    `length`. Of 29 788 such cycles of the main job's map none was false, followed on by
+    It is at rest where both joints stay below `rate_cut` for 20 time units, are no
+    faster in the second half of them, and the linear column about the state is stable,
+    with the slopes of friction at rest and at the motion's rate (set-valued friction:
+    where both stick), and `unsettled` if neither came by the horizon, `transient +
+    length * max_windows` (`undecided` says of which kind it is). What observers give
+    is, of a cycle, of exactly one turn of the orbit (of half a turn where the cycle is
+    its own mirror image, and all observers say that this is enough); at rest, of the
+    next 2 time units (set-valued: of `length`); else of the last `length`. Of 29 788
+    such cycles of the main job's map none was false, followed on by
     another code; 3.7 % of the map stay undecided (`benchmarks/a5_certificates.py`).
 
     **By windows** (`certify=False`): after the transient, windows follow each other

@@ -18,7 +18,7 @@ from ..motion.scene import (
     valid_scene,
     with_amplitude,
 )
-from ..motion.spans import AbstractSpans, Rest, SpanState, Speeds
+from ..motion.spans import AbstractSpans, SpanState
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import (
     Flag,
@@ -32,6 +32,7 @@ from ..results import OUTCOME
 from ..solvers.explicit import Integrand
 from .growth import Growth
 from .observation import Observation
+from .rest import Rest, Speeds
 
 
 class WindowState(NamedTuple):

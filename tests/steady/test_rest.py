@@ -1,0 +1,119 @@
+"""Rest is what decays: the linear column about a slow motion decides."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+from ziegler_jax.steady.rest import decays
+
+
+def smoothed(tau, v_smooth):
+    load = zj.ConstantLoad(1.0)
+    return zj.SmoothCoulomb(tau, pin_radius=1.0, v_smooth=v_smooth, load=load)
+
+
+FIELD, DECAYS = jax.jit(zj.vector_field), jax.jit(decays)
+
+
+def by_eigenvalues(column, phi, rate):
+    """The largest growth, friction's slopes those at 0, rate and -rate."""
+
+    def slope(angles, rates, direction, step=1e-6):
+        def field(by):
+            y = [*angles, *rates] + by * np.asarray(direction)
+            return np.array(FIELD(0.0, tuple(y), column)[2:], float)
+
+        return (field(step) - field(-step)) / (2 * step)
+
+    stiff = [slope(phi, (0, 0), d) for d in ((1, 1, 0, 0), (0, 1, 0, 0))]
+    growth = []
+    for s1, s2 in itertools.product((0, 1, -1), repeat=2):
+        first = slope(phi, (s1 * rate, s1 * rate), (0, 0, 1, 1))
+        second = slope(phi, (0, s2 * rate), (0, 0, 0, 1))
+        # of the joints' angles and rates
+        own = np.array([(a[0], a[1] - a[0]) for a in (*stiff, first, second)]).T
+        whole = np.block([[np.zeros((2, 2)), np.eye(2)], [own[:, :2], own[:, 2:]]])
+        growth.append(np.linalg.eigvals(whole).real.max())
+    return max(growth)
+
+
+def test_what_decays_is_what_the_eigenvalues_say():
+    source, seen = np.random.default_rng(3), []
+    for _ in range(60):
+        law = smoothed(tuple(source.uniform(0.001, 0.05, 2)), 0.05)
+        column = zj.uniform_rods(
+            source.uniform(1, 3.5), friction=law, kappa=source.uniform(0.5, 2),
+            damping=zj.Viscous(*source.uniform(0, 0.1, 2)),
+        )  # fmt: skip
+        phi, rate = source.uniform(-0.1, 0.1, 2), source.uniform(0, 0.05)
+        growth = by_eigenvalues(column, phi, rate)
+        said = DECAYS(column, (*phi, 0.01, 0.02), rate)
+        assert abs(growth) > 1e-7 and said == (growth < 0)
+        seen.append(bool(said))
+    assert 10 < sum(seen) < 50
+
+
+@pytest.mark.parametrize("law", ["smoothed", "viscous", "none"])
+def test_rest_ends_at_the_load_where_the_linear_column_flutters(law):
+    """Equal damping c: q_cr = 74/45 + 6 c^2/5; without any, (18 - 2 sqrt 7)/5."""
+    c = 0.3
+    critical = 74 / 45 + 6 * c**2 / 5
+    options = {"damping": zj.Viscous(c, c)}
+    if law == "smoothed":
+        options = {"friction": smoothed(0.015, 0.05)}
+    elif law == "none":
+        options, critical = {}, (18 - 2 * 7**0.5) / 5
+    for off in (1e-6, -1e-6):
+        column = zj.uniform_rods(critical * (1 + off), **options)
+        assert decays(column, jnp.zeros(4), jnp.asarray(1e-6)) == (off < 0)
+
+
+def test_a_column_that_stands_still_is_at_rest():
+    column = zj.uniform_rods(2.6, damping=zj.Viscous(0.01, 0.01))
+    assert decays(column, jnp.zeros(4), jnp.zeros(()))
+
+
+def test_a_column_whose_rest_is_unstable_is_never_stuck():
+    """q = 1.8 is above q_cr(c = 0.2) = 1.69: what a kick leaves grows slowly."""
+    column = zj.uniform_rods(1.8, friction=smoothed(0.01, 0.05))
+    windows = zj.Windows(transient=100, length=40, max_windows=5)
+
+    @jax.jit
+    def ends(kick):
+        start = zj.State(omega=(0.0, kick))
+        return zj.settle(column, start, windows=windows).outcome
+
+    assert ends(1e-6) == zj.OUTCOME.unsettled
+    assert ends(0.0) == zj.OUTCOME.stuck
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (-0.3, 0.95)])
+def test_a_threshold_within_frictions_layer_is_that_of_long_motions(direction):
+    """Beside it motions fall for hundreds of time units before they grow."""
+    column = zj.point_masses(
+        q=2.6, kappa=1.3, friction=smoothed((0.04, 0.02), 0.02),
+        damping=zj.Viscous(0.01, 0.01),
+    )  # fmt: skip
+    ts = np.linspace(0, 3000, 61)
+
+    @jax.jit
+    def flutters(size):
+        start = zj.State(omega=tuple(size * x for x in direction))
+        phi = zj.trajectory(column, start, ts, method=zj.Method(rtol=1e-8)).phi
+        return jnp.abs(phi[-10:]).max() > 0.1
+
+    @jax.jit
+    def ends(size):
+        return zj.settle(column, zj.State(omega=tuple(size * x for x in direction)))
+
+    low, high = 0.01, 0.05
+    while high > low * 1.0002:
+        middle = (low + high) / 2
+        low, high = (low, middle) if flutters(middle) else (middle, high)
+    assert ends(high * 1.001).outcome == zj.OUTCOME.cycle
+    assert ends(low * 0.999).outcome == zj.OUTCOME.stuck

@@ -1,0 +1,157 @@
+r"""When a motion has come to rest.
+
+Joints stick, or, where friction is smoothed, creep: no joint has been faster than the
+cut for some time, and none speeds up. That alone is no rest: a motion beside a small
+unstable cycle falls for long before it grows. What is left must decay. In the joints'
+own angles, $\theta = (\phi_1, \phi_2 - \phi_1)$, the linear column about the state,
+
+$$\ddot\theta + C\,\dot\theta + K\,\theta = 0,$$
+
+must be stable by Hurwitz' conditions on $s^4 + p_1 s^3 + p_2 s^2 + p_3 s + p_4$, with
+the slopes of friction at rest as well as those at the motion's largest rate, in either
+joint and direction. The damping that a smaller motion feels lies between them.
+"""
+
+from typing import NamedTuple, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..model.column import Column, vector_field
+from ..motion.observers import joint_rates
+from ..motion.scene import prepared
+from ..numerics.elementary import larger
+from ..numerics.materialise import tree_where
+from ..numerics.numbers import Flag, Scalar, Vector4
+from ..results import OUTCOME
+from ..solvers import Step
+
+ROUNDING = 1e-12  # of Hurwitz' terms: a column on the boundary does not grow
+JOINTS = ((1.0, 1.0), (0.0, 1.0))  # the rods that the angle of one joint turns
+
+
+class Speeds(NamedTuple):
+    """The largest joint rates; by modes 1 for a joint that slips."""
+
+    now: Scalar  # in this span
+    before: Scalar  # in the span before
+
+
+class Rest(eqx.Module):
+    """Whether a motion has come to rest: all joints stick, or creep and slow down.
+
+    By spans no more is asked; a certificate asks whether it `decays` as well.
+
+    **Arguments:** `rate_cut`: what is slower creeps; None: set-valued friction, by
+    modes; `at_once`: what sticks in both joints sticks for ever: no span is waited for.
+    """
+
+    rate_cut: Scalar | None
+    at_once: bool = eqx.field(static=True)
+
+    @property
+    def by_modes(self) -> bool:
+        """Whether rest is a matter of modes."""
+        return self.rate_cut is None
+
+    def begin(self, y: Vector4) -> Speeds:
+        """At the start of a motion."""
+        zero = 0.0 * y[0]
+        return Speeds(zero if self.by_modes else fastest(y), zero)
+
+    def watch(self, speeds: Speeds, step: Step) -> Speeds:
+        """After a step."""
+        if self.by_modes:
+            assert step.modes
+            m1, m2 = step.modes
+            rate = jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0)
+            rate = rate.astype(cast(jax.Array, m1).dtype)
+        else:
+            rate = fastest(step.y1)
+        return speeds._replace(now=larger(speeds.now, rate))
+
+    def sticks(self, step: Step) -> Flag:
+        """Whether both joints stick from here on, where that is enough."""
+        if not (self.by_modes and self.at_once):
+            return False
+        assert step.event
+        m1, m2 = step.event[1]
+        return (m1 == 0) & (m2 == 0)
+
+    def reached(self, speeds: Speeds, step: Step, ended: Flag) -> Flag:
+        """Whether it rests at the end of a step, with which a span may have ended."""
+        if self.by_modes:
+            return self.sticks(step) | (ended & (speeds.now < 0.5))
+        # slow is not at rest where it grows: the span before tells
+        return (
+            ended
+            & (speeds.now < cast(Scalar, self.rate_cut))
+            & (speeds.now <= speeds.before)
+        )
+
+    def outcome(self, column: Column) -> OUTCOME:
+        """What rest is called."""
+        return OUTCOME.rest if column.friction is None else OUTCOME.stuck
+
+    def setting(self) -> Scalar | str:
+        """The cut, for the record."""
+        return "by modes" if self.rate_cut is None else self.rate_cut
+
+    def renewed(self, speeds: Speeds, step: Step, begins: Flag) -> Speeds:
+        """Where a span begins after a step."""
+        new = Speeds(self.begin(step.y1).now, speeds.now)
+        return tree_where(begins, new, speeds)
+
+
+def fastest(y: Vector4) -> Scalar:
+    """The larger joint rate."""
+    u1, u2 = joint_rates(y)
+    return larger(jnp.abs(u1), jnp.abs(u2))
+
+
+def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
+    """Whether motions about this state, no faster than `rate`, are damped.
+
+    **Arguments:** `rate`: the largest of a joint; 0 where the motion stands still.
+    """
+    column = prepared(column)
+    sizes = (0,) if column.friction is None else (0, 1, -1)
+    turned, moved = np.pad(JOINTS, ((0, 0), (0, 2))), np.pad(JOINTS, ((0, 0), (2, 0)))
+    # K's two columns, then C's two for each size, so that the field is traced once
+    directions = jnp.asarray([*turned, *(row for _ in sizes for row in moved)])
+    speeds = jnp.asarray([*0 * turned, *(s * row for s in sizes for row in moved)])
+    zero = 0.0 * y[0]
+    still = jnp.stack([y[0], y[1], zero, zero])
+
+    def forces(state):
+        """Against the joints' own accelerations."""
+        _, _, a1, a2 = vector_field(zero, tuple(state), column)
+        return -a1, a1 - a2
+
+    def slopes(speed, direction):
+        return jax.jvp(forces, (still + rate * speed,), (direction,))[1]
+
+    first, second = jax.vmap(slopes)(speeds, directions)
+    (k11, k12), (k21, k22) = first[:2], second[:2]
+    # each size in joint 1 with each in joint 2
+    c11, c21 = (row[2::2, None] for row in (first, second))
+    c12, c22 = (row[None, 3::2] for row in (first, second))
+    damped = _damped(
+        c11 + c22,
+        c11 * c22 - c12 * c21 + k11 + k22,
+        c11 * k22 + c22 * k11 - c12 * k21 - c21 * k12,
+        k11 * k22 - k12 * k21,
+    )
+    return jnp.all(damped) | (rate == 0)
+
+
+def _damped(p1: Scalar, p2: Scalar, p3: Scalar, p4: Scalar) -> Flag:
+    """Whether no root of s^4 + p1 s^3 + p2 s^2 + p3 s + p4 has a positive real part."""
+    terms = p1 * p2 * p3, -p3 * p3, -p1 * p1 * p4
+    noise = ROUNDING * (jnp.abs(terms[0]) + jnp.abs(terms[1]) + jnp.abs(terms[2]))
+    slow = terms[0] + terms[1] + terms[2] < -noise
+    grows = (p1 < 0) | (p2 < 0) | (p3 < 0) | (p4 < 0) | slow
+    undamped = (p1 == 0) & (p3 == 0)
+    return ~(grows | (undamped & (p2 * p2 < 4 * p4)))
