@@ -279,6 +279,12 @@ def test_bad_arguments_are_named(refuses):
     refuses(lambda: zj.Directions("speeds"), "`free`", "rates, angles, both", "speeds")
     refuses(lambda: zj.Directions(count=0), "`count`", "0")
     refuses(lambda: zj.Directions(width=0.0), "`width`", "0.0")
+    refuses(lambda: zj.Directions(width="a"), "`width`", "number", "'a'")
+
+    def both(column, y):
+        return jnp.stack([y[2] ** 2, y[3] ** 2])
+
+    refuses(lambda: zj.least_kick(column, (0, 1), norm=both), "`norm`", "shape (2,)")
 
 
 def test_a_starts_derivative_is_refused(refuses):

@@ -32,7 +32,7 @@ from ..numerics.numbers import (
     whole_number,
 )
 from ..results import ORBIT, SPECIAL
-from .periodic_orbit import PeriodicOrbit, cycle_method
+from .periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from .shooting import Shot, blank_shot, newton, shot_motion, shot_of
 
 NEWTON_STEPS = 10  # more say that the step was too long
@@ -178,7 +178,7 @@ class Continuation(AbstractContinuation):
         """Check it, and set the scales."""
         dtype = jnp.result_type(float)
         check_maker(make_column)
-        instance("orbit", orbit, PeriodicOrbit)
+        check_orbit("orbit", orbit)
         instance("arc", arc, Arc)
         start = number("parameter", parameter)
         check_bounds(arc.bounds, start)

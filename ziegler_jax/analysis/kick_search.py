@@ -81,6 +81,11 @@ class Rays:
         self.column, self.norm = column, norm
         k, dtype = len(free), jnp.result_type(float)
         measure = partial(self.measure, fixed(column))
+        shape = np.shape(jax.eval_shape(measure, jnp.zeros(4, dtype)))
+        if shape:
+            raise ValueError(
+                f"Argument `norm` must return one number, but returns shape {shape}."
+            )
         square = jax.hessian(measure)(jnp.zeros(4, dtype))[np.ix_(free, free)]
         factor = jnp.linalg.cholesky(square)
         self.positive = jnp.all(jnp.isfinite(factor))

@@ -37,6 +37,7 @@ from ..numerics.numbers import (
     instance,
     is_concrete,
     keeps,
+    number,
     pair,
     whole_number,
 )
@@ -107,7 +108,7 @@ class Directions(eqx.Module):
         usual = COUNTS[len(FREE[free])]
         self.count = whole_number("count", usual if count is None else count)
         self.scan = whole_number("scan", scan)
-        if not 1e-12 <= width <= 1e-2:
+        if not 1e-12 <= number("width", width) <= 1e-2:
             raise ValueError(
                 f"Argument `width` must be from 1e-12 to 1e-2, but is {width!r}."
             )

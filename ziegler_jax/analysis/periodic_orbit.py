@@ -19,6 +19,7 @@ from typing import ClassVar, NamedTuple, cast
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..context import plain
@@ -309,3 +310,14 @@ def approximation(
     failure = jnp.where(valid, failure, ORBIT.invalid)
     section = SectionPlane(section.coordinate, level, section.rising)
     return Approximation(jnp.where(failure == 0, z, jnp.nan), section, failure, left)
+
+
+def check_orbit(name: str, orbit: PeriodicOrbit) -> None:
+    """Refuse what is not one orbit."""
+    instance(name, orbit, PeriodicOrbit)
+    shape = np.shape(orbit.period)
+    if shape:
+        raise ValueError(
+            f"Argument `{name}` must be one `PeriodicOrbit`, but holds orbits of shape "
+            f"{shape}: take one, or `jax.vmap` over them."
+        )

@@ -60,13 +60,11 @@ class Course(eqx.Module):
                 "Argument `values` must be numbers in one dimension, but has shape "
                 f"{np.shape(values)}."
             )
-        if values is not None and is_concrete(values):
-            values = np.asarray(values, float)
-            if not np.all(np.isfinite(values)):
-                raise ValueError("Argument `values` must be finite, but is not.")
-        self.values = values
         self.first = increasing("first", first)
         self.second = increasing("second", second)
+        if values is not None and is_concrete(values):
+            values = _known(values, self.second)
+        self.values = values
         self.step = number("step", step, "positive")
         self.error = number("error", error, "positive")
         self.room = whole_number("room", room)
@@ -85,3 +83,24 @@ class Course(eqx.Module):
     def count(self) -> int:
         """How many points there will be."""
         return self.points if self.values is None else int(np.shape(self.values)[0])
+
+
+def _known(values: Values, bounds: Pair) -> np.ndarray:
+    """Values that are numbers, within their bounds where these are known too."""
+    try:
+        numbers = np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"Argument `values` must be numbers, but is {values!r}."
+        ) from None
+    if not np.all(np.isfinite(numbers)):
+        raise ValueError("Argument `values` must be finite, but is not.")
+    low, high = bounds
+    if is_concrete(low) and is_concrete(high):
+        out = numbers[(numbers < low) | (numbers > high)]
+        if out.size:
+            raise ValueError(
+                f"Argument `values` must lie in `second`, ({low:g}, {high:g}), but "
+                f"holds {out[0]:g}."
+            )
+    return numbers

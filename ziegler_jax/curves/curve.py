@@ -26,7 +26,7 @@ from jaxtyping import Array, Float, Int
 from ..analysis.branch_point import Arc
 from ..analysis.continuation import Branch, CycleFold, CyclePoints
 from ..analysis.march import ContinuationState, Walk
-from ..analysis.periodic_orbit import PeriodicOrbit, cycle_method
+from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from ..analysis.shooting import start_of
 from ..context import plain
 from ..model.column import Column
@@ -117,7 +117,7 @@ def bifurcation_curve(
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
-    check_maker(make_column)
+    check_maker(make_column, 2)
     choice("kind", kind, KINDS)
     instance("course", course, Course)
     instance("arc", arc, Arc)
@@ -192,6 +192,7 @@ def _begun(
 ) -> tuple[Beginning, Column]:
     """Where the curve is met, and a column of the kind that is asked about."""
     if isinstance(start, PeriodicOrbit):
+        check_orbit("start", start)
         if first is None:
             raise ValueError(
                 "Argument `first` must be given with a `PeriodicOrbit`: the value of "

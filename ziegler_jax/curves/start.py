@@ -94,6 +94,11 @@ def of_orbit(orbit: PeriodicOrbit, first: Float[Array, ""]) -> Beginning:
 def of_points(kind: Kind, points: CyclePoints) -> Beginning:
     """The first of the points that is of this kind."""
     points = fixed(points)
+    if points.period.ndim != 1:
+        raise ValueError(
+            "Argument `start` must be the points of one branch, but holds branches of "
+            f"shape {points.period.shape[:-1]}: take one, or `jax.vmap` over them."
+        )
     mine = points.kind == SPECIAL[kind]
     first = jnp.argmax(mine)
     y = jnp.concatenate([points.phi[first], points.omega[first]])

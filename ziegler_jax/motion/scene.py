@@ -1,5 +1,6 @@
 """What `settle` and `trajectory` ask of a scene, and what they make of it."""
 
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypedDict, TypeVar, cast
 
@@ -173,13 +174,20 @@ def check_scene(column: Column, start: State, name: str = "start") -> None:
     instance(name, start, State)
 
 
-def check_maker(make_column: Callable[..., Column]) -> None:
-    """Raise a sentence if this is no function."""
+def check_maker(make_column: Callable[..., Column], count: int = 1) -> None:
+    """Raise a sentence if this is no function of so many numbers."""
+    numbers = "one number" if count == 1 else "two numbers"
+    needs = f"Argument `make_column` must be a function of {numbers}, but "
     if not callable(make_column):
-        raise ValueError(
-            "Argument `make_column` must be a function of one number, but is "
-            f"{make_column!r}."
-        )
+        raise ValueError(f"{needs}is {make_column!r}.")
+    try:
+        signature = inspect.signature(make_column)
+    except (TypeError, ValueError):  # of a function that is not Python's own
+        return
+    try:
+        signature.bind(*[0.0] * count)
+    except TypeError:
+        raise ValueError(f"{needs}takes {signature}.") from None
 
 
 def made(make_column: Callable[[Scalar], Column], x: Scalar) -> Column:

@@ -85,11 +85,17 @@ def number(name: str, x: object, rule: str = "finite") -> Scalar:
     return cast(np.float64, x)
 
 
+def article(kind: type) -> str:
+    """Of its name."""
+    return "an" if kind.__name__[0] in "AEIOU" else "a"
+
+
 def instance(name: str, x: object, kind: type) -> None:
     """Refuse what is not of a class."""
     if not isinstance(x, kind):
         raise ValueError(
-            f"Argument `{name}` must be a `{kind.__name__}`, but is {x!r}."
+            f"Argument `{name}` must be {article(kind)} `{kind.__name__}`, but is "
+            f"{x!r}."
         )
 
 
