@@ -71,15 +71,17 @@ def test_curves_of_folds_end_at_their_bounds_and_where_the_cycle_grazes(folds):
         "its upper part": [CURVE.modes_change, CURVE.beyond],
         "another cycle": [CURVE.modes_change, CURVE.beyond],
     }
-    # just before the end joint 2's rate all but vanishes while it slips
-    found, i = folds["lowest"].points, 2
+    # at that end, which is a special point, joint 2's rate vanishes while it slips
+    found = folds["lowest"].special
+    (i,) = np.flatnonzero(found.meeting == MEETING.modes_change)
     start = [*found.phi[i], *found.omega[i]]
-    rods = Rods(found.first[i], (TAU[i],) * 2, (TAU[i],) * 2)
+    torques = (found.second[i],) * 2
+    rods = Rods(found.first[i], torques, torques)
     states, events = motion(rods, start, np.linspace(0, found.period[i], 2001))
     u2 = states[:, 3] - states[:, 2]
     first = np.array([t for t, joint, _ in events if joint == 2]).min()
     slips = np.linspace(0, found.period[i], 2001) < 0.9 * first
-    assert 0 < u2[slips].min() < 1e-2
+    assert 0 < u2[slips].min() < 2e-4  # measured 2.3e-5
     # and that code closes the cycle, too, as it does those below
     np.testing.assert_allclose(states[-1], start, rtol=0, atol=3e-8)
 

@@ -81,7 +81,8 @@ class BifurcationCurve(AbstractResult):
 
     `points`: `BifurcationPoints` in order along the curve, from the walk's end at
     falling second parameter to the other, or at the values asked for; `special`: those
-    where something happens on the way, ends at bounds included; `ends` (2,): codes of
+    where something happens on the way, and the ends at bounds and where stick and slip
+    change (curves that end there in one point meet there); `ends` (2,): codes of
     `CURVE`; `knots` (2,): how many points the walk took in each direction; `outcome`: a
     code of `ORBIT`, of the bifurcation from which the curve begins; `steps` of all
     motions. In a dataset the points are named as in `BifurcationPoints`, the special

@@ -15,6 +15,7 @@ class MEETING(Code):
     minus = 3, "a multiplier is -1 (of a symmetric cycle's half map): flip or pitchfork"
     torus = 4, "a complex pair is on the unit circle, or a torus' own pair meets at +-1"
     edge = 5, "a parameter reaches its bound"
+    modes_change = 6, "the curve ends: stick and slip follow in another sequence beyond"
 
 
 class CURVE(Code):
@@ -25,10 +26,7 @@ class CURVE(Code):
     no_start = 2, "no such bifurcation was met near the start"
     not_integrated = 3, "a motion could not be followed, or the step budget was spent"
     not_converged = 4, "Newton's method did not converge, however short the step"
-    modes_change = (
-        5,
-        "stick and slip follow in another sequence beyond: a grazing cycle",
-    )
+    modes_change = 5, "stick and slip follow in another sequence beyond"
     collapsed = 6, "the cycle shrinks to rest"
     resonance = 7, "the pair of a torus meets at 1 or -1: the curve is none beyond"
     unfinished = 8, "all points of the walk were used"

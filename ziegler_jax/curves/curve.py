@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..analysis.branch_point import Arc
+from ..analysis.branch_point import Arc, BranchPoint
 from ..analysis.continuation import Branch, CycleFold, CyclePoints
 from ..analysis.march import ContinuationState, Walk
 from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
@@ -159,8 +159,8 @@ def bifurcation_curve(
     points = _points(problem, filled, jnp.zeros(course.count, jnp.int32), settings)
     change = jax.vmap(moves)(filled.point)
     points = eqx.tree_at(lambda p: p.first, points, points.first + change)
-    special = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), ways.special)
-    kinds = jnp.minimum(ways.kind.reshape(-1), MEETING.edge)
+    ends = jax.vmap(lambda way: _end(problem, way))(ways)
+    special, kinds = _specials(ways, jnp.stack([down.count, up.count]), ends)
     there = kinds > 0
     none = jnp.zeros_like(kinds)
     residual = jnp.full(there.shape, jnp.nan, dtype)  # they are not corrected again
@@ -173,7 +173,7 @@ def bifurcation_curve(
     return BifurcationCurve(
         points=points,
         special=_points(problem, notable, kinds, settings),
-        ends=jax.vmap(lambda way: _end(problem, way))(ways).astype(jnp.int8),
+        ends=ends.astype(jnp.int8),
         knots=ways.count,
         outcome=jnp.where(started, ORBIT.found, failed).astype(jnp.int8),
         steps=begin.steps + shot_steps + spent + jnp.sum(filled.steps, dtype=jnp.int32),
@@ -266,6 +266,23 @@ def _knots(way: ContinuationState) -> Knots:
         count,
         jnp.zeros((), jnp.int32),
     )
+
+
+def _specials(
+    ways: ContinuationState, counts: Int[Array, "2"], ends: Int[Array, "2"]
+) -> tuple[BranchPoint, Int[Array, " n"]]:
+    """Where something happens in either direction, and what; last points at a graze."""
+    way, last = jnp.arange(2, dtype=jnp.int32), jnp.maximum(counts - 1, 0)
+    special = jax.tree.map(
+        lambda a, points: jnp.concatenate(
+            [a.reshape(-1, *a.shape[2:]), points[way, last]]
+        ),
+        ways.special,
+        ways.points,
+    )
+    kinds = jnp.minimum(ways.kind.reshape(-1), MEETING.edge)
+    changes = jnp.where(ends == CURVE.modes_change, int(MEETING.modes_change), 0)
+    return special, jnp.concatenate([kinds, changes.astype(kinds.dtype)])
 
 
 def _end(problem: CurveProblem, way: ContinuationState) -> Int[Array, ""]:
