@@ -108,6 +108,7 @@ def test_a_restored_dataset_names_and_scales_its_units():
         assert si[name].attrs["units"] == units, name
         np.testing.assert_allclose(si[name].values, scale * ds[name].values, rtol=1e-14)
     assert si.outcome.attrs == ds.outcome.attrs
+    assert "not SI" in si.attrs["options_in"]
     assert float(si.period.sel(tau=0.2)[0]) > 0  # by its own new coordinate
 
 

@@ -77,6 +77,9 @@ def test_the_column_moves_as_its_angles_say(tmp_path):
     for name, sentence in (("m.png", r"\.gif or \.mp4"), ("m", r"\.gif or \.mp4")):
         with pytest.raises(ValueError, match=sentence):
             zj.plot.animate(motion(ts, phi), tmp_path / name)
+    for bad in ("x", 0, np.nan):
+        with pytest.raises(ValueError, match="`fps` must be"):
+            zj.plot.animate(motion(ts, phi), fps=bad)
 
 
 def point(q, c):

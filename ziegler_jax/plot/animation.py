@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..motion.trajectory import Trajectory
-from ..numerics.numbers import instance
+from ..numerics.numbers import instance, number
 from .style import BLUE, PHI1, PHI2, VERMILLION
 
 ARROW = 0.35  # the load's arrow, in l
@@ -97,8 +97,7 @@ def animate(
             f"{phi.shape} at times of shape {ts.shape}."
         )
     for name, value in (("speed", speed), ("fps", fps), ("l2", l2)):
-        if not value > 0:
-            raise ValueError(f"Argument `{name}` must be positive, but is {value!r}.")
+        number(name, value, "positive")
     writer = None if path is None else _writer(Path(path), fps)
     there = np.isfinite(phi).all(axis=1)
     ts, phi = ts[there], phi[there]

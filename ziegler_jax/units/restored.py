@@ -85,4 +85,5 @@ def restored_dataset(dataset: xr.Dataset, si: Scales) -> xr.Dataset:
     # without the old coordinates, which each variable still carries
     data = {n: restored(n, v).variable for n, v in dataset.data_vars.items()}
     coords = {n: restored(n, v).variable for n, v in dataset.coords.items()}
-    return xr.Dataset(data, coords, dataset.attrs)
+    attrs = {**dataset.attrs, "options_in": "the column's own units, not SI"}
+    return xr.Dataset(data, coords, attrs)
