@@ -20,7 +20,7 @@ FIELD, DECAYS = jax.jit(zj.vector_field), jax.jit(decays)
 
 
 def by_eigenvalues(column, phi, rate):
-    """The largest growth, friction's slopes those at 0, rate and -rate."""
+    """The largest growth, friction's slopes those from 0 to rate and to -rate."""
 
     def slope(angles, rates, direction, step=1e-6):
         def field(by):
@@ -31,9 +31,13 @@ def by_eigenvalues(column, phi, rate):
 
     stiff = [slope(phi, (0, 0), d) for d in ((1, 1, 0, 0), (0, 1, 0, 0))]
     growth = []
-    for s1, s2 in itertools.product((0, 1, -1), repeat=2):
+    ways = list(itertools.product((1, -1), np.linspace(0, 1, 5)))
+    still = slope(phi, (0, 0), (0, 0, 1, 1)), slope(phi, (0, 0), (0, 0, 0, 1))
+    for (s1, share1), (s2, share2) in itertools.product(ways, repeat=2):
         first = slope(phi, (s1 * rate, s1 * rate), (0, 0, 1, 1))
+        first = still[0] + share1 * (first - still[0])
         second = slope(phi, (0, s2 * rate), (0, 0, 0, 1))
+        second = still[1] + share2 * (second - still[1])
         # of the joints' angles and rates
         own = np.array([(a[0], a[1] - a[0]) for a in (*stiff, first, second)]).T
         whole = np.block([[np.zeros((2, 2)), np.eye(2)], [own[:, :2], own[:, 2:]]])
@@ -117,3 +121,21 @@ def test_a_threshold_within_frictions_layer_is_that_of_long_motions(direction):
         low, high = (low, middle) if flutters(middle) else (middle, high)
     assert ends(high * 1.001).outcome == zj.OUTCOME.cycle
     assert ends(low * 0.999).outcome == zj.OUTCOME.stuck
+
+
+def test_a_cycle_below_the_cut_is_not_rest():
+    """Both ends of joint 2's slopes are stable, and those between are not."""
+    law = zj.SmoothCoulomb(
+        (0.0, 0.21666582), (0.0, 0.021666582), pin_radius=1.0, v_smooth=0.05,
+        v_stribeck=0.001, load=zj.ConstantLoad(1.0),
+    )  # fmt: skip
+    column = zj.uniform_rods(
+        1.1632675412820945, kappa=0.8866909922224421, friction=law,
+        damping=zj.Viscous(0.16182351, 0.0),
+    )  # fmt: skip
+    start, ts = zj.State(omega=(0.0, 0.03)), np.linspace(0, 2500, 5001)
+    motion = jax.jit(lambda: zj.trajectory(column, start, ts))()
+    rates = np.abs(motion.omega[-400:, 0])
+    assert 0.02 < rates.max() < 0.05  # slower than v_smooth, and for ever
+    found = jax.jit(lambda: zj.settle(column, start))()
+    assert found.outcome not in (zj.OUTCOME.stuck, zj.OUTCOME.rest)

@@ -8,8 +8,9 @@ own angles, $\theta = (\phi_1, \phi_2 - \phi_1)$, the linear column about the st
 $$\ddot\theta + C\,\dot\theta + K\,\theta = 0,$$
 
 must be stable by Hurwitz' conditions on $s^4 + p_1 s^3 + p_2 s^2 + p_3 s + p_4$, with
-the slopes of friction at rest as well as those at the motion's largest rate, in either
-joint and direction. The damping that a smaller motion feels lies between them.
+the slopes of friction at rest, those at the motion's largest rate, in either joint and
+direction, and those between: there lies the damping that a smaller motion feels, and
+dampings that are stable at both ends need not be so between them.
 """
 
 from typing import NamedTuple, cast
@@ -18,6 +19,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ..model.column import Column, vector_field
 from ..motion.observers import joint_rates
@@ -29,6 +31,7 @@ from ..results import OUTCOME
 from ..solvers import Step
 
 ROUNDING = 1e-12  # of Hurwitz' terms: a column on the boundary does not grow
+SHARES = (0.25, 0.5, 0.75, 1.0)
 JOINTS = ((1.0, 1.0), (0.0, 1.0))  # the rods that the angle of one joint turns
 
 
@@ -117,7 +120,8 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     **Arguments:** `rate`: the largest of a joint; 0 where the motion stands still.
     """
     column = prepared(column)
-    sizes = (0,) if column.friction is None else (0, 1, -1)
+    free = column.friction is None and column.damping is None
+    sizes = (0,) if free else (0, 1, -1)
     turned, moved = np.pad(JOINTS, ((0, 0), (0, 2))), np.pad(JOINTS, ((0, 0), (2, 0)))
     # K's two columns, then C's two for each size, so that the field is traced once
     directions = jnp.asarray([*turned, *(row for _ in sizes for row in moved)])
@@ -135,9 +139,9 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
 
     first, second = jax.vmap(slopes)(speeds, directions)
     (k11, k12), (k21, k22) = first[:2], second[:2]
-    # each size in joint 1 with each in joint 2
-    c11, c21 = (row[2::2, None] for row in (first, second))
-    c12, c22 = (row[None, 3::2] for row in (first, second))
+    # each in joint 1 with each in joint 2
+    c11, c21 = (_between(row[2::2])[:, None] for row in (first, second))
+    c12, c22 = (_between(row[3::2])[None] for row in (first, second))
     damped = _damped(
         c11 + c22,
         c11 * c22 - c12 * c21 + k11 + k22,
@@ -145,6 +149,11 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
         k11 * k22 - k12 * k21,
     )
     return jnp.all(damped) | (rate == 0)
+
+
+def _between(slopes: Float[Array, " n"]) -> Float[Array, " m"]:
+    """The slope at rest, those at the largest rates, and some from one to the other."""
+    return jnp.concatenate([slopes[0] + s * (slopes - slopes[0]) for s in SHARES])
 
 
 def _damped(p1: Scalar, p2: Scalar, p3: Scalar, p4: Scalar) -> Flag:

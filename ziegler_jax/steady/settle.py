@@ -86,7 +86,7 @@ def settle(
 
     It is at rest where both joints stay below `rate_cut` for 20 time units, are no
     faster in the second half of them, and the linear column about the state is stable,
-    with the slopes of friction at rest and at the motion's rate (set-valued friction:
+    with the slopes of friction from rest to the motion's rate (set-valued friction:
     where both stick), and `unsettled` if neither came by the horizon, `transient +
     length * max_windows` (`undecided` says of which kind it is). What observers give
     is, of a cycle, of exactly one turn of the orbit (of half a turn where the cycle is
