@@ -16,10 +16,16 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[2]
-WHOLE = ["CHANGELOG.md", "CITATION.cff", "benchmarks/results/extreme.md"]
-PICTURES = ["figures/*.png", "benchmarks/results/*.png"]
+WHOLE = [
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "benchmarks/results/extreme.md",
+    "examples/studies/README.md",
+]
+PICTURES = ["figures/*.png", "benchmarks/results/*.png", "examples/studies/*.png"]
 OPENED = {  # what is a folder in the repository, or a file beside it
     "examples": "learn/examples.md",
+    "examples/studies": "examples/studies/README.md",
     "figures": "figures/index.md",
     "CITATION.cff": "CITATION.cff",
 }

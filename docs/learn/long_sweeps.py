@@ -29,7 +29,8 @@ q, low, high = (
 # ## A store
 #
 # `store` is a folder. Stop the sweep whenever you like: the same call with the same
-# store computes what is missing and nothing else.
+# store computes what is missing and nothing else. A block is about 16 000 points; a
+# sweep of fewer is one, which is there when it is whole.
 
 # %%
 ds = zj.sweep(point, q=q, kappa=low, store="low.zarr", log="low.jsonl")

@@ -219,10 +219,11 @@ def cycle_fold(
 ) -> CycleFold:
     r"""The fold at which a cycle, followed as a parameter moves, meets another.
 
-    It is the fold of the branch on which `orbit` lies, and of that branch alone. Other
-    branches may have folds at lower loads, where the column then still flutters after
-    some kick: with set-valued friction at tau = 0.1 two branches fold, at q = 1.61206
-    and at 1.57105, and the orbit decides which is found.
+    It is the first fold on the way along the branch on which `orbit` lies. The branch
+    may fold again, and others may have folds at lower loads, where the column then
+    still flutters after some kick: with set-valued friction at tau = 0.1 one branch
+    folds at q = 1.57105, 1.71105 and 1.61206, and the orbit decides which is found. The
+    lowest of a branch is the least `special.parameter` of `continue_cycle`.
 
     **Arguments:** as `continue_cycle`.
 

@@ -116,7 +116,8 @@ def sweep(
         them alike. An axis that is named like an option goes into `axes`. Names are of
         letters, digits and underscores, as those of results are. Parameters that are
         `xarray.DataArray`s of one dimension vary together along it, as in xarray:
-        samples, or a path through the parameters (see the second example). What their
+        samples, or a path through the parameters (see the second example). One that
+        shares its dimension with no other is an axis of its own name. What their
         attributes `long_name`, `units` and `symbol` say stands in the dataset and in
         pictures, e.g. `xr.DataArray(F, attrs={"long_name": "load", "units": "N"})`.
 
