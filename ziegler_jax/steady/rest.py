@@ -31,7 +31,7 @@ from ..results import OUTCOME
 from ..solvers import Step
 
 ROUNDING = 1e-12  # of Hurwitz' terms: a column on the boundary does not grow
-SHARES = (0.25, 0.5, 0.75, 1.0)
+SHARES = (0.25, 0.5, 0.75, 1.0)  # of the way from the slope at rest to another
 JOINTS = ((1.0, 1.0), (0.0, 1.0))  # the rods that the angle of one joint turns
 
 
@@ -160,7 +160,7 @@ def _damped(p1: Scalar, p2: Scalar, p3: Scalar, p4: Scalar) -> Flag:
     """Whether no root of s^4 + p1 s^3 + p2 s^2 + p3 s + p4 has a positive real part."""
     terms = p1 * p2 * p3, -p3 * p3, -p1 * p1 * p4
     noise = ROUNDING * (jnp.abs(terms[0]) + jnp.abs(terms[1]) + jnp.abs(terms[2]))
-    slow = terms[0] + terms[1] + terms[2] < -noise
-    grows = (p1 < 0) | (p2 < 0) | (p3 < 0) | (p4 < 0) | slow
+    negative = terms[0] + terms[1] + terms[2] < -noise
+    grows = (p1 < 0) | (p2 < 0) | (p3 < 0) | (p4 < 0) | negative
     undamped = (p1 == 0) & (p3 == 0)
     return ~(grows | (undamped & (p2 * p2 < 4 * p4)))
