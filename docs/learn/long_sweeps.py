@@ -29,8 +29,8 @@ q, low, high = (
 # ## A store
 #
 # `store` is a folder. Stop the sweep whenever you like: the same call with the same
-# store computes what is missing and nothing else. A block is about 16 000 points; a
-# sweep of fewer is one, which is there when it is whole.
+# store computes what is missing and nothing else. It keeps a sixteenth of the
+# points at a time (about 256 at least, 16 000 at most), as soon as they are whole.
 
 # %%
 ds = zj.sweep(point, q=q, kappa=low, store="low.zarr", log="low.jsonl")
@@ -122,6 +122,7 @@ audited = zj.sweep(
 )
 print("points audited", audited.attrs["audit_points"])
 print("share with another outcome", audited.attrs["audit_changed_outcomes"])
+print("at", audited.attrs["audit_changed_at"])
 print("quantiles  ", audited.joint_amplitude.attrs["audit_quantiles"])
 print("differences", audited.joint_amplitude.attrs["audit_differences"])
 

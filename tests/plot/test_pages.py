@@ -13,6 +13,7 @@ from html.parser import HTMLParser
 import matplotlib
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.colors import Normalize
 from PIL import Image
 from scipy.interpolate import CubicHermiteSpline
@@ -208,6 +209,15 @@ def test_what_makes_no_page_is_refused(ds, refuses, tmp_path):
     refuses(page(cells=[]), "`cells`", "1 to 400", "0")
     refuses(page(cells=401), "`cells`", "1 to 400", "401")
     refuses(page(cells=0), "`cells`", "at least 1", "0")
+    refuses(page(cells=1.5), "`cells`", "how many", "1.5")
+    refuses(page(cells="all"), "`cells`", "pairs", "'all'")
+    refuses(page(cells=[("a", "b")]), "`cells`", "pairs", "'a'")
+    refuses(page(title=3), "`title`", "3")
+    refuses(page(path=3), "`path`", "3")
+    refuses(page(path=tmp_path / "not" / "p.html"), "`path`", "folder")
+    refuses(page(ds.isel(q=slice(0))), "`dataset`", "empty")
+    refuses(page(xr.Dataset(attrs=ds.attrs)), "`dataset`", "empty")
+    refuses(page(shine=True), "`shine`", "pcolormesh")
     left_out = ds.assign(outcome=0 * ds.outcome)
     left_out.outcome.attrs = ds.outcome.attrs
     refuses(page(left_out, cells=3), "`cells`", "computed")

@@ -2,6 +2,7 @@
 
 import diffrax as dfx
 import jax
+import jax.numpy as jnp
 import matplotlib
 import numpy as np
 import pytest
@@ -66,6 +67,25 @@ def test_costs_and_codes_are_not_audited(audited):
     assert "audit_differences" not in audited.steps.attrs
     whole = zj.sweep(lambda q: zj.regime(zj.uniform_rods(q)), q=Q, audit=1.0)
     assert whole.attrs["audit_changed_outcomes"] == 0.0
+
+
+def test_an_audit_says_where_an_outcome_changed():
+    """A coarse method's peak lies beyond an edge, a fine one's does not."""
+    windows = zj.Windows(transient=0.0, length=20.0, max_windows=1)
+
+    def point(q, rtol):
+        column, start = zj.uniform_rods(q), zj.State(omega=(0.0, 0.3))
+        motion = zj.settle(
+            column, start, windows=windows, certify=False,
+            method=zj.Method(rtol=rtol, atol=rtol),
+        )  # fmt: skip
+        # at 1e-3 the peaks are 0.1695 and 0.1802, else 0.1543 and 0.1572
+        beyond = jnp.where(motion.joint_amplitude[1] > 0.175, 1, 2).astype(jnp.int8)
+        return {"side": zj.Variable(beyond, "side", codes=zj.REGIME)}
+
+    ds = zj.sweep(point, q=[2.0, 2.1], rtol=[1e-3, 1e-9], audit=1.0, progress=False)
+    assert ds.attrs["audit_changed_at"] == ["q = 2.1, rtol = 0.001"]
+    assert ds.attrs["audit_changed_outcomes"] == 0.25
 
 
 def test_an_audit_changes_no_result(audited):

@@ -55,6 +55,18 @@ def test_a_parameter_may_follow_an_axis():
     assert ds["sum"].sel(q=1.5).item() == 3.75
 
 
+def test_one_parameter_keeps_the_dimension_it_was_given_and_its_repeated_values():
+    values = [2.0, 1.0, 2.0]
+    q = xr.DataArray(values, dims="sample")
+    ds = zj.sweep(lambda q: {"twice": 2 * q}, q=q, progress=False)
+    assert ds.twice.dims == ("sample",) and ds.q.dims == ("sample",)
+    assert ds.twice.values.tolist() == [4.0, 2.0, 4.0]
+    # one that was given none has its own name
+    own = xr.DataArray([1.0, 2.0], attrs={"units": "N"})
+    ds = zj.sweep(lambda q: {"twice": 2 * q}, q=own, progress=False)
+    assert ds.twice.dims == ("q",) and ds.twice.sel(q=2.0) == 4.0
+
+
 def test_where_and_audit_see_samples():
     ds = sweep(where=lambda q, mu, c: (q > 0) & (c > 1), audit=0.1)
     expected = ((Q > 0) & (xr.DataArray(C, dims="c") > 1)).transpose("sample", "c")

@@ -1,19 +1,9 @@
 r"""The Ziegler column as a value: inertia, springs, follower load, damping, friction.
 
 Lengths in units of rod 1's length l, torques in k (the spring of joint 2), time in
-$\sqrt{m l^2/k}$ with m the reference mass. $\phi_1, \phi_2$ are the rods' absolute
-angles from the vertical, $\omega_1, \omega_2$ their rates, $D = \phi_1 - \phi_2$;
-$u_1 = \omega_1$ and $u_2 = \omega_2 - \omega_1$ are the rates of the joints. Then
-
-$$a \dot\omega_1 + b\cos D\,\dot\omega_2 + b \sin D\,\omega_2^2 + (\kappa+1)\phi_1
-  - \phi_2 = q \sin(\phi_1 - \eta\phi_2) - T_1 + T_2 - (C\omega)_1$$
-$$b\cos D\,\dot\omega_1 + d \dot\omega_2 - b \sin D\,\omega_1^2 - \phi_1 + \phi_2
-  = q\, l_2 \sin((1-\eta)\phi_2) - T_2 - (C\omega)_2$$
-
-with the load $q = F l/k$, the stiffness ratio $\kappa = k_1/k_2$, the follower fraction
-$\eta$ (1: along rod 2; 0: dead load), the damping matrix C and the friction torques
-$T_i$. The published equations that this project started from carry two misprints in
-the velocity terms; these here conserve energy at q = 0 and agree with a multibody code.
+$\sqrt{m l^2/k}$ with m the reference mass. The equations stand at `Column`. The
+published ones that this project started from carry two misprints in the velocity terms;
+these conserve energy at q = 0 and agree with a multibody code.
 """
 
 import math
@@ -72,7 +62,18 @@ class State(eqx.Module):
 class Column(eqx.Module):
     r"""A double pendulum on springs under a follower load.
 
-    At D = 0 the mass matrix is [[a, b], [b, d]]. See the module for the equations.
+    With the rods' absolute angles $\phi_1, \phi_2$ from the vertical, their rates
+    $\omega_1, \omega_2$ and $D = \phi_1 - \phi_2$, lengths in l, torques in $k = k_2$
+    and times in $\sqrt{m l^2/k}$:
+
+    $$a \dot\omega_1 + b\cos D\,\dot\omega_2 + b \sin D\,\omega_2^2
+      + (\kappa+1)\phi_1 - \phi_2
+      = q \sin(\phi_1 - \eta\phi_2) - T_1 + T_2 - (C\omega)_1$$
+    $$b\cos D\,\dot\omega_1 + d \dot\omega_2 - b \sin D\,\omega_1^2 - \phi_1 + \phi_2
+      = q\, l_2 \sin((1-\eta)\phi_2) - T_2 - (C\omega)_2$$
+
+    $T_i$ is the friction torque in joint i, C the damping law's matrix. `uniform_rods`
+    and `point_masses` work the inertia out of masses and lengths.
 
     **Arguments:**
 
@@ -220,7 +221,14 @@ def energy(column: Column, y: Vector4) -> jax.Array:
 
 
 class Power(NamedTuple):
-    """Rates of work in k sqrt(k/(m l^2)): dE/dt = follower - damping - friction."""
+    r"""Rates of work in $k\sqrt{k/(m l^2)}$, each a scalar or None.
+
+    `follower`: what the load feeds in, $Q \cdot \omega$ with its generalised forces
+    $Q = (q\sin(\phi_1 - \eta\phi_2),\ q\,l_2\sin((1-\eta)\phi_2))$; `damping`: what
+    damping takes out, $\omega \cdot C\omega$; `friction`: what friction takes out,
+    $T_1 u_1 + T_2 u_2$. Then $dE/dt$ = `follower` - `damping` - `friction`, with E by
+    `energy`.
+    """
 
     follower: Scalar
     damping: Scalar | None
@@ -228,9 +236,15 @@ class Power(NamedTuple):
 
 
 def power(column: Column, y: Vector4) -> Power:
-    """What the load feeds in, and what damping and friction take out.
+    r"""What the load feeds in, and what damping and friction take out.
 
-    A part that the column does not have is None.
+    $$\frac{dE}{dt} = P_{follower} - P_{damping} - P_{friction}$$
+
+    **Arguments:** `column`; `y`: four scalars $\phi_1, \phi_2, \omega_1, \omega_2$, a
+    state's `y`.
+
+    **Returns:** a `Power`: scalars in $k\sqrt{k/(m l^2)}$; a part that the column does
+    not have is None, not zero.
     """
     _, _, w1, w2 = y
     forces = _Forces(column, y)

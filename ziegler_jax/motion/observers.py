@@ -62,6 +62,10 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     ds = zj.sweep(point, q=[2.4, 2.6])
     ```
 
+    It sees the ends of the steps that the method takes and nothing between: the peaks
+    of what `step` compares are those at these ends, and lie the lower the longer the
+    steps are. (`Amplitude` finds the angles' peaks within steps.)
+
     A mean is an integral over the window by its `span`: `integrand` names what is
     integrated, `step.integrals` are its integrals over a step, see `Step`. `column` is
     the one that the motion runs with: the constants of this library's friction laws are

@@ -119,6 +119,10 @@ def of_dims(
             "Argument `dataset` must be an `xarray.Dataset`, but is "
             f"{type(dataset).__name__}."
         )
+    if not dataset.data_vars or not all(dataset.sizes.values()):
+        raise ValueError(
+            "Argument `dataset` must hold points of a sweep, but is empty."
+        )
     if variable not in dataset.data_vars:
         choice("variable", variable, [str(name) for name in dataset.data_vars])
     values = dataset[variable]

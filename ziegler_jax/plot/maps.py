@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 from matplotlib.typing import ColorType
@@ -80,8 +80,9 @@ def map(
     **Returns:** the axes.
 
     **Raises:** `ValueError` that names the argument, for a variable or dimension that
-    the dataset does not have, for dimensions left over, for values that a logarithmic
-    axis does not have, and for colours of codes where there are none, or the reverse.
+    the dataset does not have, for dimensions left over, for an unknown `style`, for
+    values that a logarithmic axis does not have, and for colours of codes where there
+    are none, or the reverse.
     """
     chosen = of_dims(dataset, variable, {"x": x, "y": y})
     flags = "flag_values" in chosen.attrs
@@ -108,8 +109,7 @@ def map(
             outcome = np.asarray(dataset["outcome"].transpose(y, x))
             flat = np.isin(outcome, (OUTCOME.not_computed, *AT_REST))
             numbers = np.where(flat, np.nan, numbers)
-        mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(numbers), **style)
-        mesh.set_rasterized(True)
+        mesh = _mesh(ax, edges, np.ma.masked_invalid(numbers), **style)
         if colorbar:
             figure = ax.get_figure(root=False)
             assert figure is not None
@@ -342,6 +342,22 @@ def _rectangles(edges: Edges, here: np.ndarray) -> list[np.ndarray]:
     return list(np.moveaxis(np.array(corners), -1, 0))
 
 
+def _mesh(ax: Axes, edges: Edges, values: np.ndarray, **style: Any) -> QuadMesh:
+    """Coloured cells.
+
+    **Raises:** `ValueError` for a style that `pcolormesh` does not know.
+    """
+    try:
+        mesh = ax.pcolormesh(*edges, values, **style)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"Arguments `{'`, `'.join(sorted(style))}` must be what Matplotlib's "
+            f"`pcolormesh` takes, but it says: {error}"
+        ) from error
+    mesh.set_rasterized(True)
+    return mesh
+
+
 def _codes(
     ax: Axes,
     edges: Edges,
@@ -357,8 +373,7 @@ def _codes(
     cmap = ListedColormap([chosen[flag] for flag in flags])
     norm = BoundaryNorm([*(f - 0.5 for f in flags), flags[-1] + 0.5], len(flags))
     shown = np.ma.masked_equal(codes, OUTCOME.not_computed)
-    mesh = ax.pcolormesh(*edges, shown, cmap=cmap, norm=norm, **style)
-    mesh.set_rasterized(True)
+    _mesh(ax, edges, shown, cmap=cmap, norm=norm, **style)
     return [
         Patch(facecolor=cmap(norm(flag)), edgecolor=GREY, label=name.replace("_", " "))
         for flag, name in zip(flags, names, strict=True)

@@ -7,7 +7,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -93,11 +93,10 @@ def page(
     **Returns:** the path.
 
     **Raises:** `ValueError` as `map` and `zj.motion`, for cells beside the map or too
-    many, and for a file of another kind.
+    many, and for a file of another kind or in a folder that is not there.
     """
-    path = Path(path)
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise ValueError(f"Argument `path` must end in .html, but is {str(path)!r}.")
+    path = _file(path)
+    instance("title", "" if title is None else title, str)
     instance("dataset", dataset, xr.Dataset)
     checked_point(dataset, point)
     dataset = second(dataset)
@@ -150,6 +149,24 @@ class Picture(NamedTuple):
     up: np.ndarray
 
 
+def _file(path: str | os.PathLike) -> Path:
+    """Where the page goes.
+
+    **Raises:** `ValueError`.
+    """
+    try:
+        file = Path(path)
+    except TypeError:
+        raise ValueError(f"Argument `path` must be a path, but is {path!r}.") from None
+    if file.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"Argument `path` must end in .html, but is {str(file)!r}.")
+    if not file.parent.is_dir():
+        raise ValueError(
+            f"Argument `path` must lie in a folder that is there, but is {str(file)!r}."
+        )
+    return file
+
+
 def _picture(
     dataset: xr.Dataset, variable: str, x: str, y: str, name: str, style: Json
 ) -> Picture:
@@ -196,9 +213,14 @@ def _places(
         number = whole_number("cells", cells)
         places = _spread(dataset, x, y, number) if number <= MOST_CELLS else []
     else:
+        if not isinstance(cells, Iterable) or isinstance(cells, str):
+            raise ValueError(
+                "Argument `cells` must be how many cells are marked, or pairs of "
+                f"values of `{x}` and `{y}`, but is {cells!r}."
+            )
         pairs = [np.ravel(pair) for pair in cells]
         for pair in pairs:
-            if pair.size != 2:
+            if pair.size != 2 or pair.dtype.kind not in "iuf":
                 raise ValueError(
                     "Argument `cells` must hold pairs of values of "
                     f"`{x}` and `{y}`, but has {pair.tolist()}."

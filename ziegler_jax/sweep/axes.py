@@ -21,6 +21,7 @@ _OF_LANES = {
 Number = jax.typing.ArrayLike | Variable
 Entry = Number | AbstractResult
 Returned = Entry | Mapping[str, Entry]
+UNNAMED = "dim_0"  # the dimension of a DataArray that was given none
 AXIS_LABELS = ("long_name", "units", "symbol")
 LONGEST_NAME = 60  # characters: a file system allows names of 255 bytes
 
@@ -57,7 +58,7 @@ def checked_axes(
         raise ValueError("A sweep must have at least one axis, but has none.")
     check_signature(point, list(given), "point", options)
     return {
-        dim: _records(dim, mates) if len(mates) > 1 else _values(*mates.popitem())
+        dim: _values(dim, mates[dim]) if [*mates] == [dim] else _records(dim, mates)
         for dim, mates in _by_dimension(given).items()
     }
 
@@ -119,7 +120,8 @@ def _by_dimension(given: Mapping[str, ArrayLike]) -> dict[str, dict[str, ArrayLi
     mates: dict[str, dict[str, ArrayLike]] = {}
     for name, values in given.items():
         alone = list(dims.values()).count(dims[name]) == 1
-        mates.setdefault(name if alone else dims[name], {})[name] = values
+        unnamed = dims[name] == UNNAMED and alone
+        mates.setdefault(name if unnamed else dims[name], {})[name] = values
     for dim in mates.keys() - given.keys():
         check_name("Dimension", dim)
     return mates

@@ -1,5 +1,7 @@
 """How far two computations of the same points are apart, as quantiles."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
@@ -10,6 +12,7 @@ SEED = 0  # the same points in every run
 # Of the main job's map a quarter settles later than this, and among that was every
 # point whose end was seen to change with the tolerance.
 LATE = 120.0
+LISTED = 100  # points whose outcome changed
 
 
 def drawn(valid: np.ndarray, count: int, first: np.ndarray | None = None) -> np.ndarray:
@@ -66,13 +69,26 @@ def quantiles(apart: np.ndarray) -> list[float]:
     return [float(x) for x in np.quantile(apart, QUANTILES)]
 
 
-def changed(one: xr.Dataset, other: xr.Dataset, sample: np.ndarray) -> float:
-    """The share of the sampled points at which a code (an outcome) differs."""
+def changed(one: xr.Dataset, other: xr.Dataset, sample: np.ndarray) -> np.ndarray:
+    """The sampled points at which a code (an outcome) differs, as a mask of all."""
     differ = np.zeros(sample.sum(), bool)
     for name in coded(one):
         apart = (one[name].values != other[name].values)[sample]
         differ |= apart.reshape(len(differ), -1).any(axis=1)
-    return float(differ.mean())
+    mask = np.zeros(sample.shape, bool)
+    mask[sample] = differ
+    return mask
+
+
+def values_at(dataset: xr.Dataset, dims: Sequence[str], mask: np.ndarray) -> list[str]:
+    """Where some points of a grid lie, the first `LISTED`: `"q = 1.5, mu = 0.1"`."""
+    axes = [c for c in dataset.coords.values() if {*c.dims} and {*c.dims} <= {*dims}]
+    texts = []
+    for place in np.argwhere(mask)[:LISTED].tolist():
+        here = dict(zip(dims, place, strict=True))
+        values = [(c.name, c.isel({d: here[str(d)] for d in c.dims})) for c in axes]
+        texts.append(", ".join(f"{name} = {float(v)}" for name, v in values))
+    return texts
 
 
 def coded(dataset: xr.Dataset) -> list[str]:
@@ -87,7 +103,7 @@ def measured(dataset: xr.Dataset) -> list[str]:
 
 
 def audit_attributes(
-    dataset: xr.Dataset, finer: xr.Dataset, sample: np.ndarray
+    dataset: xr.Dataset, finer: xr.Dataset, dims: Sequence[str], sample: np.ndarray
 ) -> None:
     """Write what the audit found into the attributes of `dataset`."""
     for name in measured(dataset):
@@ -97,4 +113,7 @@ def audit_attributes(
     dataset.attrs["audit_points"] = int(sample.sum())
     late = settled_late(dataset, sample.shape)
     dataset.attrs["audit_late_points"] = 0 if late is None else int(late[sample].sum())
-    dataset.attrs["audit_changed_outcomes"] = round(changed(dataset, finer, sample), 6)
+    apart = changed(dataset, finer, sample)
+    share = float(apart.sum() / sample.sum())
+    dataset.attrs["audit_changed_outcomes"] = round(share, 6)
+    dataset.attrs["audit_changed_at"] = values_at(dataset, dims, apart)

@@ -8,6 +8,7 @@ batches and in the segments before these.
 """
 
 import hashlib
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,6 +24,9 @@ from .axes import empty, parameters
 
 # Writing a block costs some 10 ms, computing one seconds; its arrays are about 1 MB.
 POINTS_A_BLOCK = 16_384
+# Points may be slow, each a search of seconds: so that a small sweep keeps what it has,
+# too. Fewer points than batches in flight hold are never kept sooner.
+PARTS, FEWEST = 16, 256
 SHARE = 0.5  # of the free memory that a sweep may fill
 
 
@@ -56,11 +60,15 @@ class Blocks:
     ):
         """Cut the grid; ask `where` about every block, unless it is the answer.
 
+        A small grid is cut into `PARTS`, of `FEWEST` points at least.
+
         **Raises:** `ValueError` if `where` breaks its rules or leaves no point.
         """
         self.grid, self.where = grid, where
         self.shape = tuple(values.size for values in grid.values())
-        self.axis, self.chunk = _cut(self.shape, points_a_block or POINTS_A_BLOCK)
+        part = max(math.prod(self.shape) // PARTS, FEWEST)
+        points = points_a_block or min(part, POINTS_A_BLOCK)
+        self.axis, self.chunk = _cut(self.shape, points)
         self.inner = int(np.prod(self.shape[self.axis + 1 :]))
         self.run = self.chunk[self.axis] * self.inner  # points a whole block
         self.span = self.shape[self.axis] * self.inner  # points along the cut axis

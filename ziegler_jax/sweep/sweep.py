@@ -94,11 +94,13 @@ def sweep(
         attributes then hold `audit_differences`, the `audit_quantiles` of the
         differences of its values; the dataset's hold `audit_points`, how many of them
         settled late (`audit_late_points`) and `audit_changed_outcomes`, the share of
-        these points whose outcome changed. It tells the error of the steps (of the late
+        these points whose outcome changed, and `audit_changed_at`, which they are (the
+        first hundred). It tells the error of the steps (of the late
         ones, a quarter of the main job's map, as long as the share is smaller), not
         that of `agreement`. Not with `store` or `client`.
-    - `store`: a folder, e.g. `"map.zarr"`, into which every block of about 16 000
-        points goes as soon as it is finished; in memory are the blocks that are not.
+    - `store`: a folder, e.g. `"map.zarr"`, into which every block goes as
+        soon as it is finished; in memory are the blocks that are not. A block is a
+        sixteenth of the sweep, but about 256 points at least and 16 000 at most.
         The same sweep with the same store computes only what is missing or damaged,
         also after it was killed, and ends in the same numbers to the last bit (on the
         same kind of processor). A store of another scene, other axes, tolerances,
@@ -116,10 +118,10 @@ def sweep(
         them alike. An axis that is named like an option goes into `axes`. Names are of
         letters, digits and underscores, as those of results are. Parameters that are
         `xarray.DataArray`s of one dimension vary together along it, as in xarray:
-        samples, or a path through the parameters (see the second example). One that
-        shares its dimension with no other is an axis of its own name. What their
-        attributes `long_name`, `units` and `symbol` say stands in the dataset and in
-        pictures, e.g. `xr.DataArray(F, attrs={"long_name": "load", "units": "N"})`.
+        samples, or a path through the parameters (see the second example). A dimension
+        that was given no name (xarray's `dim_0`) and is no other's has the axis' name.
+        What their attributes `long_name`, `units` and `symbol` say stands in the
+        dataset and in pictures: `xr.DataArray(F, attrs={"units": "N"})`.
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
     or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
@@ -201,7 +203,7 @@ def sweep(
                     for name, values in parameters({dim: grid[dim]}).items()
                 },
             )
-        audit_attributes(dataset, finer, sample)
+        audit_attributes(dataset, finer, [*grid], sample)
     return dataset
 
 

@@ -89,7 +89,9 @@ class SI(eqx.Module):
     end.time  # seconds
     ```
 
-    **Arguments:** `m` (kg), `l` (m), `k` (N m/rad), positive.
+    **Arguments:** positive: `m`, the reference mass (kg); `l`, the length of rod 1 (m);
+    `k`, the spring of joint 2, between the rods (N m/rad). That of joint 1, at the
+    base, is `kappa` times it: a base of 0.8 N m/rad has `kappa=0.8 / k`.
 
     **Raises:** `ValueError` where a concrete number breaks its rule.
     """
