@@ -9,9 +9,9 @@ import ziegler_jax as zj
 
 STARTS = {  # a torque, and which fold down the branch of its cycle at q = 1.95
     (0.03, 0): ("o-", zj.plot.BLUE, "folds of the lowest cycle"),
-    (0.1, 0): ("s-", zj.plot.VERMILLION, "joint 2 sticks once more"),
-    (0.1, 1): ("^-.", zj.plot.PURPLE, "the way to another cycle"),
-    (0.2, 0): ("D-", zj.plot.GREEN, "folds of that"),
+    (0.1, 0): ("s-", zj.plot.VERMILLION, "the same, joint 2 sticks once more"),
+    (0.1, 1): ("^-.", zj.plot.PURPLE, "folds on the way to another cycle"),
+    (0.2, 0): ("D-", zj.plot.GREEN, "folds of that cycle"),
 }
 
 
@@ -49,7 +49,7 @@ def main():
     axes[0].plot(points.second, points.first, "k--", label="joint 2 begins to stick")
     points = jax.jit(change_of_modes, static_argnums=0)("grazing_2", 1.48, 0.05)
     axes[1].plot(points.second, points.first, "k:", lw=2, label="joint 2 grazes")
-    axes[0].set(ylabel="follower load $q = F l/k$", title="Set-valued friction")
+    axes[0].set(ylabel="follower load $q = F l/k$", title="Folds, set-valued friction")
     axes[1].set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="Marked ends: modes change")
     figure.legend(loc="outside lower center", ncols=3)
     style.save(figure, __file__)

@@ -30,11 +30,13 @@ def main():
     shown = scaled.to_dataset(name="scaled")
     zj.plot.map(shown, "scaled", x="q", y="tau", ax=left, vmin=1.5, vmax=9)
     left.set_facecolor(zj.plot.REST_COLOUR)
+    none = {"color": zj.plot.REST_COLOUR, "label": r"none below $60\,\tau^2$"}
+    left.plot([], [], "s", **none)
     slow = ds.outcome == zj.KICK.undecided
     qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
     if slow.any():
         left.plot(qs[slow], ts[slow], "k.", ms=3, label="undecided")
-        left.legend()
+    left.legend(loc="lower right")
     left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ (k)")
     left.set_title("Least energy that starts flutter, set-valued friction", loc="left")

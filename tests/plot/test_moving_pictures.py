@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.backend_bases import MouseEvent
+from matplotlib.text import Annotation
 from PIL import Image
 
 import ziegler_jax as zj
@@ -54,6 +55,20 @@ def test_a_section_shows_its_points_and_names_its_plane():
     assert title == r"section $\dot\varphi_2 = 0.1$, falling"
     with pytest.raises(ValueError, match="`rod` must be 1 or 2, but is 3"):
         zj.plot.section(points, rod=3)
+
+
+def test_the_arrow_turns_by_the_follower_fraction_of_rod_2(tmp_path):
+    phi = np.array([[0.1, 0.6], [0.1, 0.6]])
+    for follower in (1.0, 0.5, 0.0):
+        moving = zj.plot.animate(
+            motion(np.arange(2.0), phi), tmp_path / "m.gif", follower=follower
+        )
+        moving._func(0)
+        (arrow,) = [t for t in plt.gcf().axes[0].texts if isinstance(t, Annotation)]
+        tail, tip = np.array(arrow.get_position()), np.array(arrow.xy)
+        way = (tail - tip) / np.hypot(*(tail - tip))  # from the tip on
+        exact = -np.sin(follower * 0.6), np.cos(follower * 0.6)
+        np.testing.assert_allclose(way, exact, atol=1e-12)
 
 
 def test_the_column_moves_as_its_angles_say(tmp_path):

@@ -20,9 +20,9 @@ TRACE = 400  # states of the tip's way
 class MovingColumn:
     """Two rods, their joints and the load, drawn at one state after the other."""
 
-    def __init__(self, ax: Axes, l2: float = 1.0):
-        """Draw the column upright."""
-        self.l2 = l2
+    def __init__(self, ax: Axes, l2: float = 1.0, follower: float = 1.0):
+        """Draw the column upright; the load turns by `follower` times rod 2's angle."""
+        self.l2, self.follower = l2, follower
         reach = 1.15 * (1 + l2) + ARROW
         ax.set(xlim=(-reach, reach), ylim=(-0.3, reach), aspect="equal")
         ax.axhline(0, color="0.5", lw=1, zorder=0)
@@ -45,7 +45,8 @@ class MovingColumn:
         self.two.set_data([x1, x2], [y1, y2])
         self.joints.set_data([0, x1], [0, y1])
         self.trace.set_data(tip[:, 0], tip[:, 1])
-        along = (tip[-1] - knee[-1]) / self.l2
+        angle = self.follower * phi[-1, 1]
+        along = np.array([-np.sin(angle), np.cos(angle)])
         self.load.xy = (x2, y2)
         self.load.set_position(tuple(tip[-1] + ARROW * along))
 
@@ -63,6 +64,7 @@ def animate(
     speed: float = 2.0,
     fps: int = 25,
     l2: float = 1.0,
+    follower: float = 1.0,
     ax: Axes | None = None,
 ) -> animation.FuncAnimation:
     r"""Draw the column moving, and write it as a GIF or MP4.
@@ -71,7 +73,7 @@ def animate(
     zj.plot.animate(zj.trajectory(column, start, np.linspace(0, 5, 101)), "column.gif")
     ```
 
-    The arrow is a load that follows the tip, the thin line the tip's way. In a
+    The arrow is the load, the thin line the tip's way. In a
     notebook `IPython.display.HTML(animation.to_jshtml())` shows what is returned.
 
     **Arguments:**
@@ -81,7 +83,8 @@ def animate(
         writes nothing.
     - `speed`: time units $\sqrt{m l^2/k}$ (seconds, of a restored motion) a second.
     - `fps`: pictures a second.
-    - `l2`: the length of rod 2 in l.
+    - `l2`, `follower`: of the motion's column, the length of rod 2 in l and the
+        load's follower fraction $\eta$.
     - `ax`: where to draw, None opens a figure.
 
     **Returns:** matplotlib's animation; keep it as long as it is to move.
@@ -98,6 +101,7 @@ def animate(
         )
     for name, value in (("speed", speed), ("fps", fps), ("l2", l2)):
         number(name, value, "positive")
+    number("follower", follower, "finite")
     writer = None if path is None else _writer(Path(path), fps)
     there = np.isfinite(phi).all(axis=1)
     ts, phi = ts[there], phi[there]
@@ -108,7 +112,7 @@ def animate(
     states = np.stack([np.interp(frames, ts, phi[:, i]) for i in (0, 1)], axis=-1)
     if ax is None:
         ax = plt.subplots(figsize=(5, 4), layout="constrained")[1]
-    column = MovingColumn(ax, l2)
+    column = MovingColumn(ax, l2, follower)
     clock = ax.text(0.02, 0.02, "", transform=ax.transAxes)
 
     def draw(i: int) -> list:

@@ -75,7 +75,9 @@ class Explorer:
         self.axes["history"].set_title(
             f"{self.x} = {at[0]:.4g}, {self.y} = {at[1]:.4g}"
         )
-        self._column = MovingColumn(self.axes["column"], float(column.l2))
+        self._column = MovingColumn(
+            self.axes["column"], float(column.l2), float(column.follower)
+        )
         self._frame = 0
         self._timer.start()
         self.figure.canvas.draw_idle()

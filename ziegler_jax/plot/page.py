@@ -273,6 +273,7 @@ def _cell(
     written = thinned(*(np.asarray(a) for a in (moved.ts, moved.phi, moved.omega)))
     ts, phi, omega = (a.T.tolist() for a in written)
     about = {"at": place, "note": note, "l2": float(column.l2)}
+    about["follower"] = float(column.follower)
     return {**about, "ts": ts, "phi": phi, "omega": omega}, moved
 
 
