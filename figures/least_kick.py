@@ -36,7 +36,7 @@ def main():
     qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
     if slow.any():
         left.plot(qs[slow], ts[slow], "k.", ms=3, label="undecided")
-    left.legend(loc="lower right")
+    left.legend(loc="lower right", frameon=True)
     left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ (k)")
     left.set_title("Least energy that starts flutter, set-valued friction", loc="left")

@@ -86,7 +86,7 @@ def fisher(slopes, at, sigma):
 def main(arguments=None):
     """Fit, draw, and write a line of figures."""
     options = begin(__doc__).parse_args(arguments)
-    count, random = 24 if options.small else 2000, np.random.default_rng(1)
+    count, random = 240 if options.small else 2000, np.random.default_rng(1)
     exact, slopes = angles_and_slopes(*TOGETHER)
     sigma = np.sqrt(np.mean(exact**2)) / 10 ** (DECIBEL / 20)
     bound = np.sqrt(np.diag(np.linalg.inv(fisher(slopes, TOGETHER, sigma)))) * TOGETHER
