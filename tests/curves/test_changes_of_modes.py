@@ -72,7 +72,7 @@ def test_slip_comes_down_to_zero_on_a_curve_of_grazing_and_folds_end_there():
         tau = found.second[i]
         above, fewer = least(i, tau * (1 - 1e-4))
         _, more = least(i, tau * (1 + 1e-4))
-        assert 0 < above < 1e-3  # measured
+        assert 0 < above < 3e-5  # measured 8.1e-6; at 1e-3 from the curve 7.4e-5
         assert more > fewer
     # where one side's multiplier is 1 a curve of folds ends: walks along both end there
     meets = curve.special.meeting == MEETING.unit

@@ -30,6 +30,18 @@ def test_blocks_part_the_grid(shape, points):
     assert blocks.sizes.max() <= max(2 * points, shape[-1] if points > 1 else 1)
 
 
+@pytest.mark.parametrize(
+    ("points", "blocks"), [(1, 1), (400, 2), (4096, 16), (105_780, 16), (10**6, 61)]
+)
+def test_small_sweeps_are_kept_in_sixteenths_and_long_ones_in_blocks(
+    points, blocks, monkeypatch
+):
+    """At most a sixteenth is lost, 256 points or 16 384."""
+    monkeypatch.undo()  # of what makes blocks small in the tests beside
+    grid = {"x": np.arange(float(points))}
+    assert partition.Blocks(grid).count == blocks
+
+
 def test_where_is_asked_a_block_at_a_time_and_must_judge_by_values(path, refuses):
     def chosen(x, y):
         return x >= 2 * y
