@@ -22,14 +22,13 @@ def main():
     ds = zj.sweep(point, q=[1.6, 1.9, 2.3], angle=angle)
     print(np.unique(ds.outcome, return_counts=True), ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(6.6, 6), subplot_kw={"projection": "polar"})
-    colours = (zj.plot.BLUE, zj.plot.GREEN, zj.plot.VERMILLION)
+    looks = (zj.plot.BLUE, "-"), (zj.plot.GREEN, "--"), (zj.plot.VERMILLION, ":")
     around = np.append(np.concatenate([angle, angle + np.pi]), 0.0)
-    for q, colour in zip(ds.q.values, colours, strict=True):
+    for q, (colour, line) in zip(ds.q.values, looks, strict=True):
         kick = ds.threshold.sel(q=q).values
         # the column is symmetric: the opposite kick has the same threshold
-        ax.plot(
-            around, np.append(np.tile(kick, 2), kick[0]), color=colour, label=f"{q:g}"
-        )
+        closed = np.append(np.tile(kick, 2), kick[0])
+        ax.plot(around, closed, line, color=colour, lw=2, label=f"{q:g}")
     ax.set_xticks(np.arange(4) * np.pi / 2)
     ax.set_xticklabels(
         [

@@ -28,7 +28,7 @@ def main():
         steps=motion.steps,
         outcome=motion.outcome,
     )
-    history, phase = zj.plot.time_history(shown)
+    history, _ = zj.plot.time_history(shown)
     rate = np.asarray(shown.omega[:, 1] - shown.omega[:, 0])
     history.fill_between(
         shown.ts,
@@ -36,15 +36,15 @@ def main():
         1,
         where=np.abs(rate) < V_SMOOTH,
         transform=history.get_xaxis_transform(),
-        color=zj.plot.ORANGE,
-        alpha=0.6,
+        color=zj.plot.SKY,
         lw=0,
         zorder=0,
         label="joint 2 sticks",
     )
     history.set(xlim=(0, SHOWN), ylim=(-1.4, 1.8))
     history.legend(loc="upper right", ncols=3, frameon=False)
-    phase.set_title(rf"$q = {Q}$, $\tau = {TAU}\,k$")
+    title = rf"Uniform rods, tanh friction: $q = {Q}$, $\tau = {TAU}\,k$"
+    history.set_title(title, loc="left")
     history.figure.savefig(Path(__file__).with_suffix(".png"), dpi=200)
 
 

@@ -151,7 +151,9 @@ def draw(ds: xr.Dataset, path: Path) -> None:
 
     planes = [section(ds.sel(joint=2), ratio) for ratio, _ in SECTIONS]
     titles, onsets = [title for _, title in SECTIONS], [onset(p) for p in planes]
-    draw_sections(planes, titles, onsets, path)
+    kick = rf"kick $\dot\varphi_2(0) = {KICK[1]}\,\sqrt{{k/(ml^2)}}$"
+    heading = f"Uniform rods, tanh friction, pins of {PIN_RADIUS} l, {kick}"
+    draw_sections(planes, titles, onsets, heading, path)
 
 
 def summary(ds: xr.Dataset) -> str:

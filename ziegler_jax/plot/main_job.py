@@ -26,6 +26,7 @@ def draw_sections(
     planes: Sequence[xr.Dataset],
     titles: Sequence[str],
     onsets: Sequence[Onset],
+    heading: str,
     path: Path,
 ) -> None:
     """Draw sections of the map over (q, mu_s), and their flutter onsets, to a file."""
@@ -42,6 +43,7 @@ def draw_sections(
             ax.set_xlabel(r"follower load $q = F\,l/k$ (–)")
         for ax in axes[:, 0]:
             ax.set_ylabel(r"static friction coefficient $\mu_s$ (–)")
+        figure.suptitle(heading, fontsize="medium")
         figure.savefig(path, dpi=200)
         plt.close(figure)
 
