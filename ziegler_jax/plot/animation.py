@@ -9,6 +9,7 @@ from matplotlib import animation
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..model.column import Column
 from ..motion.trajectory import Trajectory
 from ..numerics.numbers import instance, number
 from .style import BLUE, PHI1, PHI2, VERMILLION
@@ -55,6 +56,12 @@ class MovingColumn:
         rods = np.stack([-np.sin(phi), np.cos(phi)], axis=-1)  # state, rod, x and y
         knee = rods[:, 0]
         return knee, knee + self.l2 * rods[:, 1]
+
+
+def load_of(column: Column) -> tuple[float, float]:
+    """Where the load attacks, the length of rod 2, and its follower fraction."""
+    follower = 1.0 if column.follower is None else float(column.follower)
+    return float(column.l2), follower
 
 
 def animate(

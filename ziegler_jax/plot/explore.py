@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ..maps.scene import Point, checked_point, motion, nearest, scene
 from ..motion.trajectory import Trajectory
 from ..numerics.numbers import instance
-from .animation import MovingColumn
+from .animation import MovingColumn, load_of
 from .maps import map as draw_map
 from .motions import time_history
 from .style import VERMILLION
@@ -75,9 +75,7 @@ class Explorer:
         self.axes["history"].set_title(
             f"{self.x} = {at[0]:.4g}, {self.y} = {at[1]:.4g}"
         )
-        self._column = MovingColumn(
-            self.axes["column"], float(column.l2), float(column.follower)
-        )
+        self._column = MovingColumn(self.axes["column"], *load_of(column))
         self._frame = 0
         self._timer.start()
         self.figure.canvas.draw_idle()

@@ -29,7 +29,7 @@ from ..motion.trajectory import Trajectory
 from ..numerics.hermite import HermiteQuartic
 from ..numerics.numbers import instance, whole_number
 from ..results import OUTCOME, UNDECIDED
-from .animation import ARROW
+from .animation import ARROW, load_of
 from .branches import of_dims, second
 from .explore import SPEED
 from .maps import has_motions
@@ -272,8 +272,8 @@ def _cell(
         note = f"Shown to t = {last:g}; it was followed to t = {in_own_unit(end):g}"
     written = thinned(*(np.asarray(a) for a in (moved.ts, moved.phi, moved.omega)))
     ts, phi, omega = (a.T.tolist() for a in written)
-    about = {"at": place, "note": note, "l2": float(column.l2)}
-    about["follower"] = float(column.follower)
+    l2, follower = load_of(column)
+    about = {"at": place, "note": note, "l2": l2, "follower": follower}
     return {**about, "ts": ts, "phi": phi, "omega": omega}, moved
 
 
