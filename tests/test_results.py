@@ -1,5 +1,7 @@
 """Results print their numbers, label them, and give a sweep all that they hold."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -187,3 +189,13 @@ def test_an_observer_hides_no_number_of_the_result(refuses, name):
 def test_what_was_not_asked_for_is_named():
     with pytest.raises(AttributeError, match="`period` only where .* rod_amplitude"):
         _ = settled(1.0).period
+
+
+def test_an_obstacle_that_there_was_not_is_none():
+    found = zj.flutter_onset(
+        lambda q: zj.uniform_rods(q, damping=zj.Viscous(0.05, 0.05)),
+        zj.State(omega=(0.0, 0.1)),
+        (0.5, 0.6),
+        search=zj.Search(scan=2, halvings=1),
+    )
+    assert re.search(r"obstacle *= none\n", repr(found))

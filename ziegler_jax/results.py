@@ -272,12 +272,12 @@ class AbstractResult(eqx.Module):
         except (TypeError, AttributeError):  # of shapes: properties are not computed
             return eqx.tree_pformat(self)
         width = max(map(len, named), default=0)
-        rows = [f"  {name:{width}} = {_shown(v)}" for name, v in named.items()]
+        rows = [f"  {name:{width}} = {_shown(name, v)}" for name, v in named.items()]
         return "\n".join([type(self).__name__, *rows])
 
 
-def _shown(variable: Variable) -> str:
-    """A value for the eye."""
+def _shown(name: str, variable: Variable) -> str:
+    """A value for the eye; a code beside the outcome that tells nothing is none."""
     if isinstance(variable.value, jax.core.Tracer):
         return f"{variable.value.aval.str_short()}, traced"
     value = np.asarray(variable.value)
@@ -288,6 +288,8 @@ def _shown(variable: Variable) -> str:
         codes, counts = np.unique(value, return_counts=True)
         if value.size == 1 and codes[0] in known:
             code = known[codes[0]]
+            if code.name == "not_computed" and not name.endswith("outcome"):
+                return "none"
             return f"{code.name}: {code.sentence}"
         pairs = zip(codes.tolist(), counts.tolist(), strict=True)
         named = ((known[c].name if c in known else c, count) for c, count in pairs)

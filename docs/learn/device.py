@@ -34,6 +34,9 @@ def column(F):
 
 
 # %% [markdown]
+# `k` is the spring of joint 2. Joint 1 has the same, or `kappa` times it: a spring of
+# 0.8 N m/rad at the base is `DEVICE.uniform_rods(F, kappa=0.8 / 0.5)`.
+#
 # Without friction and with this damping it would flutter from here on:
 
 # %%

@@ -1,5 +1,7 @@
 """Least kicks: closed forms, made-up thresholds, random kicks, differences."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -284,7 +286,13 @@ def test_bad_arguments_are_named(refuses):
     def both(column, y):
         return jnp.stack([y[2] ** 2, y[3] ** 2])
 
-    refuses(lambda: zj.least_kick(column, (0, 1), norm=both), "`norm`", "shape (2,)")
+    for norm, part in (
+        (both, "shape (2,)"),
+        (lambda y: y[2], "takes (y)"),
+        (lambda column, y: "energy", "'energy'"),
+    ):
+        refuses(partial(zj.least_kick, column, (0, 1), norm=norm), "`norm`", part)
+    refuses(lambda: jax.jit(lambda x: zj.Directions(width=x).width)(0.1), "`width`")
 
 
 def test_a_starts_derivative_is_refused(refuses):

@@ -55,8 +55,9 @@ class Verdict(AbstractMotionResult[State]):
 
     `verdict`: a code of VERDICT; `period_count`: passages of $\phi_1 = 0$, rising, a
     period, 0 where none was found; `period`: NaN likewise; `exponents`, `errors`: shape
-    (2,), over the blocks that were measured, NaN where there was none; `outcome`: a
-    code of OUTCOME.
+    (2,), over the blocks that were measured, NaN where there was none; `outcome`: how
+    the motion itself ended, a code of OUTCOME. It is `unsettled` of tori and chaos, and
+    of a cycle that was named by its passages before its windows agreed.
     """
 
     verdict: Int[Array, "*lanes"] = eqx.field(

@@ -191,7 +191,9 @@ def continue_cycle(
     - `method`: an explicit one; its step budget is that of all motions of the branch
         together, which ends as `not_integrated` where it is spent.
 
-    **Returns:** `Branch`, without derivatives.
+    **Returns:** `Branch`, without derivatives. With set-valued friction it may end as
+    `not_converged` where the cycle begins to graze or to stick and its map has a
+    corner: begin once more beyond, at a cycle that `settle` finds there.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """

@@ -81,10 +81,14 @@ class Rays:
         self.column, self.norm = column, norm
         k, dtype = len(free), jnp.result_type(float)
         measure = partial(self.measure, fixed(column))
-        shape = np.shape(jax.eval_shape(measure, jnp.zeros(4, dtype)))
-        if shape:
+        returned: list[object] = []
+        jax.eval_shape(lambda y: returned.append(measure(y)), jnp.zeros(4, dtype))
+        usual = () if isinstance(returned[0], (int, float)) else None
+        shape = getattr(returned[0], "shape", usual)
+        if shape != ():
+            what = f"shape {shape}" if shape else repr(returned[0])
             raise ValueError(
-                f"Argument `norm` must return one number, but returns shape {shape}."
+                f"Argument `norm` must return one number, but returns {what}."
             )
         square = jax.hessian(measure)(jnp.zeros(4, dtype))[np.ix_(free, free)]
         factor = jnp.linalg.cholesky(square)

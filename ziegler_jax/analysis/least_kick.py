@@ -27,7 +27,7 @@ from ..context import plain
 from ..model.column import Column, State, energy
 from ..motion.implicit import fixed, fixed_direction
 from ..motion.options import Method, Windows, recorded
-from ..motion.scene import check_scene
+from ..motion.scene import check_scene, check_takes
 from ..motion.sequence import run_in_sequence
 from ..numerics.numbers import (
     Count,
@@ -108,11 +108,12 @@ class Directions(eqx.Module):
         usual = COUNTS[len(FREE[free])]
         self.count = whole_number("count", usual if count is None else count)
         self.scan = whole_number("scan", scan)
-        if not 1e-12 <= number("width", width) <= 1e-2:
+        share = number("width", width)
+        if not is_concrete(share) or not 1e-12 <= share <= 1e-2:
             raise ValueError(
                 f"Argument `width` must be from 1e-12 to 1e-2, but is {width!r}."
             )
-        self.width = float(width)
+        self.width = float(share)
 
 
 class LeastKick(AbstractResult):
@@ -288,11 +289,8 @@ class _Problem:
         instance("directions", directions, Directions)
         instance("windows", windows, Windows)
         instance("method", method, Method)
-        if not callable(norm):
-            raise ValueError(
-                "Argument `norm` must be a function of a column and four numbers, "
-                f"but is {norm!r}."
-            )
+        needs = "Argument `norm` must be a function of a column and a start's numbers"
+        check_takes(needs, norm, 2)
         self.column, self.directions = column, directions
         self.windows, self.method = fixed((windows, method))
         self.escape = np.pi if windows.escape is None else self.windows.escape

@@ -92,14 +92,15 @@ def motion(
     **Arguments:**
 
     - `dataset`, `at`, `named`, `point`: as `scene`.
-    - `ts`: the times, as in `trajectory`; None is 4001 times from the start to the time
-        at which the cell's own motion ended, at most to 200 (100 where the dataset does
-        not know it).
+    - `ts`: the times, as in `trajectory` (in $\sqrt{m l^2/k}$, also of a dataset that
+        `SI.restore` gave: write `seconds / units.time`); None is 4001 times from the
+        start to the time at which the cell's own motion ended, at most to 200 (100
+        where the dataset does not know it).
     - `method`: as in `trajectory`; None has the solver and tolerances that the point
         names, and of what it does not name those of `trajectory`, which are finer than
         those of `settle`.
 
-    **Returns:** `Trajectory`, in 64 bits.
+    **Returns:** `Trajectory`, in 64 bits, in the column's own units.
 
     **Raises:** `ValueError` as `scene` and `trajectory`.
     """

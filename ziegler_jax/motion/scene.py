@@ -177,17 +177,22 @@ def check_scene(column: Column, start: State, name: str = "start") -> None:
 def check_maker(make_column: Callable[..., Column], count: int = 1) -> None:
     """Raise a sentence if this is no function of so many numbers."""
     numbers = "one number" if count == 1 else "two numbers"
-    needs = f"Argument `make_column` must be a function of {numbers}, but "
-    if not callable(make_column):
-        raise ValueError(f"{needs}is {make_column!r}.")
+    needs = f"Argument `make_column` must be a function of {numbers}"
+    check_takes(needs, make_column, count)
+
+
+def check_takes(needs: str, function: Callable[..., object], count: int) -> None:
+    """Raise the sentence that begins so if this is no function of so many things."""
+    if not callable(function):
+        raise ValueError(f"{needs}, but is {function!r}.")
     try:
-        signature = inspect.signature(make_column)
+        signature = inspect.signature(function)
     except (TypeError, ValueError):  # of a function that is not Python's own
         return
     try:
         signature.bind(*[0.0] * count)
     except TypeError:
-        raise ValueError(f"{needs}takes {signature}.") from None
+        raise ValueError(f"{needs}, but takes {signature}.") from None
 
 
 def made(make_column: Callable[[Scalar], Column], x: Scalar) -> Column:

@@ -101,7 +101,7 @@ def prepared(
     return store
 
 
-def open_sweep(path: str | os.PathLike) -> xr.Dataset:
+def open_sweep(store: str | os.PathLike) -> xr.Dataset:
     """The Dataset of a sweep's store, finished or not, read where it is looked at.
 
     What has not been computed yet is NaN and its `outcome` is `not_computed`. It may be
@@ -109,7 +109,7 @@ def open_sweep(path: str | os.PathLike) -> xr.Dataset:
     a checksum: one that was damaged since raises where it is read, and never gives a
     number.
 
-    **Arguments:** `path`: what `sweep` was given as `store`.
+    **Arguments:** `store`: what `sweep` was given as such, a folder.
 
     **Returns:** an `xarray.Dataset`, its arrays still on the disk. Beside what the
     sweep wrote, its attributes hold `points` and `points_done`, `blocks` and
@@ -118,7 +118,7 @@ def open_sweep(path: str | os.PathLike) -> xr.Dataset:
     **Raises:** `ValueError` if the folder is no sweep's store, or a file that it cannot
     be read without is damaged. It warns of blocks whose chunks are gone or too short.
     """
-    return opened(SweepStore(place(path)))
+    return opened(SweepStore(place(store)))
 
 
 def opened(store: "SweepStore") -> xr.Dataset:
