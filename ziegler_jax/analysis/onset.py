@@ -83,10 +83,10 @@ class Onset(AbstractResult):
     `threshold`: the middle of the last interval, `width`: its width. No motion is
     judged while it lingers beside an unstable cycle, so that this interval holds the
     threshold. `rises`: 1 where there is rest below and motion above, -1 where it is the
-    other way round; `changes`: how often the verdict changes along the scan, more than once where
-    the outcome is `repeated`; `undecided`: how many motions had no verdict, and
-    `obstacle`: how the first of these ended, a code of OUTCOME (none where there is no
-    such motion); `steps`: of all motions; `outcome`: a code of ONSET.
+    other way round; `changes`: how often the verdict changes along the scan, more than
+    once where the outcome is `repeated`; `undecided`: how many motions had no verdict,
+    and `obstacle`: how the first of these ended, a code of OUTCOME (none where there is
+    no such motion); `steps`: of all motions; `outcome`: a code of ONSET.
     """
 
     threshold: Float[
