@@ -113,7 +113,9 @@ def bifurcation_curve(
 
     Where the sequence of stick and slip changes smoothly, a joint beginning to stick
     where its rate passes zero, the curve goes on. Where the cycle grazes, curves of
-    folds, flips, tori and pitchforks end.
+    folds, flips, tori and pitchforks end. A branch may turn there, too, at a corner: a
+    multiplier passes 1 by a jump, "fold" ends as `no_start`, and the curve of such
+    points is that of "grazing_1" or "grazing_2", from a cycle near.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
