@@ -14,6 +14,7 @@ import json
 import jax
 import numpy as np
 from measure import commit, rounded
+from ours import dry
 from scipy.spatial import cKDTree
 
 import ziegler_jax as zj
@@ -25,26 +26,21 @@ KICK = zj.State(omega=(0.0, 3.0))
 METHOD = zj.Method(rtol=1e-9, atol=1e-9)
 
 
-def column(q, tau):
-    law = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))
-    return zj.uniform_rods(q, friction=law)
-
-
 def point(q, tau):
     observers = (zj.StickFraction(),)
     options = {"observers": observers, "certify": True, "method": METHOD}
-    settled = zj.settle(column(q, tau), KICK, **options)
+    settled = zj.settle(dry(q, tau), KICK, **options)
     return {"outcome": settled.outcome, "sticks": settled.stick_fraction[1] > 0}
 
 
 @jax.jit
 def curve():
     q, tau = NEAR
-    settled = zj.settle(column(q, tau), KICK, certify=False)
-    orbit = zj.periodic_orbit(column(q, tau), settled.final)
+    settled = zj.settle(dry(q, tau), KICK, certify=False)
+    orbit = zj.periodic_orbit(dry(q, tau), settled.final)
     course = zj.Course(points=400, first=Q, second=TAU)
     return zj.bifurcation_curve(
-        column, "sticking_2", orbit, first=q, second=tau, course=course
+        dry, "sticking_2", orbit, first=q, second=tau, course=course
     ).points
 
 

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from measure import machine, rounded
+from ours import dry
 
 import ziegler_jax as zj
 
@@ -30,26 +31,21 @@ KNOWN = [  # torque, curve, load
 ]
 
 
-def column(q, tau):
-    law = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))
-    return zj.uniform_rods(q, friction=law)
-
-
-def follower(course):
+def compiled(course):
     """From a torque and a fold's place down the branch to its curve, compiled."""
 
     def follow(tau, which):
         kick = zj.State(omega=(0.0, 3.0))
-        settled = zj.settle(column(1.95, tau), kick, certify=False)
-        orbit = zj.periodic_orbit(column(1.95, tau), settled.final)
+        settled = zj.settle(dry(1.95, tau), kick, certify=False)
+        orbit = zj.periodic_orbit(dry(1.95, tau), settled.final)
         arc = zj.Arc(direction=-1, bounds=(1.2, 2.0))
-        branch = zj.continue_cycle(lambda q: column(q, tau), orbit, 1.95, arc=arc)
+        branch = zj.continue_cycle(lambda q: dry(q, tau), orbit, 1.95, arc=arc)
         start = jax.tree.map(lambda x: jnp.roll(x, -which, axis=0), branch.special)
-        return zj.bifurcation_curve(column, "fold", start, second=tau, course=course)
+        return zj.bifurcation_curve(dry, "fold", start, second=tau, course=course)
 
     start = time.process_time()
-    compiled = jax.jit(follow).lower(0.1, 0).compile()
-    return compiled, time.process_time() - start
+    program = jax.jit(follow).lower(0.1, 0).compile()
+    return program, time.process_time() - start
 
 
 def run(follow):
@@ -68,7 +64,7 @@ def main():
     points = parser.parse_args().points
     jax.config.update("jax_enable_x64", True)
     zj.configure_cpu()
-    follow, compiling = follower(zj.Course(points=points, second=TAU))
+    follow, compiling = compiled(zj.Course(points=points, second=TAU))
     curves, seconds = run(follow)
     for name, curve in curves.items():
         there = np.isfinite(curve.points.first)
@@ -83,7 +79,7 @@ def main():
         }
         print(json.dumps(rounded(line, 7)), flush=True)
     values = sorted({tau for tau, _, _ in KNOWN})
-    exact, _ = follower(zj.Course(values=np.array(values), second=TAU))
+    exact, _ = compiled(zj.Course(values=np.array(values), second=TAU))
     at, _ = run(exact)
     apart = {
         f"{known} at {tau}": float(

@@ -61,9 +61,9 @@ def draw(result, path):
     right.set(xlabel="threads", ylabel="speed-up", xticks=threads)
     right.grid(alpha=0.3)
     right.legend()
-    figure.suptitle(
-        "friction smoothed by tanh, to t = 100, tolerance 1e-6", fontsize=10
-    )
+    span = SCENES["smooth"].span
+    about = f"friction smoothed by tanh, to t = {span:g}, tolerance {TOLERANCE:g}"
+    figure.suptitle(about, fontsize=10)
     figure.savefig(path, dpi=130)
     plt.close(figure)
 

@@ -97,7 +97,8 @@ def draw(result, path):
     axes[2].minorticks_off()
     axes[2].legend()
     axes[2].grid(alpha=0.3)
-    figure.suptitle("what observers cost: smoothed friction, 4096 loads", fontsize=10)
+    about = f"what observers cost: smoothed friction, {Q.size} loads"
+    figure.suptitle(about, fontsize=10)
     figure.savefig(path, dpi=130)
     plt.close(figure)
 

@@ -68,3 +68,9 @@ def solved(scene, q, start, span, rtol, solver="Tsit5", **options):
     begun = clock()
     ds = zj.sweep(point, q=q, span=[span], **axes)
     return ds, clock() - begun
+
+
+def dry(q, tau):
+    """Uniform rods with set-valued friction of equal torques tau at any load."""
+    law = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+    return zj.uniform_rods(q, friction=law)
