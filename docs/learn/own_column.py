@@ -73,8 +73,8 @@ zj.settle(rods, zj.State(omega=(0, 0.02)))
 #
 # A *point* is a function of named numbers. `sweep` computes it for all combinations of
 # the axes, in batches on all cores, always in 64 bits. The bar says how many points are
-# done; before it, seconds go into compiling the point: three to ten for a motion, up to
-# a minute for thresholds, verdicts and least kicks, in a script without a bar silently.
+# done; before it, seconds go into compiling the point: some for a motion, tens for
+# thresholds, verdicts and least kicks. Where no bar is shown, they pass silently.
 # `zj.configure_cache()` keeps compiled programs for the next process.
 
 

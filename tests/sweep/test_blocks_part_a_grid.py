@@ -36,7 +36,7 @@ def test_blocks_part_the_grid(shape, points):
 def test_small_sweeps_are_kept_in_sixteenths_and_long_ones_in_blocks(
     points, blocks, monkeypatch
 ):
-    """At most a sixteenth is lost, 256 points or 16 384."""
+    """A part has 256 points at least and 16 384 at most."""
     monkeypatch.undo()  # of what makes blocks small in the tests beside
     grid = {"x": np.arange(float(points))}
     assert partition.Blocks(grid).count == blocks

@@ -192,8 +192,8 @@ def continue_cycle(
         together, which ends as `not_integrated` where it is spent.
 
     **Returns:** `Branch`, without derivatives. With set-valued friction it may end as
-    `not_converged` where the cycle begins to graze or to stick and its map has a
-    corner: begin once more beyond, at a cycle that `settle` finds there.
+    `not_converged` before its cycle ends: begin once more beyond, at a cycle that
+    `settle` finds there.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """

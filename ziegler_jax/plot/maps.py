@@ -350,6 +350,8 @@ def _mesh(ax: Axes, edges: Edges, values: np.ndarray, **style: Any) -> QuadMesh:
     try:
         mesh = ax.pcolormesh(*edges, values, **style)
     except (AttributeError, TypeError, ValueError) as error:
+        if not style:
+            raise
         raise ValueError(
             f"Arguments `{'`, `'.join(sorted(style))}` must be what Matplotlib's "
             f"`pcolormesh` takes, but it says: {error}"

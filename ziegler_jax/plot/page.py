@@ -96,7 +96,8 @@ def page(
     many, and for a file of another kind or in a folder that is not there.
     """
     path = _file(path)
-    instance("title", "" if title is None else title, str)
+    if title is not None:
+        instance("title", title, str)
     instance("dataset", dataset, xr.Dataset)
     checked_point(dataset, point)
     dataset = second(dataset)

@@ -129,10 +129,10 @@ def settle(
     **Derivatives:** forward (`jax.jvp`), first order. Of a certified cycle they are
     those of its fixed point, see `steady/derivative.py`; its `final` state, `drift`,
     multiplier and `growth` have none (NaN, zero). Else they are those of the motion's
-    steps, whose size does not follow the tangents' error: it grows with the time. Of a
-    cycle windows at rtol = 1e-6 gave -0.014, at 1e-10 -0.032, which is right: with
-    `certify=False` ask for fine tolerances, and compare with differences. `jax.grad`
-    does not pass: the number of steps is not known beforehand.
+    steps, whose size does not follow the tangents' error: it grows with the time, and
+    at the usual tolerance the first digit can be wrong. With `certify=False` ask for
+    `Method(rtol=1e-10)`, and compare with differences. `jax.grad` does not pass: the
+    number of steps is not known beforehand.
 
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit session.
     """

@@ -24,8 +24,8 @@ from .axes import empty, parameters
 
 # Writing a block costs some 10 ms, computing one seconds; its arrays are about 1 MB.
 POINTS_A_BLOCK = 16_384
-# Points may be slow, each a search of seconds: so that a small sweep keeps what it has,
-# too. Fewer points than batches in flight hold are never kept sooner.
+# Points may be slow, each a search of seconds: a small sweep has parts to keep, too.
+# Batches in flight hold some 256 points, so that smaller parts were not kept sooner.
 PARTS, FEWEST = 16, 256
 SHARE = 0.5  # of the free memory that a sweep may fill
 

@@ -95,12 +95,12 @@ def sweep(
         differences of its values; the dataset's hold `audit_points`, how many of them
         settled late (`audit_late_points`) and `audit_changed_outcomes`, the share of
         these points whose outcome changed, and `audit_changed_at`, which they are (the
-        first hundred). It tells the error of the steps (of the late
-        ones, a quarter of the main job's map, as long as the share is smaller), not
-        that of `agreement`. Not with `store` or `client`.
-    - `store`: a folder, e.g. `"map.zarr"`, into which every block goes as
-        soon as it is finished; in memory are the blocks that are not. A block is a
-        sixteenth of the sweep, but about 256 points at least and 16 000 at most.
+        first hundred). It tells the error of the steps (of the late ones, a quarter of
+        the main job's map, as long as the share is smaller), not that of `agreement`.
+        Not with `store` or `client`.
+    - `store`: a folder, e.g. `"map.zarr"`, into which every block goes as soon as it
+        is finished; in memory are the blocks that are not. A block is a sixteenth of
+        the sweep, but about 256 points at least and 16 000 at most.
         The same sweep with the same store computes only what is missing or damaged,
         also after it was killed, and ends in the same numbers to the last bit (on the
         same kind of processor). A store of another scene, other axes, tolerances,
