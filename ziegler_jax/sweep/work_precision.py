@@ -134,7 +134,8 @@ def work_precision(
                     apart = differences(dataset[name], exact[name], mask)
                     errors[name][i, j] = quantiles(apart)
                 cost["compile_seconds"][i, j] = dataset.attrs["compile_seconds"]
-                cost["changed_outcomes"][i, j] = changed(dataset, exact, mask)
+                differ = changed(dataset, exact, mask)
+                cost["changed_outcomes"][i, j] = differ[mask].mean()
                 if "steps" in cost:
                     cost["steps"][i, j] = np.nanmean(dataset["steps"].values[mask])
     count = int(mask.sum())
