@@ -86,6 +86,36 @@ def test_curves_of_folds_end_at_their_bounds_and_where_the_cycle_grazes(folds):
     np.testing.assert_allclose(states[-1], start, rtol=0, atol=3e-8)
 
 
+@pytest.mark.slow
+def test_folds_move_with_a_third_parameter_as_their_derivatives_say():
+    near, start = FOLDS["lowest"], points("fold", FOLDS["lowest"])
+    course = zj.Course(values=np.array([0.03]), second=(0.028, 0.032))
+
+    def fold(c):
+        def make(q, tau):
+            return dry(q, tau, c)
+
+        curve = zj.bifurcation_curve(
+            make, "fold", start, second=near.tau, course=course
+        )
+        return curve.points
+
+    @jax.jit
+    @jax.vmap
+    def follow(c):
+        return jax.jvp(fold, (c,), (1.0,))
+
+    c, h = 2e-3, 1e-4
+    found, slopes = follow(jnp.array([0.0, c - h, c, c + h]))
+    assert (found.outcome == ORBIT.found).all()
+    assert abs(found.first[0, 0] - 1.32807) < 1e-5
+    for name in ("first", "period", "phi", "omega"):
+        below, _, above = getattr(found, name)[1:]
+        difference, slope = (above - below) / (2 * h), getattr(slopes, name)[2]
+        # measured 3.1e-6
+        np.testing.assert_allclose(slope, difference, rtol=1e-5, err_msg=name)
+
+
 # Folds of smoothed friction and their cusp --------------------------------------------
 
 # by AUTO-07p (`benchmarks/peers/auto_branch.py`), at 0.1 with v_smooth = 0.05

@@ -30,7 +30,7 @@ from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from ..analysis.shooting import start_of
 from ..context import plain
 from ..model.column import Column
-from ..motion.implicit import fixed, undifferentiated
+from ..motion.implicit import fixed
 from ..motion.options import Method, recorded
 from ..motion.scene import check_maker, made
 from ..numerics.numbers import Scalar, choice, instance, is_concrete, number
@@ -39,7 +39,7 @@ from .bifurcations import BifurcationCurve, BifurcationPoints
 from .codes import CURVE, MEETING
 from .course import Course
 from .degeneracy import Torus
-from .derivative import moves_of_first
+from .derivative import moves_of_point
 from .fill import Filled, Knots, at_values, corrected, evenly, joined
 from .problem import MEETINGS, CurveProblem, N
 from .start import (
@@ -105,11 +105,11 @@ def bifurcation_curve(
 
     **Returns:** `BifurcationCurve`; of symmetric cycles, half a period is shot.
 
-    **Derivatives:** of `points.first`, forward and reverse, first order, in every
-    number that `make_column` was made from but the two parameters: how the curve moves
-    at a fixed second parameter, by the implicit function theorem. The second
-    derivatives in it are central differences, good to some five digits; at folds none
-    is left.
+    **Derivatives:** of `points.first`, `phi`, `omega`, `period`, forward and reverse,
+    first order, in every number that `make_column` was made from but the two
+    parameters: how the curve moves at a fixed second parameter, by the implicit
+    function theorem. The second derivatives in it are central differences, good to
+    some five digits; in `first` at folds none is left. All else is constant to JAX.
 
     Where the sequence of stick and slip changes smoothly, a joint beginning to stick
     where its rate passes zero, the curve goes on. Where the cycle grazes, curves of
@@ -155,12 +155,13 @@ def bifurcation_curve(
     def moves(point):
         values = point.x[N - 2 : N] * problem.scale[N - 2 :]
         column = make_column(fixed(values[0]), fixed(values[1]))
-        return moves_of_first(problem, column, point)
+        return moves_of_point(problem, column, point)
 
     settings = _settings(kind, course, method, begin)
-    points = _points(problem, filled, jnp.zeros(course.count, jnp.int32), settings)
-    change = jax.vmap(moves)(filled.point)
-    points = eqx.tree_at(lambda p: p.first, points, points.first + change)
+    points = _points(
+        problem, filled, jnp.zeros(course.count, jnp.int32), settings,
+        jax.vmap(moves)(filled.point),
+    )  # fmt: skip
     ends = jax.vmap(lambda way: _end(problem, way))(ways)
     special, kinds = _specials(ways, jnp.stack([down.count, up.count]), ends)
     there = kinds > 0
@@ -316,21 +317,26 @@ def _points(
     filled: Filled,
     meeting: Int[Array, " n"],
     settings: Settings,
+    moves: Float[Array, "n 5"] | float = 0.0,
 ) -> BifurcationPoints:
-    """The points in their own units; NaN where there is none."""
+    """The points in their own units; NaN where there is none.
+
+    **Arguments:** `moves`: zeros that carry derivatives.
+    """
     point, good = filled.point, filled.good
 
     def shown(a: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
         mask = good.reshape(-1, *(1,) * (a.ndim - 1))
-        return undifferentiated(jnp.where(mask, a, jnp.nan))
+        return jnp.where(mask, a, jnp.nan)
 
     x = point.x[:, :N] * problem.scale[None]
+    x = x.at[:, : N - 1].add(moves)
     y = start_of(problem.section, x[:, :4])
     half = problem.cycle.sign < 0
     moved = point.moved
     outcome = jnp.where(good, ORBIT.found, ORBIT.not_converged)
     return BifurcationPoints(
-        first=jnp.where(good, x[:, 4], jnp.nan),
+        first=shown(x[:, 4]),
         second=shown(x[:, 5]),
         phi=shown(y[:, :2]),
         omega=shown(y[:, 2:]),

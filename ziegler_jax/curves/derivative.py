@@ -1,13 +1,13 @@
 r"""The derivative of a curve's points in all other numbers of the column.
 
 With the equations F(u; p) = 0 of a bifurcation, u the cycle, the first parameter
-$\lambda$ and the null vectors, at a fixed second parameter,
+$\lambda$ and the null vectors, at a fixed second parameter, for each unknown $u_i$
 
-$$\frac{d\lambda}{dp} = -\psi \cdot F_p, \qquad \psi^T F_u = e_\lambda^T.$$
+$$\frac{du_i}{dp} = -\psi_i \cdot F_p, \qquad \psi_i^T F_u = e_i^T.$$
 
 $F_p$ has the derivatives of the closing equations in p, and those along the null
-vector, central differences as in `jets`. At a fold the null vector's part of $\psi$
-vanishes.
+vector, central differences as in `jets`. At a fold the null vector's part of
+$\psi_\lambda$ vanishes.
 """
 
 import jax.numpy as jnp
@@ -20,18 +20,21 @@ from ..motion.options import Method
 from .jets import Bundle, follow_bundle
 from .problem import CurveProblem, N
 
-FIRST, SECOND = N - 2, N - 1  # the places of both parameters
+SECOND = N - 1  # the second parameter's place; before it the cycle's and the first's
 
 
-def moves_of_first(
+def moves_of_point(
     problem: CurveProblem, column: Column, point: BranchPoint
-) -> Float[Array, ""]:
-    """Zero, with the derivative of the first parameter in the column's numbers."""
+) -> Float[Array, "5"]:
+    """Zeros, with the derivatives of the cycle, its period, the first parameter.
+
+    In the column's numbers, at a fixed second parameter.
+    """
     x = fixed(point.x)
     p, make = moving(column, x.dtype)
     if not p.size:
-        return jnp.zeros((), x.dtype)
-    psi = adjoint(point) * problem.scale[FIRST]
+        return jnp.zeros(SECOND, x.dtype)
+    psi = adjoints(point) * problem.scale[None, :SECOND]
     directions = problem.kind.directions(x[N:], problem.basis)[:, :5]
     start = problem.ambient(x)[:5]
     sign, method = problem.cycle.sign, problem.method
@@ -41,10 +44,10 @@ def moves_of_first(
         p: Float[Array, " k"],
         start: Float[Array, "5"],
         directions: Float[Array, "v 5"],
-        psi: Float[Array, " m"],
+        psi: Float[Array, "m 5"],
         sign: Float[Array, ""],
         steps: Float[Array, ""],
-    ) -> Float[Array, "1 k"]:
+    ) -> Float[Array, "5 k"]:
         wide = jnp.zeros((directions.shape[0], p.size), p.dtype)
         bundle = Bundle(
             make,
@@ -54,16 +57,15 @@ def moves_of_first(
         )
         jet = follow_bundle(bundle, sign)
         k, arrived = directions.shape[0], jnp.where(jet.arrived, 1.0, jnp.nan)
-        moves = psi[:4] @ jet.first[:, 5:]
-        along = psi[4 : 4 + 4 * k].reshape(k, 4)
-        moves += jnp.einsum("ki,kij->j", along, jet.second[:, :, 5:])
-        return -(moves * arrived)[None]
+        moves = psi[:4].T @ jet.first[:, 5:]
+        along = psi[4 : 4 + 4 * k].reshape(k, 4, SECOND)
+        moves += jnp.einsum("kiu,kij->uj", along, jet.second[:, :, 5:])
+        return -moves * arrived
 
-    return implicit((1,), slope, p, *still)[0]
+    return implicit((SECOND,), slope, p, *still)
 
 
-def adjoint(point: BranchPoint) -> Float[Array, " m"]:
+def adjoints(point: BranchPoint) -> Float[Array, "m 5"]:
     """psi, with the second parameter fixed; not finite where the curve turns in it."""
     matrix = jnp.delete(fixed(point.matrix), SECOND, axis=1)
-    unit = jnp.zeros(matrix.shape[0], matrix.dtype).at[FIRST].set(1.0)
-    return solve(matrix.T, unit)
+    return solve(matrix.T, jnp.eye(matrix.shape[0], SECOND, dtype=matrix.dtype))
