@@ -35,6 +35,6 @@ def points(kind, near, monodromy=None):
     )
 
 
-def dry(q, tau, c=0.0):
+def dry(q, tau, **parts):
     law = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))
-    return zj.uniform_rods(q, friction=law, damping=zj.Viscous(c, c))
+    return zj.uniform_rods(q, friction=law, **parts)

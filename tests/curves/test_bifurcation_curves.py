@@ -93,7 +93,7 @@ def test_folds_move_with_a_third_parameter_as_their_derivatives_say():
 
     def fold(c):
         def make(q, tau):
-            return dry(q, tau, c)
+            return dry(q, tau, damping=zj.Viscous(c, c))
 
         curve = zj.bifurcation_curve(
             make, "fold", start, second=near.tau, course=course
