@@ -1,9 +1,10 @@
 """What certainty costs: the main job's cells certified, over those judged by windows.
 
-Pairs of sweeps in one process, compiled before: the median ratio of their seconds, and
-of their steps, where one with three tangents counts as four. Besides the seconds (of
-processor time) that tracing and compiling the certified scene take, stage by stage: the
-motion's loop and that of shots are the two largest. Prints one JSON line.
+Pairs of sweeps in one process, compiled before: the median ratio of their seconds, with
+what each sweep takes to trace its scene anew and without (`ratio_run`), and of their
+steps, where one with three tangents counts as four. Besides the seconds (of processor
+time) that tracing and compiling the certified scene take, stage by stage: the motion's
+loop and that of shots are the two largest. Prints one JSON line.
 
     python benchmarks/a6_certainty.py [--cells 25000] [--pairs 3] [--compile-only]
 """
@@ -48,12 +49,13 @@ def sweeps(cells, datasets):
 
     def runner(name, scene):
         def run():
-            datasets[name] = zj.sweep(
+            ds = zj.sweep(
                 scene,
                 where=lambda q, mu_s, mu_k: mu_k <= mu_s,
                 axes={"q": q, "mu_s": mu, "mu_k": mu},
                 progress=False,
             )
+            datasets[name].append(ds)
 
         return run
 
@@ -69,15 +71,20 @@ def main():
     options = parser.parse_args()
     result = {"benchmark": "a6_certainty", **machine(), "seconds": compiled()}
     if not options.compile_only:
-        datasets = {}
+        datasets = {"certified": [], "windows": []}
         seconds = interleaved(sweeps(options.cells, datasets), options.pairs)
         ratio, spread = paired(seconds["certified"], seconds["windows"])
-        one, other = datasets["certified"], datasets["windows"]
+        one, other = (datasets[name][-1] for name in ("certified", "windows"))
+        # the first of each was the warm-up
+        runs = {n: [ds.run_seconds for ds in d[1:]] for n, d in datasets.items()}
+        ratio_run, spread_run = paired(runs["certified"], runs["windows"])
         steps = one.steps + 3 * one.shot_steps
         result |= {
             "cells": int((one.outcome > 0).sum()),
             "ratio_time": ratio,
             "ratio_time_range": spread,
+            "ratio_run": ratio_run,
+            "ratio_run_range": spread_run,
             "ratio_steps": float(steps.sum() / other.steps.sum()),
             "microseconds_a_cell": {
                 name: 1e6 * float(np.median(s)) / int((one.outcome > 0).sum())

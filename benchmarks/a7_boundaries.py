@@ -2,9 +2,10 @@
 
 The main job's map at mu_s = mu_k: `refine` from 33 x 33 cells, and a grid of 1024 x
 1024 lanes. Of the grid's edges between unlike labels, by their labels, the share that
-lies within one of its cells of the lines; and the share of its points with another
-label than the refined cell in which they lie, where all corners are alike, against the
-bound that `refine` states. Prints one JSON line.
+lies within one of its cells of the lines, and which of them belong to islands of one
+point and of four at most; and the share of its points with another label than the
+refined cell in which they lie, where all corners are alike, against the bound that
+`refine` states. Prints one JSON line.
 
     python benchmarks/a7_boundaries.py [--grid 1024] [--levels 4]
 """
@@ -16,6 +17,7 @@ from collections import Counter
 
 import numpy as np
 from measure import commit, rounded
+from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
 import ziegler_jax as zj
@@ -52,18 +54,47 @@ def points_of_lines(ds, n):
     return np.concatenate(points)
 
 
+def islands(labels):
+    """How many points of its own label hang together with each point."""
+    sizes = np.zeros(labels.shape, int)
+    for code in np.unique(labels):
+        pieces, _ = label(labels == code)
+        sizes += np.where(labels == code, np.bincount(pieces.ravel())[pieces], 0)
+    return sizes
+
+
 def unlike_edges(labels):
-    """The middles of edges between unlike points, and their labels, smaller first."""
-    places, pairs = [], []
+    """The middles of edges between unlike points, and what lies at their ends.
+
+    That is their labels, smaller first, and how many points the smaller island has.
+    """
+    sizes = islands(labels)
+    places, pairs, smaller = [], [], []
     for axis in (0, 1):
-        one, other = (
-            np.take(labels, range(k, labels.shape[axis] - 1 + k), axis) for k in (0, 1)
-        )
-        at = np.argwhere(one != other)
-        places.append(at + 0.5 * np.eye(2)[axis])
-        both = np.stack([one[one != other], other[one != other]], -1)
-        pairs.append(np.sort(both, axis=1))
-    return np.concatenate(places), np.concatenate(pairs)
+
+        def ends(array, axis=axis):
+            count = array.shape[axis]
+            return np.stack(
+                [np.take(array, range(k, count - 1 + k), axis) for k in (0, 1)]
+            )
+
+        one, other = ends(labels)
+        unlike = one != other
+        places.append(np.argwhere(unlike) + 0.5 * np.eye(2)[axis])
+        pairs.append(np.sort(ends(labels)[:, unlike].T, axis=1))
+        smaller.append(ends(sizes)[:, unlike].min(axis=0))
+    return tuple(map(np.concatenate, (places, pairs, smaller)))
+
+
+def at_islands(names, smaller, missed):
+    """Edges, and missed ones, at islands of one point and of four at most."""
+    return {
+        f"up to {size}": {
+            "edges": dict(Counter(names[smaller <= size].tolist())),
+            "missed": dict(Counter(names[(smaller <= size) & missed].tolist())),
+        }
+        for size in (1, 4)
+    }
 
 
 def strangers(ds, fine):
@@ -93,17 +124,19 @@ def main():
     ds = zj.refine(section, coarse, fineness=fineness)
     seconds = time.perf_counter() - start
     fine = grid(options.grid).outcome.values
-    places, pairs = unlike_edges(fine)
+    places, pairs, smaller = unlike_edges(fine)
     apart, _ = cKDTree(points_of_lines(ds, options.grid)).query(places, p=np.inf)
-    names = [" ".join(zj.OUTCOME(c).name for c in pair) for pair in pairs.tolist()]
-    near = Counter(n for n, far in zip(names, apart > 1, strict=True) if not far)
+    named = [" ".join(zj.OUTCOME(c).name for c in pair) for pair in pairs.tolist()]
+    names, missed = np.array(named), apart > 1
+    edges, near = Counter(named), Counter(names[~missed].tolist())
     result = {
         "benchmark": "a7_boundaries",
         "commit": commit(),
         "lanes": COARSE**2 + ds.attrs["refine_points"],
         "seconds": seconds,
-        "edges": dict(Counter(names)),
-        "within_a_cell": {n: near[n] / c for n, c in Counter(names).items()},
+        "edges": dict(edges),
+        "within_a_cell": {name: near[name] / count for name, count in edges.items()},
+        "islands": at_islands(names, smaller, missed),
         "strangers": strangers(ds, fine),
         "missed_area": ds.attrs["refine_missed_area"],
         "exponents": ds.pair_exponent.values.tolist(),
