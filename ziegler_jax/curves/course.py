@@ -22,7 +22,7 @@ class Course(eqx.Module):
 
     **Arguments:**
 
-    - `points`: so many in the end, at equal distances along the curve.
+    - `points`: so many in the end, at equal distances along the curve; 200 unless said.
     - `values`: of the second parameter instead, an array (n,): then the curve's points
         are there, on the piece nearest to the start where it has several; NaN where the
         curve does not come.
@@ -45,7 +45,7 @@ class Course(eqx.Module):
 
     def __init__(
         self,
-        points: int = 200,
+        points: int | None = None,
         values: Values | None = None,
         second: Pair = (-np.inf, np.inf),
         first: Pair = (-np.inf, np.inf),
@@ -54,7 +54,13 @@ class Course(eqx.Module):
         room: int = 100,
     ):
         """Check and keep them."""
-        self.points = whole_number("points", points)
+        if points is not None and values is not None:
+            raise ValueError(
+                "Arguments `points` and `values` both say where the curve's points "
+                f"are, but {points!r} and {np.size(values)} values were given: "
+                "leave one out."
+            )
+        self.points = whole_number("points", 200 if points is None else points)
         if values is not None and (np.ndim(values) != 1 or np.size(values) == 0):
             raise ValueError(
                 "Argument `values` must be numbers in one dimension, but has shape "
