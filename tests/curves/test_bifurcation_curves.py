@@ -249,7 +249,8 @@ def test_bad_arguments_are_named(refuses):
     beyond = {"values": [0.1, 0.2], "second": (0.1, 0.15)}
     refuses(lambda: zj.Course(**beyond), "`values`", "in `second`", "0.1, 0.15", "0.2")
     refuses(lambda: zj.Course(points=0), "`points`", "at least 1", "0")
-    refuses(lambda: zj.Course(9, values=[0.1]), "`points` and `values`", "9 and 1 values")
+    both = {"points": 9, "values": [0.1]}
+    refuses(lambda: zj.Course(**both), "`points` and `values`", "9 and 1 values")
     refuses(lambda: zj.Course(values=1.0), "`values`", "one dimension", "()")
     refuses(lambda: zj.Course(values=[np.nan]), "`values`", "finite")
     refuses(lambda: zj.Course(step=-1.0), "`step`", "positive", "-1")
