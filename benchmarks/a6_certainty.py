@@ -1,10 +1,11 @@
 """What certainty costs: the main job's cells certified, over those judged by windows.
 
-Pairs of sweeps in one process, compiled before: the median ratio of their seconds, with
-what each sweep takes to trace its scene anew and without (`ratio_run`), and of their
-steps, where one with three tangents counts as four. Besides the seconds (of processor
-time) that tracing and compiling the certified scene take, stage by stage: the motion's
-loop and that of shots are the two largest. Prints one JSON line.
+Pairs of sweeps in one process, compiled before: the median ratio of their seconds, of
+the whole call, which traces its scene anew (`ratio_time`), and of the run alone
+(`ratio_run`); and that of their steps, where one with three tangents counts as four.
+Besides the seconds (of processor time) that tracing and compiling the certified scene
+take, stage by stage: the motion's loop and that of shots are the two largest. Prints
+one JSON line.
 
     python benchmarks/a6_certainty.py [--cells 25000] [--pairs 3] [--compile-only]
 """

@@ -63,6 +63,12 @@ def islands(labels):
     return sizes
 
 
+def ends(array, axis):
+    """What stands at both ends of the grid's edges along an axis, shape (2, ...)."""
+    count = array.shape[axis]
+    return np.stack([np.take(array, range(k, count - 1 + k), axis) for k in (0, 1)])
+
+
 def unlike_edges(labels):
     """The middles of edges between unlike points, and what lies at their ends.
 
@@ -71,18 +77,11 @@ def unlike_edges(labels):
     sizes = islands(labels)
     places, pairs, smaller = [], [], []
     for axis in (0, 1):
-
-        def ends(array, axis=axis):
-            count = array.shape[axis]
-            return np.stack(
-                [np.take(array, range(k, count - 1 + k), axis) for k in (0, 1)]
-            )
-
-        one, other = ends(labels)
-        unlike = one != other
+        both = ends(labels, axis)
+        unlike = both[0] != both[1]
         places.append(np.argwhere(unlike) + 0.5 * np.eye(2)[axis])
-        pairs.append(np.sort(ends(labels)[:, unlike].T, axis=1))
-        smaller.append(ends(sizes)[:, unlike].min(axis=0))
+        pairs.append(np.sort(both[:, unlike].T, axis=1))
+        smaller.append(ends(sizes, axis)[:, unlike].min(axis=0))
     return tuple(map(np.concatenate, (places, pairs, smaller)))
 
 
