@@ -145,13 +145,11 @@ class Phase(NamedTuple, Generic[State]):
     """One of the ways in which a loop goes on, a program of its own.
 
     `advance`: the state at most so many steps later; `cost`: about that of a step
-    against one of a motion alone; `loops`: whether a lane stays in it for many steps,
-    or leaves it at once.
+    against one of a motion alone.
     """
 
     advance: Callable[[State, Int[Array, ""]], State]
     cost: float = 1.0
-    loops: bool = True
 
 
 def resumable(
@@ -198,7 +196,7 @@ def resumable(
         *(x for each in closed for x in each.consts),
         *leaves,
         bodies=tuple(each.jaxpr for each in closed),
-        kinds=tuple((phase.cost, phase.loops) for phase in phases),
+        costs=tuple(phase.cost for phase in phases),
     )
     return tree.unflatten(last)
 

@@ -267,3 +267,45 @@ def test_no_thread_ends_while_lanes_are_led_to_a_loop(monkeypatch):
     monkeypatch.setattr(scheduler._Batch, "chunk", watched)
     sweep(one, lanes=zj.Lanes(8, 2))  # 69 points: nine batches, two segments
     assert len(threads) == 2
+
+
+def test_a_scene_that_has_not_changed_is_not_lowered_again(monkeypatch):
+    calls = []
+    lowered = program._lowered
+    monkeypatch.setattr(program, "_lowered", lambda s: calls.append(s) or lowered(s))
+    held = {"factor": 3.0}
+
+    def scene(x):
+        return held["factor"] * x
+
+    def once():
+        before = len(calls)
+        found = zj.sweep(scene, x=[2.0], progress=False)
+        return float(found.value.item()), len(calls) - before
+
+    assert once() == (6.0, 1) and once() == (6.0, 0)
+    held["factor"] = 5.0
+    assert once() == (10.0, 1)
+    held["factor"] = 3.0
+    assert once() == (6.0, 0)
+
+
+def test_a_batching_rule_of_the_users_own_is_asked_again():
+    """It may read anything, and nothing of it stands in what was traced."""
+    held = {"factor": 3.0}
+
+    @jax.custom_batching.custom_vmap
+    def scaled(x):
+        return 1.0 * x
+
+    @scaled.def_vmap
+    def of_a_batch(axis_size, batched, x):
+        return held["factor"] * x, True
+
+    def once():
+        found = zj.sweep(lambda x: scaled(x), x=[2.0], progress=False)
+        return float(found.value.item())
+
+    assert once() == 6.0
+    held["factor"] = 5.0
+    assert once() == 10.0

@@ -12,10 +12,13 @@ published friction coefficient means nothing until all three are stated.
 
 import abc
 from collections.abc import Mapping
-from typing import ClassVar, cast
+from functools import partial
+from typing import ClassVar, NamedTuple, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 
 from ..numerics.elementary import exp, tanh
 from ..numerics.numbers import (
@@ -272,12 +275,10 @@ class PreparedCoulomb(AbstractRateFriction):
         """The torques; per unit of load where the motion decides that."""
 
         def lever(u, i):
-            peak = self.kinetic[i]
+            drop = falls = None
             if self.drop is not None:
-                per_stribeck = cast(OneOrTwo, self.per_stribeck)
-                bell = exp(-((u * both(per_stribeck)[i]) ** 2))
-                peak = peak + self.drop[i] * bell
-            return peak * tanh(u * self.per_smooth)
+                drop, falls = self.drop[i], both(cast(OneOrTwo, self.per_stribeck))[i]
+            return _lever(u, Curve(self.kinetic[i], drop, falls, self.per_smooth))
 
         return lever(u1, 0), lever(u2, 1)
 
@@ -288,6 +289,49 @@ class PreparedCoulomb(AbstractRateFriction):
     def rate_cut(self) -> Scalar:
         """As the law it was made from."""
         return self.v_smooth
+
+
+class Curve(NamedTuple):
+    """A joint's torque over its rate: the numbers of `PreparedCoulomb`."""
+
+    kinetic: Scalar
+    drop: Scalar | None
+    per_stribeck: Scalar | None
+    per_smooth: Scalar
+
+    def beyond(self, u: Scalar) -> Pair:
+        """The torque beyond the layer, and by how much it exceeds the kinetic one."""
+        if self.drop is None or self.per_stribeck is None:
+            return self.kinetic, 0.0
+        more = self.drop * exp(-((u * self.per_stribeck) ** 2))
+        return self.kinetic + more, more
+
+    def torque(self, u: Scalar) -> Scalar:
+        """The torque at a rate u."""
+        return self.beyond(u)[0] * tanh(u * self.per_smooth)
+
+
+@jax.custom_jvp
+def _lever(u: Scalar, curve: Curve) -> Scalar:
+    return curve.torque(u)
+
+
+@partial(_lever.defjvp, symbolic_zeros=True)
+def _lever_jvp(primals, tangents):
+    """By one slope, worked out with the torque: many tangents are multiplied by it."""
+    (u, curve), (du, dcurve) = primals, tangents
+    (peak, more), rise = curve.beyond(u), tanh(u * curve.per_smooth)
+    slope = peak * (1.0 - rise * rise) * curve.per_smooth
+    if curve.per_stribeck is not None:
+        slope = slope - 2.0 * u * curve.per_stribeck**2 * more * rise
+    moved = jnp.zeros_like(u) if isinstance(du, SymbolicZero) else slope * du
+    if not all(isinstance(x, SymbolicZero) for x in jax.tree.leaves(dcurve)):
+        still = [
+            jnp.zeros_like(x) if isinstance(dx, SymbolicZero) else dx
+            for x, dx in zip(curve, dcurve, strict=True)
+        ]
+        moved += jax.jvp(lambda c: c.torque(u), (curve,), (Curve(*still),))[1]
+    return peak * rise, moved
 
 
 def falls_to_kinetic(mu_s: OneOrTwo, mu_k: OneOrTwo | None) -> Flag:

@@ -44,7 +44,7 @@ Where = TypeVar("Where", bound=Running)
 
 
 class Followed(Protocol[Where]):
-    """A motion, as a sequence follows it; it may end in its first or its last phase."""
+    """A motion, as a sequence follows it."""
 
     def begin(self) -> Where:
         """Before its first step."""
@@ -85,15 +85,13 @@ def run_in_sequence(
     - `running`: whether there is a next one.
     - `state`: the first state, a pytree of scalars and arrays.
     - `at_once`: after how many steps of the first phase motions that have ended make
-        room for the next ones. Few where most motions are short; the last phase, what a
-        motion decides between loops, is then run with the first.
+        room for the next ones. Few where most motions are short.
 
     **Returns:** the last state and the number of steps of all motions.
     """
     zero = jnp.zeros((), jnp.int32)
     begun = motion(state)
     first = _Sequence(state, begun.begin(), jnp.asarray(False), zero)
-    count = len(begun.phases)
 
     def chunk(
         number: int, now: _Sequence[State], max_steps: Int[Array, ""]
@@ -112,15 +110,8 @@ def run_in_sequence(
         if number == 0:
             run, fresh = replaced(fresh, present.begin(), run), jnp.zeros_like(fresh)
         before = run.steps
-        advance = present.phases[number].advance
-        run = advance(run, max_steps)
-        if number == 0 and at_once < LONGEST_CHUNK:
-            decide = present.phases[-1].advance
-            asked = run.running & (run.phase == count - 1)
-            run = if_any_lane(asked, lambda run: decide(run, max_steps), run)
+        run = present.phases[number].advance(run, max_steps)
         steps = now.steps + (run.steps - before).astype(jnp.int32)
-        if number not in (0, count - 1):  # a motion ends elsewhere
-            return _Sequence(now.state, run, fresh, steps)
         ended = ~run.running & running(now.state) & ~fresh
         state = if_any_lane(
             ended,
@@ -134,8 +125,7 @@ def run_in_sequence(
         return jnp.where(running(now.state), phase, ENDED).astype(jnp.int32), now.steps
 
     phases = [
-        Phase(partial(chunk, i), phase.cost, phase.loops)
-        for i, phase in enumerate(begun.phases)
+        Phase(partial(chunk, i), phase.cost) for i, phase in enumerate(begun.phases)
     ]
     last = resumable(first, phases, status)
     if last is None:

@@ -19,20 +19,17 @@ import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.core import eval_jaxpr
-from jaxtyping import Array, Float
 
 from ..model.column import Column, vector_field
 from ..model.set_valued import FrozenCoulomb
 from ..numerics.materialise import if_any_lane, materialise
-from ..numerics.numbers import Flag, Numbers, Scalar, Traced, Traced4
+from ..numerics.numbers import Flag, Numbers, Pair, Scalar, Traced, Traced4
 from ..solvers import AbstractFold, Explicit, Step
 from ..solvers.explicit import Integrand
 from ..solvers.fold import State
 from .saltation import leaves, saltation
 
 Vectors = tuple[Traced4, ...]
-Rows = tuple[Float[Array, " k"], ...]  # the same, a row a coordinate
 
 # of the motion's tolerance: looser, so that it seldom shortens a step
 TANGENT_SHARE = 1000.0
@@ -70,7 +67,7 @@ def push(
 
     def field(t, both, column):
         numbers, column_of = leaves(column, dp)
-        y, vectors = _apart(both)
+        y, vectors = apart(both)
         slope, along = jax.linearize(
             lambda y, numbers: vector_field(t, y, column_of(numbers)), y, numbers
         )
@@ -79,23 +76,23 @@ def push(
     terms, both = dfx.ODETerm(field), cast(Numbers, sum(vectors, y0))
     first = materialise(t0, field, t0, both, column)
     y1, error, last, *_ = solver.advance(terms, t0, t1, both, column, first)
-    return [_apart(x) for x in (first, y1, error, last)]
+    return [apart(x) for x in (first, y1, error, last)]
 
 
-def push_rows(
+def push_along(
     solver: Explicit,
     column: Column,
     t0: Traced,
     t1: Traced,
     y0: Traced4,
-    rows: Rows,
+    vectors: Vectors,
     integrand: Integrand | None = None,
     first: Numbers | None = None,
 ) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """A step from y0, and its derivative along k vectors that stand in four rows (k,).
+    """A step from y0, and its derivative along vectors in the state alone.
 
     **Arguments:** as `push`; `integrand`: of the state, see `Explicit.advance`;
-    `first`: the slopes of y and the rows, where they are known.
+    `first`: the slopes of y and of each vector, where they are known.
 
     **Returns:** y1 and the images; the error estimate; the last slopes of both; the
     integrals.
@@ -105,36 +102,47 @@ def push_rows(
         assert integrand is not None
         return integrand(both[:4])
 
-    terms = dfx.ODETerm(cast(Callable[..., Numbers], rows_field))
-    both = cast(Numbers, (*y0, *rows))
+    terms = dfx.ODETerm(cast(Callable[..., Numbers], tangent_field))
+    both = cast(Numbers, sum(vectors, y0))
     if first is None:
-        first = materialise(t0, rows_field, t0, both, column)
+        first = materialise(t0, tangent_field, t0, both, column)
     y1, error, last, integrals, _ = solver.advance(
         terms, t0, t1, both, column, first, None if integrand is None else watched
     )
     return y1, error[:4], last, integrals
 
 
-def rows_field(t: Scalar, both: Numbers, column: Column) -> Numbers:
-    """The slopes of a state, and of vectors that stand in rows after its four numbers.
+def tangent_field(t: Scalar, both: Numbers, column: Column) -> Numbers:
+    """The slopes of a state, and of the vectors that stand behind its four numbers.
 
-    What the differential needs of the state is worked out once for all vectors.
+    The field's Jacobian is worked out once, whatever the number of vectors. Each number
+    is an array of its own: one of all vectors would not have the lanes behind, and
+    steps that shuffle them took twice the instructions.
     """
-    linear = []
-
-    def primal():
-        """The slope, and what its differential needs: each once for all vectors."""
-        slope, along = jax.linearize(lambda y: vector_field(t, y, column), both[:4])
-        closed = jax.make_jaxpr(along)(both[:4])
-        linear.append(closed.jaxpr)
-        return slope, closed.consts
-
-    slope, known = primal()
-    images = jax.vmap(lambda *v: eval_jaxpr(linear[-1], known, *v))(*both[4:])
-    return cast(Numbers, (*slope, *images))
+    y, vectors = apart(both)
+    (a1, a2), rows = materialise(t, accelerations_and_slopes, t, y, column)
+    slopes = [y[2], y[3], a1, a2]
+    for v in vectors:
+        slopes += [v[2], v[3], *(_dot(row, v) for row in rows)]
+    return tuple(slopes)
 
 
-def _apart(both: Numbers) -> tuple[Traced4, Vectors]:
+def accelerations_and_slopes(
+    t: Scalar, y: Traced4, column: Column
+) -> tuple[Pair, tuple[Traced4, Traced4]]:
+    """Both accelerations, and the derivatives of each by the state's four numbers."""
+    accelerations, along = jax.linearize(lambda *y: vector_field(t, y, column)[2:], *y)
+
+    def row(i):
+        one = jnp.ones_like(y[0])
+        back = jax.linear_transpose(lambda *v: along(*v)[i], *y)
+        return cast(Traced4, back(one))
+
+    return cast(Pair, accelerations), (row(0), row(1))
+
+
+def apart(both: Numbers) -> tuple[Traced4, Vectors]:
+    """A state, and the vectors that stand behind it."""
     y, *vectors = (both[i : i + 4] for i in range(0, len(both), 4))
     return cast(Traced4, y), cast(Vectors, tuple(vectors))
 
@@ -155,11 +163,6 @@ def past(
     after = if_any_lane(event, across, vectors)
     law = cast(FrozenCoulomb, column.friction).in_modes(step.event[1])
     return tuple(_without_stuck(law, v) for v in after)
-
-
-def rows_past(column: Column, step: Step, rows: Rows) -> Rows:
-    """`past`, for vectors that stand in rows."""
-    return jax.vmap(lambda *v: past(column, step, (cast(Traced4, v),))[0])(*rows)
 
 
 def _without_stuck(law: FrozenCoulomb, v: Traced4) -> Traced4:

@@ -15,7 +15,7 @@ without, are programs of their own: phases of one loop, between which a lane goe
 fro at its own pace.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import cast
 
 import jax
@@ -45,7 +45,6 @@ from ..numerics.numbers import (
     Option,
     Scalar,
     Traced,
-    Traced4,
     Vector4,
     keeps,
 )
@@ -57,10 +56,11 @@ from .contraction import (
     contracts,
     largest,
     length,
+    minus,
     spectral_radius,
 )
 from .growth import Growth
-from .lane import DECISION, Certifying, Orbit, going_on
+from .lane import Certifying, Orbit, going_on
 from .observation import Observation, Record
 from .oddness import is_odd
 from .rest import Rest, decays
@@ -82,20 +82,17 @@ from .returns import (
     with_return,
 )
 from .shots import (
-    SHORTEST,
     Attempt,
-    Shot,
     ShotState,
     after_shot,
     attempt_at,
     blank_attempt,
+    shot_motion,
     start_of,
     to_be_begun,
 )
 
 LONGEST_CHUNK = 256  # steps in one phase, outside of sweeps
-COARSE, FINE = 0.1, 0.01  # tolerances of shots against the motion's own
-FINEST = 1e-12
 # of a batch, until what has ended or returned is looked at; fewer where steps are long
 STEPS_AT_ONCE = 16
 MARGIN = 1e-3  # of the radius below 1, a return
@@ -156,8 +153,8 @@ class CertifiedMotion:
     def begin(self) -> Certifying:
         """Before the first step."""
         zero, none = 0.0 * self.y0[0], jnp.zeros((), jnp.int32)
-        no, point = jnp.asarray(False), jnp.zeros(3, zero.dtype)
-        matrix = jnp.zeros((3, 3), zero.dtype)
+        no, point = jnp.asarray(False), (zero, zero, zero)
+        matrix = (point, point, point)
         blank = Candidate(no, none, point, matrix, matrix, zero)
         attempt = blank_attempt(zero)
         march = self._march(none).begin()
@@ -183,12 +180,8 @@ class CertifiedMotion:
 
     @property
     def phases(self) -> list[Phase[Certifying]]:
-        """The two programs, and what lies between them."""
-        return [
-            Phase(self.march_on),
-            Phase(self.shoot_on, COST),
-            Phase(lambda now, _: self.decide(now), loops=False),
-        ]
+        """The two programs; each decides where a lane goes that has ended there."""
+        return [Phase(self.march_on), Phase(self.shoot_on, COST)]
 
     def to_the_end(self, now: Certifying) -> Certifying:
         """The last state."""
@@ -223,7 +216,8 @@ class CertifiedMotion:
         run, returns = lax.fori_loop(
             0, self._turns(max_steps), turn, (now.march, now.returns)
         )
-        return now._replace(march=run, returns=returns)
+        now = now._replace(march=run, returns=returns)
+        return self._decided(now, ~now.shoots & ~run.running, self._after_march)
 
     def shoot_on(self, now: Certifying, max_steps: Count) -> Certifying:
         """Shots one after the other."""
@@ -256,7 +250,8 @@ class CertifiedMotion:
         place = now.shot, now.attempt, now.spent
         place = lax.fori_loop(0, self._turns(max_steps), turn, place)
         run, attempt, spent = place
-        return now._replace(shot=run, attempt=attempt, spent=spent)
+        now = now._replace(shot=run, attempt=attempt, spent=spent)
+        return self._decided(now, now.shoots & ~run.running, self._after_shots)
 
     def _turns(self, max_steps: Count) -> Count:
         return (jnp.asarray(max_steps, jnp.int32) - 1) // self.at_once + 1
@@ -272,34 +267,29 @@ class CertifiedMotion:
         )  # fmt: skip
 
     def _shot(self, y0: Vector4, attempt: Attempt, left: Count) -> Motion[ShotState]:
-        share = jnp.where(attempt.fine, FINE, COARSE)
-        rtol, atol = (
-            jnp.maximum(share * cast(Scalar, x), FINEST)
-            for x in (self.method.rtol, self.method.atol)
-        )
-        solver = self.method.solver
-        solver = solver if isinstance(solver, Explicit) else Explicit()
-        fold = Shot(solver, self.observation)
-        method = Method(solver, rtol, atol).at_most(left)
-        span = jnp.maximum(attempt.span, SHORTEST)
-        return Motion(self.column, cast(Traced4, y0), fold, method, end=span)
+        method = self.method.at_most(left)
+        return shot_motion(self.column, y0, attempt, method, self.observation)
 
     def _left(self, now: Certifying) -> Count:
         return cast(Count, self.method.max_steps) - now.march.steps - now.spent
 
-    # ---- between the phases
+    # ---- at the end of a phase
 
-    def decide(self, now: Certifying) -> Certifying:
+    def _decided(
+        self, now: Certifying, ended: Flag, decide: Callable[[Certifying], Certifying]
+    ) -> Certifying:
         """Where a lane goes whose motion or shot has come to its end."""
-        asked = now.phase == DECISION
-        shot = now.shoots
-        spent = now.spent + jnp.where(shot, now.shot.steps, 0).astype(jnp.int32)
-        before, now = now, now._replace(spent=spent)
-        observed = shot & (now.observing != OUTCOME.not_computed)
-        after = replaced(shot, self._judged(now), self._after_march(now))
-        if self.watches:
-            after = replaced(observed, self._after_observation(now), after)
-        return replaced(asked, after, before)
+        asked = now.running & ended
+        return if_any_lane(asked, lambda now: replaced(asked, decide(now), now), now)
+
+    def _after_shots(self, now: Certifying) -> Certifying:
+        """What shots have found, or what the last one has observed."""
+        now = now._replace(spent=(now.spent + now.shot.steps).astype(jnp.int32))
+        judged = self._judged(now)
+        if not self.watches:
+            return judged
+        observed = now.observing != OUTCOME.not_computed
+        return replaced(observed, self._after_observation(now), judged)
 
     def _after_march(self, now: Certifying) -> Certifying:
         """What the motion asks for, or how it has failed."""
@@ -361,7 +351,7 @@ class CertifiedMotion:
         unstable = verified & (radius > 1 + margin)
         norm = contraction_norm(attempt.slope, radius)
         orbit = Candidate(stable, state.returns, attempt.x, attempt.slope, norm, radius)
-        was, became = attempt.start - attempt.x, attempt.image - attempt.x
+        was, became = (minus(y, attempt.x) for y in (attempt.start, attempt.image))
         scale = jnp.maximum(largest(attempt.x), TINY)
         at_once = stable & contracts(norm, attempt.first_slope)
         at_once &= follows(orbit, was, became, 0.0)

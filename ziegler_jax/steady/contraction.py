@@ -7,97 +7,140 @@ $$|v|_P^2 = v^T P\,v, \qquad P = \sum_{j \ge 0} (A^T)^j A^j, \qquad A = \frac{2 
 \rho}, \qquad |M|_P \le \frac{1 + \rho}{2} \sqrt{1 - \frac{1}{\mathrm{tr} P}},$$
 
 for $|A v|_P^2 = |v|_P^2 - |v|^2$. Sums and products only: a batch needs no LAPACK.
+
+Vectors and matrices are tuples of numbers, a matrix one of its rows: in a batch each of
+these is an array of lanes. As arrays of three and of nine numbers a lane they would
+stand with the lanes outside, and a loop over lanes would step over them.
 """
+
+from collections.abc import Sequence
+from functools import reduce
+from typing import cast
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
-from ..numerics.numbers import Scalar
+from ..numerics.numbers import Scalar, Traced
 
-Vector3 = Float[Array, "3"]
-Matrix3 = Float[Array, "3 3"]
-Number = Float[Array, ""]
+Vector3 = tuple[Traced, Traced, Traced]
+Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 SQUARINGS = 24  # of M for its radius: what is left of its shape is 2^-24 of a logarithm
 DOUBLINGS = 16  # of the sum for P
 TINY = 1e-12  # of a point: no motion returns from there
 SLOWEST = 0.9995  # no norm is worked out for a radius above: none is asked for
+UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def dot(v: Vector3, w: Vector3) -> Traced:
+    """The product of two vectors."""
+    return v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
+
+
+def minus(v: Vector3, w: Vector3) -> Vector3:
+    """The difference."""
+    return cast(Vector3, tuple(a - b for a, b in zip(v, w, strict=True)))
+
+
+def transposed(a: Matrix3) -> Matrix3:
+    """Rows as columns."""
+    return cast(Matrix3, tuple(zip(*a, strict=True)))
 
 
 def times(a: Matrix3, b: Matrix3) -> Matrix3:
     """The product A B."""
-    return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
+    columns = transposed(b)
+    product = tuple(tuple(dot(row, column) for column in columns) for row in a)
+    return cast(Matrix3, product)
 
 
 def image(a: Matrix3, v: Vector3) -> Vector3:
     """A v."""
-    return jnp.sum(a * v[None, :], axis=1)
+    return cast(Vector3, tuple(dot(row, v) for row in a))
 
 
-def largest(v: Float[Array, "..."]) -> Number:
+def largest(v: Sequence[Scalar]) -> Traced:
     """The largest component's size."""
-    return jnp.max(jnp.abs(v))
+    return reduce(jnp.maximum, map(jnp.abs, v))
 
 
 def fixed_point_move(a: Matrix3, residual: Vector3) -> Vector3:
     """(I - A)^-1 r: Newton's step from x to the fixed point, of r = H(x) - x."""
-    adjugate = _adjugate(jnp.eye(3, dtype=a.dtype) - a)
-    m = jnp.eye(3, dtype=a.dtype) - a
-    determinant = jnp.sum(m[0] * adjugate[:, 0])
+    rows = zip(UNIT, a, strict=True)
+    m = cast(Matrix3, tuple(minus(cast(Vector3, e), row) for e, row in rows))
+    adjugate = _adjugate(m)
+    determinant = dot(m[0], transposed(adjugate)[0])
     safe = jnp.where(determinant == 0, jnp.nan, determinant)
-    return image(adjugate, residual) / safe
+    return cast(Vector3, tuple(x / safe for x in image(adjugate, residual)))
+
+
+def _cross(v: Vector3, w: Vector3) -> Vector3:
+    return (
+        v[1] * w[2] - v[2] * w[1],
+        v[2] * w[0] - v[0] * w[2],
+        v[0] * w[1] - v[1] * w[0],
+    )
 
 
 def _adjugate(m: Matrix3) -> Matrix3:
     """Determinant times inverse: its columns are cross products of rows."""
-    after, before = jnp.roll(m, -1, axis=0), jnp.roll(m, -2, axis=0)
-    crossed = jnp.roll(after, -1, axis=1) * jnp.roll(before, -2, axis=1)
-    crossed -= jnp.roll(after, -2, axis=1) * jnp.roll(before, -1, axis=1)
-    return crossed.T
+    return transposed((_cross(m[1], m[2]), _cross(m[2], m[0]), _cross(m[0], m[1])))
 
 
-def spectral_radius(a: Matrix3) -> Number:
+def _map(function, *matrices: Matrix3) -> Matrix3:
+    """A matrix of what a function makes of each entry."""
+    pairs = zip(*matrices, strict=True)
+    rows = (tuple(map(function, *rows)) for rows in pairs)
+    return cast(Matrix3, tuple(rows))
+
+
+def spectral_radius(a: Matrix3) -> Traced:
     """The largest modulus of an eigenvalue, by squaring: |A^N|^(1/N), N = 2^24."""
 
     def square(i, now):
         a, total = now
-        size = largest(a)
+        size = largest(sum(a, ()))
         there = size > 0
         size = jnp.where(there, size, 1.0)
-        a, share = a / size, jnp.where(there, jnp.log(size), -jnp.inf)
+        share = jnp.where(there, jnp.log(size), -jnp.inf)
+        a = _map(lambda x: x / size, a)
         return times(a, a), total + share * 0.5**i
 
-    _, total = lax.fori_loop(0, SQUARINGS, square, (a, jnp.zeros((), a.dtype)))
+    _, total = lax.fori_loop(0, SQUARINGS, square, (a, 0.0 * a[0][0]))
     return jnp.exp(total)
 
 
 def contraction_norm(a: Matrix3, radius: Scalar) -> Matrix3:
     """P of the norm in which A contracts, where its radius is below 1."""
-    scaled = a * (2 / (1 + jnp.minimum(radius, SLOWEST)))
+    share = 2 / (1 + jnp.minimum(radius, SLOWEST))
 
     def double(_, now):
         p, a = now
-        return p + times(times(a.T, p), a), times(a, a)
+        return _map(jnp.add, p, times(times(transposed(a), p), a)), times(a, a)
 
-    first = jnp.eye(3, dtype=a.dtype), scaled
-    return lax.fori_loop(0, DOUBLINGS, double, first)[0]
+    one = _map(lambda e, x: e + 0.0 * x, cast(Matrix3, UNIT), a)
+    return lax.fori_loop(0, DOUBLINGS, double, (one, _map(lambda x: x * share, a)))[0]
 
 
-def contraction_rate(p: Matrix3, radius: Scalar) -> Number:
+def trace(p: Matrix3) -> Traced:
+    """The sum of the diagonal."""
+    return p[0][0] + p[1][1] + p[2][2]
+
+
+def contraction_rate(p: Matrix3, radius: Scalar) -> Traced:
     """A bound of |A|_P."""
-    trace = p[0, 0] + p[1, 1] + p[2, 2]
-    return (1 + radius) / 2 * jnp.sqrt(jnp.maximum(1 - 1 / trace, 0.0))
+    return (1 + radius) / 2 * jnp.sqrt(jnp.maximum(1 - 1 / trace(p), 0.0))
 
 
-def length(p: Matrix3, v: Vector3) -> Number:
+def length(p: Matrix3, v: Vector3) -> Traced:
     """|v|_P."""
-    return jnp.sqrt(jnp.maximum(jnp.sum(v * image(p, v)), 0.0))
+    return jnp.sqrt(jnp.maximum(dot(v, image(p, v)), 0.0))
 
 
 def contracts(p: Matrix3, a: Matrix3) -> Bool[Array, ""]:
     """Whether |A|_P < 1: P - A^T P A is positive definite, by its leading minors."""
-    m = p - times(times(a.T, p), a)
-    second = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
-    third = jnp.sum(m[0] * _adjugate(m)[:, 0])
-    return (m[0, 0] > 0) & (second > 0) & (third > 0)
+    m = _map(jnp.subtract, p, times(times(transposed(a), p), a))
+    second = m[0][0] * m[1][1] - m[0][1] * m[1][0]
+    third = dot(m[0], transposed(_adjugate(m))[0])
+    return (m[0][0] > 0) & (second > 0) & (third > 0)

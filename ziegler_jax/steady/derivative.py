@@ -22,10 +22,10 @@ from ..motion.integrate import Motion
 from ..motion.options import Method
 from ..numerics.numbers import Count, Scalar, Traced4, Vector4
 from ..results import Variable
-from .certified import FINE, FINEST, CertifiedMotion
+from .certified import CertifiedMotion
 from .observation import Observation, Record
 from .rest import Rest
-from .shots import start_of
+from .shots import FINE, FINEST
 from .window_rule import SettleFold
 
 Outputs = Float[Array, " m"]
@@ -112,7 +112,7 @@ def _outputs(
         rest=place.rest,
         observation=place.observation,
     )
-    start = jnp.where(place.closed, jnp.stack(start_of(z[:3])), y0)
+    start = jnp.where(place.closed, jnp.stack((0.0 * z[0], *z[:3])), y0)
     begin = Motion(
         column,
         cast(Traced4, tuple(start)),

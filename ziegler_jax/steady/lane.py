@@ -14,7 +14,7 @@ from .observation import Record
 from .returns import Calm, Candidate, Lookout, Returns, ask_no_more
 from .shots import Attempt, ShotState
 
-MARCH, SHOTS, DECISION = range(3)  # the phases
+MARCH, SHOTS = range(2)  # the phases
 
 
 class Orbit(NamedTuple):
@@ -79,8 +79,7 @@ class Certifying(NamedTuple):
     @property
     def phase(self) -> Int[Array, ""]:
         """The program that it is in, or `ENDED`."""
-        moves = jnp.where(self.shoots, self.shot.running, self.march.running)
-        phase = jnp.where(moves, jnp.where(self.shoots, SHOTS, MARCH), DECISION)
+        phase = jnp.where(self.shoots, SHOTS, MARCH)
         return jnp.where(self.running, phase, ENDED).astype(jnp.int32)
 
 

@@ -5,6 +5,7 @@ from typing import cast
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from ..model.column import Column, vector_field
 from ..model.set_valued import in_modes
@@ -23,6 +24,8 @@ def is_odd(column: Column) -> Flag:
         [source.uniform(low, 0.3, SAMPLES) for low in (-3, -3, -5, -5)]
     )
     samples = jnp.asarray(source.uniform(-1, 1, (4, SAMPLES)) * scale, dtype)
+    # XLA would compute with known numbers while it compiles, for minutes
+    samples = lax.optimization_barrier(samples)
     whole = prepared(column)
 
     def uneven(y: Traced4, modes: tuple[float, float]) -> jax.Array:

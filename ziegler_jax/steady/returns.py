@@ -15,11 +15,11 @@ beside the orbit, on a torus round it say, does not.
 """
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import NamedTuple, cast
 
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from ..motion.section import SectionPlane, passage
 from ..motion.spans import turns_over
@@ -37,13 +37,14 @@ from .contraction import (
     image,
     largest,
     length,
+    minus,
+    trace,
 )
 from .growth import Grown, grown, kick_tangent
 from .rest import Rest, fastest
 from .trend import Trend, no_trend
 
 RETURNS = (1, 2, 3, 4, 6)  # how many close an orbit
-COUNTS = np.array(RETURNS, np.int32)
 # A shot is asked for where a d_n passes the next of these, or at these times where it
 # is small; where it is large again, the first level counts once more.
 LEVELS = (6e-4, 2e-4, 7e-5)
@@ -204,10 +205,10 @@ def _longer(calm: Calm, step: Step, rate: Scalar) -> Calm:
 class Returns(NamedTuple):
     """What the returns have told."""
 
-    points: Float[Array, "n 3"]  # the last ones, newest first
-    times: Float[Array, " n"]
+    points: tuple[Vector3, ...]  # the last ones, newest first
+    times: tuple[Traced, ...]
     passages: Traced
-    last: Float[Array, " counts"]  # d_n at the newest
+    last: tuple[Traced, ...]  # d_n at the newest, for each of the counts
     nearest: Traced  # about the smallest of the last d_n
     level: Traced  # how many of them have been used up
     due: Traced  # the next of the times
@@ -223,10 +224,10 @@ def no_returns(zero: Traced) -> Returns:
     """Before the first."""
     places, none = 1 + max(RETURNS), jnp.zeros((), jnp.int32)
     return Returns(
-        points=jnp.zeros((places, 3), zero.dtype),
-        times=jnp.zeros(places, zero.dtype),
+        points=((zero, zero, zero),) * places,
+        times=(zero,) * places,
         passages=zero,
-        last=jnp.full(len(RETURNS), jnp.inf, zero.dtype),
+        last=(zero + jnp.inf,) * len(RETURNS),
         nearest=zero + jnp.inf,
         level=zero,
         due=zero + TIMES[0],
@@ -259,20 +260,22 @@ def with_return(
     slopes = cast(Traced4, (*y0[2:], *a0)), cast(Traced4, (*y1[2:], *a1))
     step = Step(ends.t0, ends.t1, cast(Traced4, y0), cast(Traced4, y1), *slopes, ())
     here = passage(SectionPlane(), step)
-    point = jnp.stack(here.y[1:])
-    points = jnp.concatenate([point[None], state.points[:-1]])
-    times = jnp.concatenate([jnp.asarray(here.time)[None], state.times[:-1]])
+    point = cast(Vector3, here.y[1:])
+    points = (point, *state.points[:-1])
+    times = (cast(Traced, here.time), *state.times[:-1])
     # where two came at once one is lost: what was before says nothing of what follows
     count = jnp.where(lookout.waits > 1, 1.0, state.passages + 1)
-    apart = jnp.max(jnp.abs(points[COUNTS] - point[None]), axis=1)
-    apart = apart / jnp.maximum(largest(point), TINY)
-    apart = jnp.where(count > COUNTS.astype(float), apart, jnp.inf)
+    size = jnp.maximum(largest(point), TINY)
+    apart = tuple(
+        jnp.where(count > n, largest(minus(points[n], point)) / size, jnp.inf)
+        for n in RETURNS
+    )
     after = state._replace(
         points=points,
         times=times,
         passages=count,
         last=apart,
-        nearest=jnp.minimum(LEAK * state.nearest, jnp.min(apart)),
+        nearest=jnp.minimum(LEAK * state.nearest, _least(apart)),
     )
     trend = after.trend.after(largest(point), after.times[0] > after.due)
     after = after._replace(trend=trend)
@@ -285,22 +288,24 @@ def with_return(
 
 def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
     """Whether it is time for a shot, and of how many returns."""
-    t, least, levels = now.times[0], jnp.min(now.last), np.array(LEVELS)
+    t, least = now.times[0], _least(now.last)
     level = jnp.where(least > LARGE, 0.0, now.level)
     bound = _nth((*LEVELS, 0.0), level)
-    passed = jnp.any((now.last < bound) & (now.last < before.last))
+    passed = jnp.zeros_like(t, bool)
+    for d, was in zip(now.last, before.last, strict=True):
+        passed |= (d < bound) & (d < was)
     passed &= t > EARLIEST
     timed = t > now.due
-    times = np.array(TIMES)
-    following = jnp.min(jnp.where(times > now.due, times, jnp.inf))
+    following = _least([jnp.where(now.due < x, x, jnp.inf) for x in TIMES])
     following = jnp.where(now.due < TIMES[-1], following, LATER * now.due)
     asks = passed | (timed & (least < SMALL))
     # no shot at an orbit that is known, and that the motion has not left
     asks &= ~orbit.there | now.lost
     asks &= now.asks == NOTHING
     enough = ALIKE * jnp.maximum(jnp.where(passed, bound, 0.0), least)
-    first = jnp.min(jnp.where(now.last < enough, COUNTS, COUNTS[-1]))
-    below = jnp.sum(jnp.where(least < levels, 1.0, 0.0))
+    pairs = zip(RETURNS, now.last, strict=True)
+    first = _least([jnp.where(d < enough, n, RETURNS[-1]) for n, d in pairs])
+    below = sum((jnp.where(least < x, 1.0, 0.0) for x in LEVELS), 0.0 * least)
     return now._replace(
         level=jnp.where(passed, jnp.maximum(level, below), level),
         due=jnp.where(timed, following, now.due),
@@ -316,11 +321,12 @@ def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
     # whole numbers, far below those whose quotients would be rounded
     mine = own - returns * jnp.floor((own + 0.5) / returns) == 0
     mine &= orbit.there & ~now.lost
-    chosen = (COUNTS == orbit.returns)[:, None]
-    earlier = jnp.sum(jnp.where(chosen, now.points[COUNTS], 0.0), axis=0)
-    distance = now.points[0] - orbit.x
+    places = [now.points[n] for n in RETURNS]
+    earlier = (_chosen(orbit.returns, x) for x in zip(*places, strict=True))
+    distance = minus(now.points[0], orbit.x)
     size = jnp.maximum(largest(orbit.x), TINY)
-    good = follows(orbit, earlier - orbit.x, distance, NOISE * size)
+    was = minus(cast(Vector3, tuple(earlier)), orbit.x)
+    good = follows(orbit, was, distance, NOISE * size)
     good &= largest(distance) < NEAR * size
     row = jnp.where(mine, jnp.where(good, now.follows + 1, 0.0), now.follows)
     arrived = mine & (row >= OWN) & (length(orbit.norm, distance) < ARRIVED * size)
@@ -338,10 +344,10 @@ def follows(
 ) -> Bool[Array, ""]:
     """Whether distances from an orbit go on as its linear map says, and do not grow."""
     rate = contraction_rate(orbit.norm, orbit.radius)
-    rest = length(orbit.norm, after - image(orbit.slope, before))
+    rest = length(orbit.norm, minus(after, image(orbit.slope, before)))
     was, now = length(orbit.norm, before), length(orbit.norm, after)
     # the norm stretches noise by the root of its trace at most
-    noise = noise * jnp.sqrt(jnp.sum(jnp.eye(3) * orbit.norm))
+    noise = noise * jnp.sqrt(trace(orbit.norm))
     return (rest <= (1 - rate) / 2 * was + noise) & (now <= was + noise)
 
 
@@ -358,12 +364,22 @@ def with_candidate(state: Returns) -> Returns:
 
 def span_of(state: Returns, returns: Count) -> Traced:
     """The time that the last so many returns took."""
-    spans = state.times[0] - state.times[COUNTS]
-    return jnp.sum(jnp.where(COUNTS == returns, spans, 0.0))
+    return _chosen(returns, [state.times[0] - state.times[n] for n in RETURNS])
+
+
+def _chosen(returns: Count, numbers: Sequence[Traced]) -> Traced:
+    """That number of each of the counts which belongs to so many returns."""
+    pairs = zip(RETURNS, numbers, strict=True)
+    none = jnp.zeros_like(numbers[0])
+    return sum((jnp.where(returns == n, x, none) for n, x in pairs), none)
 
 
 def _nth(numbers: Sequence[Scalar], place: Traced) -> Traced:
     """One of a few numbers."""
-    chosen = jnp.stack([jnp.asarray(x, place.dtype) for x in numbers])
-    places = np.arange(float(len(numbers)))
-    return jnp.sum(jnp.where(places == place, chosen, 0.0))
+    pairs = enumerate(numbers)
+    return sum((jnp.where(place == i, x, 0.0) for i, x in pairs), 0.0 * place)
+
+
+def _least(numbers: Sequence[Traced]) -> Traced:
+    """The smallest."""
+    return reduce(jnp.minimum, numbers)

@@ -15,17 +15,39 @@ Steps are ten, at last a hundred times finer than the motion's own.
 from typing import NamedTuple, cast
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from ..motion.integrate import Run
-from ..motion.tangents import Rows, push_rows, rows_field, rows_past
+from ..model.column import Column
+from ..motion.integrate import Motion, Run
+from ..motion.options import Method
+from ..motion.tangents import Vectors, apart, past, push_along, tangent_field
 from ..motion.variational import events_number
-from ..numerics.numbers import Flag, Scalar, Traced, Traced4
+from ..numerics.materialise import tree_where
+from ..numerics.numbers import (
+    Count,
+    Flag,
+    Numbers,
+    Scalar,
+    Traced,
+    Traced4,
+    Vector4,
+)
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit
-from .contraction import TINY, Matrix3, Vector3, fixed_point_move, largest
+from .contraction import (
+    TINY,
+    Matrix3,
+    Vector3,
+    dot,
+    fixed_point_move,
+    largest,
+    minus,
+)
 from .observation import Observation
 
+COARSE, FINE = 0.1, 0.01  # tolerances against the motion's own
+FINEST = 1e-12
 SHORTEST = 1e-3  # a span below it is none
 # Relative moves of Newton's method: from one above the first the orbit is too far, one
 # below the second is followed by a fine shot, and one below the third verifies.
@@ -54,8 +76,8 @@ class Attempt(NamedTuple):
 class ShotState(NamedTuple):
     """The running numbers of a shot."""
 
-    tangents: Rows  # four, along phi2, omega1, omega2
-    slopes: Rows  # of the last two; () where events turn them
+    tangents: Vectors  # three, along phi2, omega1, omega2
+    slopes: Vectors  # theirs; () where events turn them
     record: tuple  # of the observers
     modes: Traced | tuple[()]  # set-valued friction: a number of the events so far
 
@@ -68,13 +90,16 @@ class Shot(AbstractFold[ShotState]):
 
     def init(self, column, t0, y0):
         """Unit vectors, and nothing seen."""
-        rows = jnp.eye(4, 3, k=-1, dtype=jnp.result_type(y0[0]))
-        tangents = tuple(rows[i] + 0.0 * y0[0] for i in range(4))
+        zero = 0.0 * y0[0]
+        unit = np.eye(3, 4, k=1)
+        tangents = tuple(tuple(zero + x for x in row) for row in unit)
+        tangents = cast(Vectors, tangents)
         record = self.observation.init(column, t0, y0)
         if column.sticks:
             return ShotState(tangents, (), record, 0.0 * y0[0])
-        slopes = rows_field(t0, (*y0, *tangents), column)[6:]
-        return ShotState(tangents, cast(Rows, slopes), record, ())
+        both = cast(Numbers, sum(tangents, y0))
+        _, slopes = apart(tangent_field(t0, both, column))
+        return ShotState(tangents, slopes, record, ())
 
     def integrand(self, column):
         """The observers'."""
@@ -88,12 +113,13 @@ class Shot(AbstractFold[ShotState]):
     def advance(self, solver, terms, t0, t1, y0, column, first, state):
         """A step, the images of the tangents, and the observers' integrals."""
         del terms
-        known = (*first, *state.tangents[2:], *state.slopes) if state.slopes else None
-        both, error, last, integrals = push_rows(
+        known = cast(Numbers, sum(state.slopes, first)) if state.slopes else None
+        both, error, last, integrals = push_along(
             solver, column, t0, t1, y0, state.tangents, self.integrand(column), known
         )
-        slopes = last[6:] if state.slopes else ()
-        return both[:4], error, last[:4], (both[4:], slopes, integrals), None
+        (y1, images), (slope, slopes) = apart(both), apart(last)
+        slopes = slopes if state.slopes else ()
+        return y1, error, slope, (images, slopes, integrals), None
 
     def step(self, column, state, step):
         """After a step, and past the event at its end."""
@@ -102,12 +128,32 @@ class Shot(AbstractFold[ShotState]):
             images, slopes, integrals = step.integrals
         else:  # it may have been cut
             integrals, ends = step.integrals, (step.t0, step.t1, step.y0)
-            both, *_ = push_rows(self.solver, column, *ends, state.tangents)
-            images = rows_past(column, step, cast(Rows, both[4:]))
+            both, *_ = push_along(self.solver, column, *ends, state.tangents)
+            images = past(column, step, apart(both)[1])
             modes = events_number(modes, step)
         step = step._replace(integrals=integrals)
         record = self.observation.step(column, state.record, step)
         return ShotState(images, slopes, record, modes), jnp.inf, False
+
+
+def shot_motion(
+    column: Column,
+    y0: Vector4,
+    attempt: Attempt,
+    method: Method,
+    observation: Observation,
+) -> Motion[ShotState]:
+    """The next shot of an attempt; `method`: that of the motion itself."""
+    share = jnp.where(attempt.fine, FINE, COARSE)
+    rtol, atol = (
+        jnp.maximum(share * cast(Scalar, x), FINEST) for x in (method.rtol, method.atol)
+    )
+    solver = method.solver
+    solver = solver if isinstance(solver, Explicit) else Explicit()
+    fold = Shot(solver, observation)
+    finer = Method(solver, rtol, atol).at_most(cast(Count, method.max_steps))
+    span = jnp.maximum(attempt.span, SHORTEST)
+    return Motion(column, cast(Traced4, y0), fold, finer, end=span)
 
 
 def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
@@ -124,7 +170,7 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
     good = arrived & (size < TOO_FAR) & (first | (size < FALL * attempt.size))
     span = attempt.span + back.longer
     after = Attempt(
-        x=attempt.x + back.move,
+        x=cast(Vector3, tuple(map(jnp.add, attempt.x, back.move))),
         # the orbit is the one that the last shot ran
         span=jnp.where(verified, attempt.span, span),
         sign=attempt.sign,
@@ -133,8 +179,8 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
         fine=attempt.fine | (size < CLOSE),
         verified=verified,
         start=attempt.start,
-        image=jnp.where(first, back.image, attempt.image),
-        first_slope=jnp.where(first, back.slope, attempt.first_slope),
+        image=tree_where(first, back.image, attempt.image),
+        first_slope=tree_where(first, back.slope, attempt.first_slope),
         slope=back.slope,
         modes=modes,
     )
@@ -153,14 +199,15 @@ class Return(NamedTuple):
 def return_of(run: Run[ShotState], attempt: Attempt) -> Return:
     """The return that a shot has come to."""
     sign = attempt.sign
-    a, f = sign * jnp.stack(run.y), sign * jnp.stack(run.solver.slope)
-    v = sign * jnp.stack(run.folded.tangents)
+    a, f = ([sign * x for x in four] for four in (run.y, run.solver.slope))
+    v = [[sign * v[i] for v in run.folded.tangents] for i in range(4)]
     speed = jnp.where(f[0] == 0, jnp.nan, f[0])
-    late, first = -a[0] / speed, v[0] / speed
-    reached = a[1:] + late * f[1:]
-    slope = v[1:] - f[1:, None] * first[None, :]
-    move = fixed_point_move(slope, reached - attempt.x)
-    return Return(reached, slope, move, late - jnp.sum(first * move))
+    late, first = -a[0] / speed, cast(Vector3, tuple(x / speed for x in v[0]))
+    reached = cast(Vector3, tuple(a[i] + late * f[i] for i in (1, 2, 3)))
+    rows = ([x - f[i] * y for x, y in zip(v[i], first, strict=True)] for i in (1, 2, 3))
+    slope = cast(Matrix3, tuple(map(tuple, rows)))
+    move = fixed_point_move(slope, minus(reached, attempt.x))
+    return Return(reached, slope, move, late - dot(first, move))
 
 
 def to_be_begun(run: Run[ShotState]) -> Run[ShotState]:
@@ -178,8 +225,8 @@ def start_of(x: Vector3) -> Traced4:
 
 def blank_attempt(zero: Traced) -> Attempt:
     """None yet."""
-    point, no = jnp.zeros(3, zero.dtype), jnp.asarray(False)
-    matrix = jnp.zeros((3, 3), zero.dtype)
+    point, no = (zero, zero, zero), jnp.asarray(False)
+    matrix = (point, point, point)
     return Attempt(
         x=point,
         span=zero,

@@ -196,19 +196,6 @@ class Work:
         """How many lanes a stage takes at a time."""
         return self.stages[number].lanes
 
-    def turn(self) -> bool:
-        """Lead lanes on that are between a loop's phases; whether there were some.
-
-        Whole batches, but any that there are when no more points wait.
-        """
-        few = not self.queue.ready()
-        between = [n for n, s in enumerate(self.stages) if s.ways and not s.is_loop]
-        some = False
-        for number in between:
-            while self.count(number) >= (1 if few else self.width(number)):
-                some |= self.segment(number)
-        return some
-
     def change(self, old: Batch | None, new: Batch) -> None:
         """One batch less and one more."""
         with self.lock:
@@ -263,22 +250,11 @@ class Work:
         count = lanes.points.size
         # padded with real lanes: another size would be compiled again
         padded = lanes.at(np.resize(np.arange(count), stage.lanes)).rows
-        arguments = split(stage, padded)
-        if stage.ways:
-            arguments = np.int32(1), *arguments
-        after = self.call(lanes.points, stage.function, *arguments)
-        if stage.ways:
-            state, phases, _ = after
-            after = arguments[1], state
-            ways = np.array(stage.ways)[np.asarray(phases)[:count]]
-        else:
-            ways = np.full(count, number + 1)
+        after = self.call(lanes.points, stage.function, *split(stage, padded))
         if number + 1 < len(self.stages):
             rows = tuple(np.asarray(row)[:, :count] for part in after for row in part)
-            here = lanes.here if stage.ways else np.zeros_like(lanes.here)
-            lanes = lanes._replace(here=here, rows=rows)
-            for way in np.unique(ways).tolist():
-                self.give(way, lanes.at(ways == way))
+            here = np.zeros_like(lanes.here)
+            self.give(number + 1, lanes._replace(here=here, rows=rows))
             return True
         results = self.program.results.unpack([np.asarray(part) for part in after])
         self.put(lanes.points, [r[..., :count] for r in results], lanes.steps)

@@ -1,9 +1,10 @@
 """What a sweep compiles: the scene, known by its lowered stages, for a batch of lanes.
 
-A scene is traced and lowered anew at each sweep, in a trace of its own: whatever it
-reads, an attribute of an object, a table, the environment, is read again. A compiled
-stage is kept by the text of the lowered one, so that a sweep of what has not changed
-is not compiled again, and one of what has is never answered by the old program.
+A scene is traced anew at each sweep, in a trace of its own: whatever it reads, an
+attribute of an object, a table, the environment, is read again. What it is lowered to
+is kept by what was traced, and a compiled stage by the text of the lowered one, so that
+a sweep of what has not changed is neither lowered nor compiled again, and one of what
+has is never answered by the old program.
 """
 
 import hashlib
@@ -12,7 +13,7 @@ import sysconfig
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import repeat
 from pathlib import Path
@@ -22,16 +23,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import Jaxpr
+from jax.extend.core import (
+    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
+    Jaxpr,
+)
 from jax.stages import Lowered
 
 from ..context import Cuts, may_cut, of_its_own, within
+from ..numerics.traced_key import traced_key
 from ..results import DIMENSIONS, Variable
 from ..runtime import (
     all_cores,
     compiles_whole_loops,
     held_interrupts,
     own_flags,
+    paused_collector,
     quiet_compiler,
 )
 from .axes import Returned, empty, labelled
@@ -43,6 +49,7 @@ BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 384
 SMALLER_BATCHES = (32, 64)  # for sweeps of two of these at most
 BATCH_WITHOUT = 8192
 CACHED_STAGES = 96
+LOWERED_SCENES = 16
 # Lanes are a multiple of four vectors of 512 bits: what is left of a vector, and loops
 # of two that the compiler unrolls, round otherwise (batches of 13 and of 8 did).
 WHOLE_VECTORS = 32
@@ -113,6 +120,7 @@ class Program(NamedTuple):
 
 
 @held_interrupts()
+@paused_collector()
 def traced(
     point: Callable[..., Returned],
     names: tuple[str, ...],
@@ -154,14 +162,11 @@ def traced(
             raise ValueError(_untraceable(error, names)) from error
         cuts = described.pop("cuts")
         size = batch_size or _usual_size(bool(cuts.motions), points)
-        parts = stages(traced_point)
-        # between loops there is little to do, unless a motion runs whole there
-        light = len(parts) > 1 and not cuts.refused
         whole = WHOLE_VECTORS if wide else 2 * WHOLE_VECTORS
         width = -(-size // whole) * whole
-        widths = [width if p.ways or not light else width * SEGMENTS for p in parts]
-        pairs = zip(parts, widths, strict=True)
-        lowered = tuple(_lowered(part._replace(lanes=width)) for part, width in pairs)
+        # between loops there is little to do, unless a motion runs whole there
+        widths = width, width if cuts.refused else width * SEGMENTS
+        lowered, digests = _lowered_stages(traced_point, widths, wide)
     return Scene(
         point=point,
         names=names,
@@ -169,7 +174,7 @@ def traced(
         **described,
         batch_size=size,
         stages=lowered,
-        digests=tuple(stage.digest for stage in lowered),
+        digests=digests,
         seconds=time.perf_counter() - started,
     )
 
@@ -185,6 +190,38 @@ def _usual_size(motions: bool, points: int | None) -> int:
         return BATCH_OF_MANY
     fitting = [s for s in SMALLER_BATCHES if points is not None and points <= 2 * s]
     return min([*fitting, BATCH_OF_ONE_KERNEL])
+
+
+_lowered_before: OrderedDict[Hashable, tuple] = OrderedDict()
+_lowered_lock = threading.Lock()
+
+
+def _lowered_stages(
+    point: ClosedJaxpr, widths: tuple[int, int], wide: bool
+) -> tuple[tuple[LoweredStage, ...], tuple[str, ...]]:
+    """The stages of a traced point, lowered, and their digests.
+
+    **Arguments:** `widths`: lanes at a loop, and between loops.
+    """
+    key = traced_key(point)
+    key = None if key is None else (key, widths, wide, compiles_whole_loops())
+    with _lowered_lock:
+        if key in _lowered_before:
+            _lowered_before.move_to_end(key)
+            return _lowered_before[key]
+    parts = stages(point)
+    at_loop, between = widths if len(parts) > 1 else (widths[0], widths[0])
+    lowered = tuple(
+        _lowered(part._replace(lanes=at_loop if part.is_loop else between))
+        for part in parts
+    )
+    made = lowered, tuple(stage.digest for stage in lowered)
+    if key is not None:
+        with _lowered_lock:
+            _lowered_before[key] = made
+            while len(_lowered_before) > LOWERED_SCENES:
+                _lowered_before.popitem(last=False)
+    return made
 
 
 def _lowered(stage: Stage) -> LoweredStage:

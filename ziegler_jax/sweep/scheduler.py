@@ -104,7 +104,6 @@ def _run(work: Work) -> None:
     recent = {loop: np.zeros(0, np.int64) for loop in loops}
     while not work.queue.closed:
         work.finish()
-        work.turn()
         here = _chosen(work, loops, batch)
         if here is None:
             if work.leave(batch):
@@ -151,6 +150,7 @@ class _Batch:
         """No lane yet; `recent`: the steps of the thread's last lanes at each loop."""
         self.recent = recent
         self.work, self.loop, self.stage = work, loop, work.stages[loop]
+        self.ways = np.array(self.stage.ways)
         size = self.stage.lanes
         self.busy, self.wants = np.zeros(size, bool), True
         self.points, self.total = np.zeros((2, size), np.int64)
@@ -159,6 +159,7 @@ class _Batch:
         self.state: tuple[np.ndarray, ...] = self.stage.state.empty(size)
         self.dear = max(LANES / size, 1.0)  # a call, in steps of so few lanes
         self.max_steps = int(FIRST_CHUNK * np.sqrt(self.dear))
+        self.costs = self._costs()
 
     def lanes(self, chosen: np.ndarray) -> OpenLanes:
         """These lanes as they are."""
@@ -186,7 +187,7 @@ class _Batch:
         self.entered[places] = new_rows.here
         self.stalled[places] = 0
         self.busy[idle[:count]] = True
-        typical, slow, alike = self._costs()
+        typical, slow, alike = self.costs
         fair = np.sqrt(2 * CALL * self.dear / self.stage.cost * typical)
         fair = np.clip(fair, SHORTEST_CHUNK, LONGEST_CHUNK)
         if slow:
@@ -197,7 +198,7 @@ class _Batch:
         arguments = np.int32(self.max_steps), self.fixed, self.state
         called = self.points[self.busy], self.stage.function
         self.state, phases, steps = self.work.call(*called, *arguments)
-        ways = np.array(self.stage.ways)[np.asarray(phases)]  # ENDED is the last
+        ways = self.ways[np.asarray(phases)]  # ENDED is the last
         running, steps = ways == self.loop, np.asarray(steps).astype(np.int64)
         taken = np.where(self.busy, steps - self.steps, 0)
         self.stalled = np.where(self.busy & running & (taken == 0), self.stalled + 1, 0)
@@ -213,12 +214,15 @@ class _Batch:
         self.busy = self.busy & running
         self.work.ran(int(taken.max()) * ended.size)
         if ended.any():
-            for way in np.unique(ways[ended]).tolist():
-                self.work.give(way, self.lanes(ended & (ways == way)))
+            for way in self.stage.ways:
+                chosen = ended & (ways == way)
+                if chosen.any():
+                    self.work.give(way, self.lanes(chosen))
             spent = steps[ended] - self.entered[ended]
             recent = np.concatenate([self.recent[self.loop], spent])
             self.recent[self.loop] = recent[-ended.size :]
-        _, slow, alike = self._costs()
+            self.costs = self._costs()
+        _, slow, alike = self.costs
         mates = np.count_nonzero(self.busy & (steps < OVERDUE * slow))
         self.wants = not (alike and mates > STRAGGLERS * ended.size)
         if not self.wants:

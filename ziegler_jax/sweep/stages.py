@@ -30,40 +30,51 @@ Packed = TypeVar("Packed", jax.Array, np.ndarray)
 
 
 class Packing:
-    """Many small arrays a lane as one array a dtype: a call then has few arguments."""
+    """Many small arrays a lane as one array: a call then has few arguments.
+
+    Flags and whole numbers of up to 32 bits travel as float64, which holds them, where
+    there is one; what is left stands in an array a dtype.
+    """
 
     def __init__(self, shapes: Iterable[jax.ShapeDtypeStruct | jax.core.ShapedArray]):
         """Lay out leaves of these shapes and dtypes."""
         self.shapes = [(tuple(s.shape), np.dtype(s.dtype)) for s in shapes]
-        self.dtypes = sorted({dtype for _, dtype in self.shapes}, key=str)
+        wide = any(dtype == np.float64 for _, dtype in self.shapes)
+        travels = [_held(dtype) if wide else dtype for _, dtype in self.shapes]
+        self.dtypes = sorted(set(travels), key=str)
         self.places = []  # which vector, and where in it
         used = [0] * len(self.dtypes)
-        for shape, dtype in self.shapes:
+        for (shape, _), dtype in zip(self.shapes, travels, strict=True):
             which = self.dtypes.index(dtype)
             first, used[which] = used[which], used[which] + int(np.prod(shape))
             self.places.append((which, slice(first, used[which])))
         self.used = used
 
     def pack(self, leaves: Sequence[jax.Array]) -> tuple[jax.Array, ...]:
-        """One vector a dtype."""
-        pairs = list(zip(leaves, self.shapes, strict=True))
-        return tuple(
-            jnp.concatenate([jnp.ravel(leaf) for leaf, (_, d) in pairs if d == dtype])
-            for dtype in self.dtypes
-        )
+        """The vectors."""
+        parts: list[list[jax.Array]] = [[] for _ in self.dtypes]
+        for leaf, (which, _) in zip(leaves, self.places, strict=True):
+            parts[which].append(jnp.ravel(leaf).astype(self.dtypes[which]))
+        return tuple(map(jnp.concatenate, parts))
 
     def unpack(self, packed: Sequence[Packed]) -> list[Packed]:
         """The leaves again; lanes, if any, stand behind, and stay there."""
         pairs = zip(self.shapes, self.places, strict=True)
         return [
-            packed[which][place].reshape(shape + packed[which].shape[1:])
-            for (shape, _), (which, place) in pairs
+            packed[which][place].reshape(shape + packed[which].shape[1:]).astype(dtype)
+            for (shape, dtype), (which, place) in pairs
         ]
 
     def empty(self, lanes: int) -> tuple[np.ndarray, ...]:
         """Zeros for so many lanes."""
         pairs = zip(self.used, self.dtypes, strict=True)
         return tuple(np.zeros((used, lanes), dtype) for used, dtype in pairs)
+
+
+def _held(dtype: np.dtype) -> np.dtype:
+    """float64 where it holds every number of a dtype, else that dtype."""
+    fits = dtype.itemsize <= 4 and np.can_cast(dtype, np.float64)
+    return np.dtype(np.float64) if fits else dtype
 
 
 class Stage(NamedTuple):
@@ -79,9 +90,13 @@ class Stage(NamedTuple):
     state: Packing
     # of a loop the stages of its phases, and behind them where lanes go that have ended
     ways: tuple[int, ...] = ()
-    is_loop: bool = False  # whether a lane stays in it for many calls
     cost: float = 1.0  # about that of a step against one of a motion alone
     lanes: int = 1  # how many it takes at a time
+
+    @property
+    def is_loop(self) -> bool:
+        """Whether lanes stay in it for many calls."""
+        return bool(self.ways)
 
 
 def stages(whole: ClosedJaxpr) -> list[Stage]:
@@ -107,14 +122,14 @@ def stages(whole: ClosedJaxpr) -> list[Stage]:
         function, layouts = segment(cut, after, begun)
         results = Packing(_avals(after)), Packing(_avals(begun))
         parts.append(Stage(_between(function, layouts, results), *layouts))
-        bodies, kinds = loop.params["bodies"], loop.params["kinds"]
+        bodies, costs = loop.params["bodies"], loop.params["costs"]
         ways = tuple(len(parts) + i for i in range(len(bodies) + 1))
-        for body, (cost, loops) in zip(bodies, kinds, strict=True):
+        for body, cost in zip(bodies, costs, strict=True):
             count = len(body.constvars)
             mine, constants = constants[:count], constants[count:]
             values = _function(whole, free(cut), after, mine)
             function = _loop(body, values, results)
-            parts.append(Stage(function, *results, ways, loops, cost))
+            parts.append(Stage(function, *results, ways, cost))
         fixed, state, begin = after, list(loop.outvars), cut + 1
     function, layouts = segment(len(jaxpr.eqns), [], jaxpr.outvars)
     results = Packing(_avals(jaxpr.outvars))

@@ -1,0 +1,122 @@
+"""A traced point as a key, by which what it was lowered to is found again.
+
+Tracing a point reads whatever the scene reads. Batching and lowering it, which take
+longer, depend on its equations alone, on the numbers that they hold, and on JAX's
+settings. So where these are those of an earlier sweep, its lowered program is that of
+this one, too.
+"""
+
+from collections.abc import Hashable
+
+import jax
+import jax.core
+import numpy as np
+from jax.extend.core import (
+    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
+    Jaxpr,
+    Literal,
+)
+
+# How a custom derivative is worked out: of no meaning once a point is traced
+_DERIVATIVES = ("jvp_jaxpr_fun", "fwd_jaxpr_thunk", "bwd")
+_PACKAGE = __name__.partition(".")[0]
+
+
+class _NotKnown(Exception):
+    """An equation holds what may lower to something else another time."""
+
+
+def traced_key(point: ClosedJaxpr) -> Hashable | None:
+    """A key of the traced point; None for one that must be lowered anew.
+
+    Equal keys mean equal programs; unequal ones may. Batching calls the rules of
+    `jax.custom_batching.custom_vmap`, which may read anything: with one that is not
+    this package's own there is no key.
+    """
+    try:
+        settings = tuple(sorted((k, repr(v)) for k, v in jax.config.values.items()))
+        return settings, jax.default_backend(), tuple(_Tokens(point).tokens)
+    except (_NotKnown, TypeError):  # `TypeError`: what cannot be hashed or read
+        return None
+
+
+class _Tokens:
+    """What a traced point consists of, in its order."""
+
+    def __init__(self, point: ClosedJaxpr):
+        self.tokens: list[Hashable] = []
+        self.known: dict[int, int] = {}  # parts that stand in several places
+        self.parameter(point)
+
+    def parameter(self, value: object) -> None:
+        """A parameter of an equation."""
+        if isinstance(value, ClosedJaxpr):
+            self.equations(value.jaxpr)
+            for constant in value.consts:
+                self.number(constant)
+        elif isinstance(value, Jaxpr):
+            self.equations(value)
+        elif isinstance(value, tuple | list):
+            self.tokens += type(value), len(value)
+            for part in value:
+                self.parameter(part)
+        elif isinstance(value, dict):
+            self.tokens += "dict", len(value)
+            for name, part in value.items():
+                self.tokens.append(name)
+                self.parameter(part)
+        elif isinstance(value, np.ndarray | np.generic | jax.Array):
+            self.number(value)
+        elif type(value).__name__ == "ClosedRule":  # of a `custom_vmap`
+            rule = getattr(value, "rule", None)
+            if getattr(rule, "__module__", "").partition(".")[0] != _PACKAGE:
+                raise _NotKnown
+            self.tokens.append(rule)
+        else:
+            hash(value)
+            self.tokens.append(value)
+
+    def number(self, value: object) -> None:
+        """An array, by its bits."""
+        if isinstance(value, jax.core.Tracer):  # an operand of the same equation
+            self.tokens.append("operand")
+            return
+        array = np.asarray(value)
+        if array.dtype == object:
+            raise _NotKnown
+        weak = bool(getattr(value, "weak_type", False))
+        self.tokens += array.dtype.str, array.shape, weak, array.tobytes()
+
+    def equations(self, jaxpr: Jaxpr) -> None:
+        """Equations, their variables numbered in order."""
+        place = self.known.setdefault(id(jaxpr), len(self.known))
+        self.tokens += "equations", place
+        if place + 1 < len(self.known):  # it has been here
+            return
+        numbers: dict[object, int] = {}
+
+        def new(variables):
+            for v in variables:
+                numbers[v] = len(numbers)
+                self.tokens.append(v.aval)
+
+        def read(operands):
+            self.tokens.append(len(operands))
+            for v in operands:
+                if isinstance(v, Literal):
+                    self.tokens.append(v.aval)
+                    self.number(v.val)
+                else:
+                    self.tokens.append(numbers[v])
+
+        new([*jaxpr.constvars, *jaxpr.invars])
+        self.tokens.append(len(jaxpr.constvars))
+        for equation in jaxpr.eqns:
+            self.tokens.append(equation.primitive)
+            read(equation.invars)
+            new(equation.outvars)
+            for name, value in equation.params.items():
+                if name not in _DERIVATIVES:
+                    self.tokens.append(name)
+                    self.parameter(value)
+        read(jaxpr.outvars)
