@@ -225,9 +225,8 @@ def _lowered_stages(
 
 
 def _lowered(stage: Stage) -> LoweredStage:
-    """The stage for a batch of lanes, which stand behind in all arrays."""
-    in_axes = (None, -1, -1) if stage.ways else (-1, -1)
-    batched = jax.vmap(stage.function, in_axes=in_axes, out_axes=-1)
+    """The stage for a batch of lanes."""
+    batched = stage.function
     if stage.ways and compiles_whole_loops():
         batched = _one_kernel(batched)
     options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
