@@ -118,13 +118,16 @@ _MOVES = object()
 
 def tree_where(flag: Flag, new: Tree, old: Tree) -> Tree:
     """`new` where the flag is set, else `old`: of each number of two alike trees."""
-    return jax.tree.map(lambda a, b: jnp.where(flag, a, b), new, old)
+    return jax.tree.map(lambda a, b: b if a is b else jnp.where(flag, a, b), new, old)
 
 
 def replaced(flag: Flag, new: Tree, old: Tree) -> Tree:
     """`tree_where`, with the kinds of numbers that `old` has."""
-    same = jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), new, old)
-    return tree_where(flag, same, old)
+
+    def alike(a, b):
+        return b if a is b else jnp.asarray(a, jnp.result_type(b))
+
+    return tree_where(flag, jax.tree.map(alike, new, old), old)
 
 
 @custom_vmap
@@ -148,4 +151,23 @@ def if_any_lane(flag: Flag, function: Callable[[Tree], Tree], state: Tree) -> Tr
     """
     if jax.default_backend() != "cpu":
         return function(state)
-    return lax.cond(any_lane(flag), function, lambda state: state, state)
+    leaves, tree = jax.tree.flatten(state)
+    before = [jnp.asarray(x) for x in leaves]
+    traced = jax.make_jaxpr(lambda *x: jax.tree.leaves(function(tree.unflatten(x))))(
+        *before
+    )
+    # what only passes through would be copied, by either branch
+    pairs = zip(traced.jaxpr.outvars, traced.jaxpr.invars, strict=True)
+    new = [i for i, (x, was) in enumerate(pairs) if x is not was]
+    body = traced.jaxpr.replace(outvars=[traced.jaxpr.outvars[i] for i in new])
+
+    def needed():
+        return tuple(eval_jaxpr(body, traced.consts, *before))
+
+    def not_needed():
+        return tuple(before[i] for i in new)
+
+    after = lax.cond(any_lane(flag), needed, not_needed)
+    for i, x in zip(new, after, strict=True):
+        before[i] = x
+    return tree.unflatten(before)

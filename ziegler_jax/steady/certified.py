@@ -309,7 +309,7 @@ class CertifiedMotion:
         if not self.rest.by_modes:
             span = jnp.where(rests, AT_REST, span)
         span = jnp.where(tries, span_of(state, state.returns), span)
-        attempt = attempt_at(x, span, self._sign(state.returns))
+        attempt = attempt_at(now.attempt, x, span, self._sign(state.returns))
         watched = jnp.where(rests, self.rest.outcome(self.column), OUTCOME.unsettled)
         watched = jnp.where(rests | over, watched, OUTCOME.not_computed)
         failed = jnp.where(last > REST, OUTCOME.escaped, run.outcome)

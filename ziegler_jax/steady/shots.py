@@ -243,6 +243,8 @@ def blank_attempt(zero: Traced) -> Attempt:
     )
 
 
-def attempt_at(x: Vector3, span: Traced, sign: Scalar) -> Attempt:
-    """Newton's method before its first shot."""
-    return blank_attempt(0.0 * span)._replace(x=x, span=span, sign=sign, start=x)
+def attempt_at(before: Attempt, x: Vector3, span: Traced, sign: Traced) -> Attempt:
+    """Newton's method before its first shot, in place of an attempt that is over."""
+    none, no = jnp.zeros_like(before.shots), jnp.zeros_like(before.fine)
+    anew = {"shots": none, "fine": no, "verified": no}
+    return before._replace(x=x, start=x, span=span, sign=sign, **anew)
