@@ -12,6 +12,7 @@ from jax import lax
 
 import ziegler_jax as zj
 from ziegler_jax import context
+from ziegler_jax.numerics.traced_key import traced_key
 from ziegler_jax.sweep import program, scheduler
 
 X, Y = np.linspace(0.5, 3.0, 23), np.array([1.0, 2.0, 5.0])
@@ -306,6 +307,42 @@ def test_a_batching_rule_of_the_users_own_is_asked_again():
         found = zj.sweep(lambda x: scaled(x), x=[2.0], progress=False)
         return float(found.value.item())
 
+    assert traced_key(jax.make_jaxpr(scaled)(1.0)) is None
     assert once() == 6.0
     held["factor"] = 5.0
     assert once() == 10.0
+
+
+def random_in(partitionable):
+    """A random number of one of JAX's two ways to split its keys."""
+
+    def point(x):
+        with jax.threefry_partitionable(partitionable):
+            return x + jax.random.uniform(jax.random.PRNGKey(0), (3,)).sum()
+
+    return point
+
+
+@pytest.mark.parametrize(
+    "one, other",
+    [
+        (lambda x: x * jnp.asarray(2.0), lambda x: x * jnp.asarray(3.0)),
+        (lambda x: x * TABLE.sum(), lambda x: x * (TABLE + 1).sum()),
+        (lambda x: (x * TABLE).sum(), lambda x: (x * (TABLE + 1)).sum()),
+        (
+            lambda x: lax.cond(x > 1, lambda: x, lambda: 2 * x),
+            lambda x: lax.cond(x > 1, lambda: x, lambda: 3 * x),
+        ),
+        (lambda x: jnp.divide(x, 0.0), lambda x: jnp.divide(x, -0.0)),
+        (random_in(True), random_in(False)),
+    ],
+)
+def test_points_that_differ_anywhere_have_keys_of_their_own(one, other):
+    def key(point):
+        with context.within(context.of_its_own(narrow=False)):
+            return traced_key(jax.make_jaxpr(point)(1.5))
+
+    assert key(one) is not None and key(one) == key(one) and key(one) != key(other)
+    for point in (one, other):
+        found = zj.sweep(point, x=[1.5], progress=False)
+        assert found.value.item() == float(point(1.5))

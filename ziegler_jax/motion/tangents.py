@@ -18,7 +18,13 @@ from typing import NamedTuple, cast
 import diffrax as dfx
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
+from jax.core import eval_jaxpr
+from jax.extend.core import (
+    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
+    Literal,
+)
 
 from ..model.column import Column, vector_field
 from ..model.set_valued import FrozenCoulomb
@@ -132,13 +138,41 @@ def accelerations_and_slopes(
 ) -> tuple[Pair, tuple[Traced4, Traced4]]:
     """Both accelerations, and the derivatives of each by the state's four numbers."""
     accelerations, along = jax.linearize(lambda *y: vector_field(t, y, column)[2:], *y)
+    linear = jax.make_jaxpr(along)(*y)
+    columns = [_along_one(linear, i, jnp.ones_like(y[0])) for i in range(4)]
+    first, second = zip(*columns, strict=True)
+    return cast(Pair, accelerations), (cast(Traced4, first), cast(Traced4, second))
 
-    def row(i):
-        one = jnp.ones_like(y[0])
-        back = jax.linear_transpose(lambda *v: along(*v)[i], *y)
-        return cast(Traced4, back(one))
 
-    return cast(Pair, accelerations), (row(0), row(1))
+def _along_one(linear: ClosedJaxpr, place: int, one: Traced) -> Pair:
+    """A linear function of one of its arguments, the others being zero.
+
+    What they alone would move is left out: a compiler keeps products with zero. (A
+    transposed function would be as short, but is not a number where `jnp.where` leaves
+    out a branch of infinite slope, and does not pass a loop of a law's own.)
+    """
+    jaxpr = linear.jaxpr
+    moved, still, equations = {jaxpr.invars[place]}, set(jaxpr.invars), []
+    still -= moved
+    for equation in jaxpr.eqns:
+        read = [v for v in equation.invars if not isinstance(v, Literal)]
+        if not moved.isdisjoint(read):
+            moved.update(equation.outvars)
+        elif not still.isdisjoint(read):
+            still.update(equation.outvars)
+            continue
+        equations.append(equation)
+    zeros = [v for v in still if v not in jaxpr.invars]
+    body = jaxpr.replace(
+        invars=[*jaxpr.invars, *zeros],
+        eqns=equations,
+        debug_info=jaxpr.debug_info.with_unknown_names(),
+    )
+    values = [0.0 * one] * 4
+    values[place] = one
+    avals = (cast(jax.core.ShapedArray, v.aval) for v in zeros)
+    values += [jnp.zeros(a.shape, a.dtype) for a in avals]
+    return cast(Pair, tuple(eval_jaxpr(body, linear.consts, *values)))
 
 
 def apart(both: Numbers) -> tuple[Traced4, Vectors]:

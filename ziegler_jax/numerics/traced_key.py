@@ -31,12 +31,13 @@ def traced_key(point: ClosedJaxpr) -> Hashable | None:
 
     Equal keys mean equal programs; unequal ones may. Batching calls the rules of
     `jax.custom_batching.custom_vmap`, which may read anything: with one that is not
-    this package's own there is no key.
+    this package's own there is no key. (Lowering calls the rules of primitives, too;
+    one of the user's own must not read what changes.)
     """
     try:
         settings = tuple(sorted((k, repr(v)) for k, v in jax.config.values.items()))
         return settings, jax.default_backend(), tuple(_Tokens(point).tokens)
-    except (_NotKnown, TypeError):  # `TypeError`: what cannot be hashed or read
+    except Exception:  # what cannot be hashed or read, whatever that raises
         return None
 
 
@@ -74,7 +75,9 @@ class _Tokens:
             self.tokens.append(rule)
         else:
             hash(value)
-            self.tokens.append(value)
+            # 1, True and 1.0 are equal, and so are zeros of either sign
+            exact = value.hex() if isinstance(value, float) else value
+            self.tokens += type(value), exact
 
     def number(self, value: object) -> None:
         """An array, by its bits."""
@@ -112,7 +115,7 @@ class _Tokens:
         new([*jaxpr.constvars, *jaxpr.invars])
         self.tokens.append(len(jaxpr.constvars))
         for equation in jaxpr.eqns:
-            self.tokens.append(equation.primitive)
+            self.tokens += equation.primitive, equation.ctx
             read(equation.invars)
             new(equation.outvars)
             for name, value in equation.params.items():

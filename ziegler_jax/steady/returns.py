@@ -305,7 +305,7 @@ def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
     enough = ALIKE * jnp.maximum(jnp.where(passed, bound, 0.0), least)
     pairs = zip(RETURNS, now.last, strict=True)
     first = _least([jnp.where(d < enough, n, RETURNS[-1]) for n, d in pairs])
-    below = sum((jnp.where(least < x, 1.0, 0.0) for x in LEVELS), 0.0 * least)
+    below = sum((jnp.where(least < x, 1.0, 0.0) for x in LEVELS), jnp.zeros_like(t))
     return now._replace(
         level=jnp.where(passed, jnp.maximum(level, below), level),
         due=jnp.where(timed, following, now.due),
@@ -377,7 +377,8 @@ def _chosen(returns: Count, numbers: Sequence[Traced]) -> Traced:
 def _nth(numbers: Sequence[Scalar], place: Traced) -> Traced:
     """One of a few numbers."""
     pairs = enumerate(numbers)
-    return sum((jnp.where(place == i, x, 0.0) for i, x in pairs), 0.0 * place)
+    none = jnp.zeros_like(place)
+    return sum((jnp.where(place == i, x, 0.0) for i, x in pairs), none)
 
 
 def _least(numbers: Sequence[Traced]) -> Traced:

@@ -1,0 +1,126 @@
+"""The field's Jacobian, worked out once for all tangents, is that of the field."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+import ziegler_jax as zj
+from ziegler_jax.model.column import vector_field
+from ziegler_jax.model.friction import AbstractRateFriction
+from ziegler_jax.model.set_valued import in_modes
+from ziegler_jax.motion.scene import prepared
+from ziegler_jax.motion.tangents import accelerations_and_slopes, tangent_field
+
+Y = (0.3, -0.2, -0.15, 0.25)  # joint 1 turns backwards, joint 2 forwards
+
+
+class Lawless(AbstractRateFriction):
+    """A law of one's own, under a constant load."""
+
+    def load_law(self):
+        return zj.ConstantLoad(1.0)
+
+    def rate_cut(self):
+        return 0.05
+
+
+class OfTwoBranches(Lawless):
+    """The branch that is left out has no slope where it is left out."""
+
+    def levers(self, u1, u2):
+        return tuple(
+            0.01 * jnp.where(u > 0, jnp.sqrt(u), -0.5 * u * u) for u in (u1, u2)
+        )
+
+
+class ByALoop(Lawless):
+    """A torque with g + g^3 = u, by Newton's method until it stands."""
+
+    def levers(self, u1, u2):
+        def solved(u):
+            def turn(now):
+                g, _ = now
+                move = (g + g**3 - u) / (1 + 3 * g * g)
+                return g - move, move
+
+            g, _ = lax.while_loop(lambda now: jnp.abs(now[1]) > 1e-14, turn, (u, u))
+            return 0.02 * g
+
+        return solved(u1), solved(u2)
+
+
+def smooth(**law):
+    return zj.SmoothCoulomb(
+        0.12, 0.1, pin_radius=0.1, v_stribeck=0.05, v_smooth=0.1, **law
+    )
+
+
+LAWS = {
+    "none": None,
+    "smoothed": smooth(),
+    "no Stribeck": zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.1),
+    "reactions": smooth(load=zj.JointReaction()),
+    "two branches": OfTwoBranches(),
+    "a loop": ByALoop(),
+}
+
+
+def column_of(friction):
+    damping = zj.Viscous(0.02, 0.01)
+    return prepared(zj.uniform_rods(2.2, damping=damping, friction=friction))
+
+
+def agrees(column):
+    y, zero = tuple(map(jnp.asarray, Y)), jnp.asarray(0.0)
+    field = jax.jit(lambda y: jnp.stack(vector_field(zero, y, column)))
+    jacobian = np.stack(jax.jacfwd(field)(y), axis=-1)
+    accelerations, slopes = accelerations_and_slopes(zero, y, column)
+    np.testing.assert_allclose(accelerations, field(y)[2:], rtol=1e-13)
+    # measured 4e-16 of the largest
+    np.testing.assert_allclose(slopes, jacobian[2:], rtol=1e-12, atol=1e-13)
+    assert np.isfinite(jacobian).all() and np.abs(jacobian[2:]).min() > 1e-4
+    vectors = np.random.default_rng(3).normal(size=(3, 4))
+    both = (*y, *map(jnp.asarray, vectors.ravel()))
+    images = np.reshape(tangent_field(zero, both, column)[4:], (3, 4))
+    np.testing.assert_allclose(images, vectors @ jacobian.T, rtol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_jacobian_is_that_of_the_field(law):
+    agrees(column_of(LAWS[law]))
+
+
+@pytest.mark.parametrize("modes", [(1.0, -1.0), (-1.0, 1.0)])
+def test_so_it_is_in_slip_under_dry_friction(modes):
+    dry = zj.SetValuedCoulomb(0.02, pin_radius=1, load=zj.ConstantLoad(1.0))
+    agrees(in_modes(column_of(dry), tuple(map(jnp.asarray, modes))))
+
+
+def test_the_smoothed_curve_has_the_derivatives_of_its_formula():
+    """In the rate and in each of its numbers, twice, forward and in reverse."""
+    load = zj.ConstantLoad(1.0)
+
+    def torque(x):
+        u, mu_s, mu_k, v_stribeck, v_smooth = x
+        law = zj.SmoothCoulomb(
+            mu_s, mu_k, pin_radius=0.1, v_stribeck=v_stribeck, v_smooth=v_smooth,
+            load=load,
+        )  # fmt: skip
+        return law.prepared(2.0).levers(u, 0.0 * u)[0]
+
+    def formula(x):
+        u, mu_s, mu_k, v_stribeck, v_smooth = x
+        bell = jnp.exp(-((u / v_stribeck) ** 2))
+        return 0.1 * (mu_k + (mu_s - mu_k) * bell) * jnp.tanh(u / v_smooth)
+
+    for rate in (0.0, 0.013, -0.04):
+        x = jnp.asarray([rate, 0.12, 0.1, 0.05, 0.02])
+        assert torque(x) == pytest.approx(float(formula(x)), rel=1e-13)
+        for derivative in (jax.grad, jax.jacfwd, jax.hessian):
+            ours, theirs = derivative(torque)(x), derivative(formula)(x)
+            largest = np.abs(theirs).max()
+            assert largest > 0
+            # measured 1e-15 of the largest
+            np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * largest)
