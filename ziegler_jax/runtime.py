@@ -108,10 +108,7 @@ def configure_cache(folder: str | os.PathLike | None = None) -> str:
 
 @contextmanager
 def paused_collector() -> Iterator[None]:
-    """Leave Python's garbage alone: it looks again and again at what is being traced.
-
-    Tracing a scene took a tenth less.
-    """
+    """Leave garbage alone: the collector walks what is traced again and again."""
     collects = gc.isenabled()
     gc.disable()
     try:

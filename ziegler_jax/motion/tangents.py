@@ -123,7 +123,7 @@ def tangent_field(t: Scalar, both: Numbers, column: Column) -> Numbers:
 
     The field's Jacobian is worked out once, whatever the number of vectors. Each number
     is an array of its own: one of all vectors would not have the lanes behind, and
-    steps that shuffle them took twice the instructions.
+    steps would shuffle them (`benchmarks/README.md` counts).
     """
     y, vectors = apart(both)
     (a1, a2), rows = materialise(t, accelerations_and_slopes, t, y, column)
@@ -152,14 +152,15 @@ def _along_one(linear: ClosedJaxpr, place: int, one: Traced) -> Pair:
     out a branch of infinite slope, and does not pass a loop of a law's own.)
     """
     jaxpr = linear.jaxpr
-    moved, still, equations = {jaxpr.invars[place]}, set(jaxpr.invars), []
-    still -= moved
+    moved, equations = {jaxpr.invars[place]}, []
+    still = dict.fromkeys(jaxpr.invars)  # in order: a program's text is its identity
+    still.pop(jaxpr.invars[place])
     for equation in jaxpr.eqns:
         read = [v for v in equation.invars if not isinstance(v, Literal)]
         if not moved.isdisjoint(read):
             moved.update(equation.outvars)
-        elif not still.isdisjoint(read):
-            still.update(equation.outvars)
+        elif not still.keys().isdisjoint(read):
+            still.update(dict.fromkeys(equation.outvars))
             continue
         equations.append(equation)
     zeros = [v for v in still if v not in jaxpr.invars]

@@ -53,8 +53,8 @@ class Packing:
     def pack(self, leaves: Sequence[jax.Array]) -> tuple[jax.Array, ...]:
         """The arrays of leaves that have their lanes behind.
 
-        Rows of lanes are put one below the other; a vector for each lane, of numbers
-        from as many arrays, took five times as long.
+        Rows of lanes are put one below the other: a vector for each lane would be
+        gathered number by number.
         """
         parts: list[list[jax.Array]] = [[] for _ in self.dtypes]
         for leaf, (which, _) in zip(leaves, self.places, strict=True):
