@@ -10,7 +10,9 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax import runtime
 
-OPTION = "xla_cpu_small_while_loop_byte_threshold=1000000000"
+WHOLE_LOOPS = "xla_cpu_small_while_loop_byte_threshold=1000000000"
+SOONER = "xla_cpu_disable_loop_unrolling=true"
+BOTH = f"{WHOLE_LOOPS},{SOONER}"
 
 
 @pytest.fixture
@@ -30,19 +32,22 @@ def flags(monkeypatch):
     return call
 
 
-@pytest.mark.parametrize("version", ["0.10.2", "0.10.9"])
-def test_versions_that_gain_get_the_option(flags, version):
+@pytest.mark.parametrize(
+    "version, options",
+    [("0.10.2", BOTH), ("0.10.9", BOTH), ("0.11.0", SOONER), ("0.12.0.1", SOONER)],
+)
+def test_versions_get_the_options_from_which_they_gain(flags, version, options):
     said, after = flags(version, None)
-    assert after == f"--xla_backend_extra_options={OPTION}"
-    assert OPTION in said and "added" in said
+    assert after == f"--xla_backend_extra_options={options}"
+    assert options in said and "added" in said
 
 
 def test_what_the_user_set_stays_in_front(flags):
     _, after = flags("0.10.2", "--xla_dump_to=here")
-    assert after == f"--xla_dump_to=here --xla_backend_extra_options={OPTION}"
+    assert after == f"--xla_dump_to=here --xla_backend_extra_options={BOTH}"
 
 
-@pytest.mark.parametrize("version", ["0.9.1", "0.10.1", "0.11.0", "0.12.0.1", "1.0.0"])
+@pytest.mark.parametrize("version", ["0.9.1", "0.10.1", "0.13.0", "1.0.0"])
 def test_versions_that_do_not_gain_are_left_alone(flags, version):
     said, after = flags(version, None)
     assert after is None
@@ -58,16 +63,17 @@ def test_versions_of_any_spelling_are_understood(flags, version):
 
 
 @pytest.mark.parametrize(
-    "before",
+    "before, said_of_it",
     [
-        f"--xla_backend_extra_options={OPTION}",
-        "--xla_backend_extra_options=xla_cpu_other=1",
+        (f"--xla_backend_extra_options={BOTH}", "nothing was changed"),
+        ("--xla_backend_extra_options=xla_cpu_other=1", f"left alone; add {BOTH}"),
+        (f"--xla_backend_extra_options={WHOLE_LOOPS}", f"left alone; add {SOONER}"),
     ],
 )
-def test_options_that_stand_there_are_left_alone(flags, before):
+def test_options_that_stand_there_are_left_alone(flags, before, said_of_it):
     said, after = flags("0.10.2", before)
     assert after == before
-    assert "nothing was changed" in said or "left alone" in said
+    assert said_of_it in said
 
 
 def test_after_the_backend_started_nothing_is_changed(flags):
@@ -100,7 +106,43 @@ def test_a_fresh_process_computes_on(late):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     said, after, total = done.stdout.splitlines()
-    gains = metadata.version("jaxlib").startswith("0.10.")
-    assert (OPTION in after) == (gains and not late)
+    version = metadata.version("jaxlib")
+    gains = version.startswith(("0.10.", "0.11.", "0.12."))
+    assert (SOONER in after) == (gains and not late)
+    assert (WHOLE_LOOPS in after) == (version.startswith("0.10.") and not late)
     assert ("nothing was changed" in said) == (late or not gains)
     assert total == "6.0"
+
+
+SWEEP = """
+import hashlib
+import numpy as np
+import ziegler_jax as zj
+zj.configure_cpu()
+def point(q):
+    stribeck = dict(v_stribeck=0.05, v_smooth=0.01)
+    law = zj.SmoothCoulomb(0.1, 0.08, pin_radius=0.1, **stribeck)
+    windows = zj.Windows(transient=20.0, length=20.0, max_windows=1)
+    start = zj.State(omega=(0.0, 0.2))
+    column = zj.uniform_rods(q=q, friction=law)
+    return zj.settle(column, start, windows=windows, certify=False)
+ds = zj.sweep(point, q=np.linspace(1.0, 4.0, 256), progress=False)
+print(int(ds.steps.sum()))
+print(hashlib.sha256(b"".join(ds[n].values.tobytes() for n in ds)).hexdigest())
+"""
+
+
+def test_loops_that_are_written_out_give_the_same_bits():
+    """A store is gone on with whether or not this option is set."""
+    said = []
+    for unrolled in (False, True):
+        options = f"{WHOLE_LOOPS},{SOONER}".replace("true", str(not unrolled).lower())
+        flags = f"--xla_backend_extra_options={options}"
+        done = subprocess.run(
+            [sys.executable, "-c", SWEEP], env={**os.environ, "XLA_FLAGS": flags},
+            capture_output=True, text=True, timeout=200,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        said.append(done.stdout.split())
+    assert int(said[0][0]) > 256 * 50
+    assert said[0] == said[1]

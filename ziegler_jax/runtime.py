@@ -1,4 +1,4 @@
-"""The process: cores, memory, the one setting of XLA, JAX's cache and flags, Ctrl-C."""
+"""The process: cores, memory, the settings of XLA, JAX's cache and flags, Ctrl-C."""
 
 import gc
 import os
@@ -13,46 +13,53 @@ from typing import Any
 
 import jax
 
-_OPTION = "xla_cpu_small_while_loop_byte_threshold=1000000000"
-# jaxlib versions [from, below) whose loops gain from it (measured: 0.10.2 by 1.8 times;
-# 0.12 compiles whole loops by itself and gains nothing).
-_GAINS = ((0, 10, 2), (0, 11, 0))
+# Options of XLA, and the jaxlib versions [from, below) on which each was measured.
+_WHOLE_LOOPS = "xla_cpu_small_while_loop_byte_threshold=1000000000"
+_OPTIONS = {
+    # loops run 1.8 times as fast; 0.12 compiles whole loops by itself
+    _WHOLE_LOOPS: ((0, 10, 2), (0, 11, 0)),
+    # else loops over lanes are written out: a third of compiling, no gain, equal bits
+    "xla_cpu_disable_loop_unrolling=true": ((0, 10, 2), (0, 13, 0)),
+}
 
 
 def configure_cpu() -> str:
-    """Let XLA compile a whole solve into one kernel, where that is not the default.
+    """Let XLA compile a whole solve into one kernel, and sooner.
 
-    Puts one option into the environment variable `XLA_FLAGS`, for this process and its
+    Puts options into the environment variable `XLA_FLAGS`, for this process and its
     children. Call it before JAX computes anything. Without it everything works, on
-    jaxlib 0.10 at about half the speed. It never sets what the installed jaxlib might
+    jaxlib 0.10 at about half the speed, on later ones after compiling for longer. It
+    never sets what the installed jaxlib might
     not know: an unknown flag would abort the process.
 
     **Returns:** a sentence that says what it did.
     """
-    if not _gains():
+    flags = os.environ.get("XLA_FLAGS", "")
+    usual = [option for option in _OPTIONS if _gains(option)]
+    if not usual:
         installed = metadata.version("jaxlib")
         return f"jaxlib {installed} needs no setting: nothing was changed."
-    flags = os.environ.get("XLA_FLAGS", "")
-    if _OPTION in flags:
-        return "XLA_FLAGS holds the option already: nothing was changed."
+    missing = ",".join(option for option in usual if option not in flags)
+    if not missing:
+        return "XLA_FLAGS holds the options already: nothing was changed."
     if "xla_backend_extra_options" in flags:
         return (
             "XLA_FLAGS has backend options of its own, which were left alone; add "
-            f"{_OPTION} to them for speed."
+            f"{missing} to them for speed."
         )
     if _backend_started():
         return (
             "JAX has started its backend already: nothing was changed. Call "
             "configure_cpu() before the first computation."
         )
-    option = f"--xla_backend_extra_options={_OPTION}"
+    option = f"--xla_backend_extra_options={missing}"
     os.environ["XLA_FLAGS"] = f"{flags} {option}".strip()
     return f"{option} was added to XLA_FLAGS."
 
 
 def compiles_whole_loops() -> bool:
     """Whether XLA makes one kernel of a loop, by itself or because it was told to."""
-    return not _gains() or _OPTION in os.environ.get("XLA_FLAGS", "")
+    return not _gains(_WHOLE_LOOPS) or _WHOLE_LOOPS in os.environ.get("XLA_FLAGS", "")
 
 
 def all_cores() -> int:
@@ -63,9 +70,11 @@ def all_cores() -> int:
         return os.cpu_count() or 1
 
 
-def _gains() -> bool:
+def _gains(option: str) -> bool:
+    """Whether the installed jaxlib gains from it."""
     installed = re.findall(r"\d+", metadata.version("jaxlib"))[:3]
-    return _GAINS[0] <= tuple(map(int, installed)) < _GAINS[1]
+    first, below = _OPTIONS[option]
+    return first <= tuple(map(int, installed)) < below
 
 
 def _backend_started() -> bool:

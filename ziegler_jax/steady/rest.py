@@ -18,7 +18,7 @@ from typing import NamedTuple, cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..model.column import Column, vector_field
@@ -119,36 +119,45 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
 
     **Arguments:** `rate`: the largest of a joint; 0 where the motion stands still.
     """
-    column = prepared(column)
+    column, zero = prepared(column), 0.0 * y[0]
     free = column.friction is None and column.damping is None
     sizes = (0,) if free else (0, 1, -1)
-    turned, moved = np.pad(JOINTS, ((0, 0), (0, 2))), np.pad(JOINTS, ((0, 0), (2, 0)))
-    # K's two columns, then C's two for each size, so that the field is traced once
-    directions = jnp.asarray([*turned, *(row for _ in sizes for row in moved)])
-    speeds = jnp.asarray([*0 * turned, *(s * row for s in sizes for row in moved)])
-    zero = 0.0 * y[0]
-    still = jnp.stack([y[0], y[1], zero, zero])
+    # K's two columns, then C's two for each size, one after the other: a program of one
+    rows = [(0.0, 0.0, 0.0, *joint) for joint in JOINTS]
+    rows += [(size, *joint, 0.0, 0.0) for size in sizes for joint in JOINTS]
 
-    def forces(state):
+    def forces(*y):
         """Against the joints' own accelerations."""
-        _, _, a1, a2 = vector_field(zero, tuple(state), column)
+        _, _, a1, a2 = vector_field(zero, y, column)
         return -a1, a1 - a2
 
-    def slopes(speed, direction):
-        return jax.jvp(forces, (still + rate * speed,), (direction,))[1]
+    def slopes(_, row):
+        size, moved1, moved2, turned1, turned2 = row
+        state = (y[0], y[1], size * rate * moved1, size * rate * moved2)
+        direction = (turned1, turned2, moved1, moved2)
+        return None, jax.jvp(forces, state, tuple(x + zero for x in direction))[1]
 
-    first, second = jax.vmap(slopes)(speeds, directions)
+    rows = tuple(map(jnp.asarray, zip(*rows, strict=True)))
+    _, (first, second) = lax.scan(slopes, None, rows)
     (k11, k12), (k21, k22) = first[:2], second[:2]
-    # each in joint 1 with each in joint 2
-    c11, c21 = (_between(row[2::2])[:, None] for row in (first, second))
-    c12, c22 = (_between(row[3::2])[None] for row in (first, second))
-    damped = _damped(
-        c11 + c22,
-        c11 * c22 - c12 * c21 + k11 + k22,
-        c11 * k22 + c22 * k11 - c12 * k21 - c21 * k12,
-        k11 * k22 - k12 * k21,
-    )
-    return jnp.all(damped) | (rate == 0)
+    # the damping in joint 1, and in joint 2
+    ones, others = ([_between(x[2 + j :: 2]) for x in (first, second)] for j in (0, 1))
+
+    def of_both(good, one):
+        def with_other(good, other):
+            (c11, c21), (c12, c22) = one, other
+            damped = _damped(
+                c11 + c22,
+                c11 * c22 - c12 * c21 + k11 + k22,
+                c11 * k22 + c22 * k11 - c12 * k21 - c21 * k12,
+                k11 * k22 - k12 * k21,
+            )
+            return good & damped, None
+
+        return lax.scan(with_other, good, others)[0], None
+
+    good = jnp.ones_like(rate, bool)
+    return lax.scan(of_both, good, ones)[0] | (rate == 0)
 
 
 def _between(slopes: Float[Array, " n"]) -> Float[Array, " m"]:
