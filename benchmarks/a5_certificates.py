@@ -16,6 +16,7 @@ many of these `Growth()` calls sensitive.
 import argparse
 import json
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from measure import commit, rounded
@@ -169,6 +170,7 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     zj.configure_cpu()
+    jax.config.update("jax_enable_x64", True)  # for tables of cells
     source = np.random.default_rng(options.seed)
     if options.cells:
         report("map", cells_of_the_map(options.cells, source))

@@ -2,6 +2,7 @@
 
 import itertools
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -139,3 +140,27 @@ def test_a_cycle_below_the_cut_is_not_rest():
     assert 0.02 < rates.max() < 0.05  # slower than v_smooth, and for ever
     found = jax.jit(lambda: zj.settle(column, start))()
     assert found.outcome not in (zj.OUTCOME.stuck, zj.OUTCOME.rest)
+
+
+@pytest.mark.parametrize("certify", [True, False])
+def test_a_rod_that_turns_back_within_a_step_has_turned_over(certify):
+    """The farthest end of a step lies 8 % below the angle's peak."""
+    start, windows = zj.State(omega=(0.3, -1.0)), {"transient": 0.0, "length": 8.0}
+    column = zj.uniform_rods(q=1.0, damping=zj.Viscous(0.05, 0.05))
+    times = np.linspace(0, 8, 100_001)
+    found = zj.trajectory(column, start, times, method=zj.Method(rtol=1e-11))
+    peak = np.abs(found.phi).max()
+
+    @jax.jit
+    def outcome(escape):
+        return zj.settle(
+            column,
+            start,
+            windows=zj.Windows(**windows, max_windows=2, escape=escape),
+            method=zj.Method(diffrax.Dopri8(), rtol=1e-5),
+            certify=certify,
+        ).outcome
+
+    # measured: 1.5e-5 above the peak
+    assert outcome(peak * (1 - 5e-4)) == zj.OUTCOME.escaped
+    assert outcome(peak * (1 + 5e-4)) != zj.OUTCOME.escaped

@@ -4,19 +4,20 @@
 """
 
 import abc
+from functools import reduce
 from typing import Generic, NamedTuple, TypeVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..model.column import Column, State
+from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane
 from ..numerics.numbers import (
     Flag,
     Scalar,
     Traced,
     Traced4,
-    Vector4,
     is_concrete,
     keeps,
 )
@@ -25,6 +26,7 @@ from ..solvers import AbstractFold, Step
 from .integrate import Motion, Run, follow
 from .options import Method
 from .scene import float_state, valid_scene
+from .section import angles
 
 APART = 16  # units of rounding at the end: a shorter span is none
 
@@ -124,16 +126,17 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
         """Watch a step; where a span ends, or is asked to, judge and begin the next."""
         watch, asked, longest = self.watch(column, state, step)
         ended = step.t1 >= state.end
-        over = turns_over(step.y1, self.escape)
+        near = may_turn_over(step, self.escape)
 
         def judge(state):
+            over = turns_over(step, self.escape)
             state = state._replace(spans=state.spans + ended.astype(jnp.int32))
             watch, outcome = self.judge(column, state, step, ended)
             outcome = jnp.where(over, OUTCOME.escaped, outcome).astype(jnp.int32)
             end = jnp.where(ended, step.t1 + self.span, state.end)
             return SpanState(watch, end, state.spans, outcome)
 
-        asked = ended | over | asked
+        asked = ended | near | asked
         after = if_any_lane(asked, judge, state._replace(watch=watch))
         stop = after.end
         if longest is not None:
@@ -164,6 +167,17 @@ def follow_spans(
     return follow(motion)
 
 
-def turns_over(y: Vector4, escape: Scalar) -> Flag:
-    """Whether a rod has turned so far that its motion is over."""
-    return (jnp.abs(y[0]) > escape) | (jnp.abs(y[1]) > escape)
+def turns_over(step: Step, escape: Scalar) -> Flag:
+    """Whether a rod has turned so far that its motion is over, in a step or at its end.
+
+    About where the angle peaks, so that it does not depend on where steps end.
+    """
+    first, second, _ = angles(step)
+    return (first.largest() > escape) | (second.largest() > escape)
+
+
+def may_turn_over(step: Step, escape: Scalar) -> Flag:
+    """Whether it is worth a look: no rod is much faster in a step than at its ends."""
+    farthest = larger(jnp.abs(step.y1[0]), jnp.abs(step.y1[1]))
+    rates = (jnp.abs(y[i]) for y in (step.y0, step.y1) for i in (2, 3))
+    return farthest + 2 * (step.t1 - step.t0) * reduce(larger, rates) > escape

@@ -22,10 +22,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..motion.section import SectionPlane, passage
-from ..motion.spans import turns_over
+from ..motion.spans import may_turn_over, turns_over
 from ..motion.tangents import push
 from ..numerics.elementary import larger
-from ..numerics.materialise import materialise, tree_where
+from ..numerics.materialise import if_any_lane, materialise, tree_where
 from ..numerics.numbers import Count, Flag, Flags, Pair, Scalar, Traced, Traced4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
@@ -163,11 +163,16 @@ class March(AbstractFold[Lookout]):
             before, after = (jnp.where(falls, -y[0], y[0]) for y in (step.y0, step.y1))
             rests, goes_on = self._rests(state, step)
             asks = jnp.where(rests, REST, state.asks)
-            asks = jnp.where(turns_over(step.y1, self.escape), ESCAPE, asks)
             there = jnp.where((before < 0) & (after >= 0), 1.0, 0.0)
             return there, asks.astype(jnp.int32), jnp.where(goes_on, 1.0, 0.0)
 
+        def escaped(asks):
+            over = near & turns_over(step, self.escape)
+            return jnp.where(over, ESCAPE, asks).astype(asks.dtype)
+
         there, asks, goes_on = materialise(step.t0, look)
+        near = may_turn_over(step, self.escape)
+        asks = if_any_lane(near, escaped, asks)
         ends = Ends(step.t0, step.t1, step.y0, step.y1, step.f0[2:], step.f1[2:])
         passed = tree_where(there > 0, ends, state.passed)
         calm = state.calm

@@ -1,0 +1,203 @@
+"""What certificates find and how well, and whether thresholds lie in their widths.
+
+- `share`: of random cells of the main job's map that close by windows at 1e-8 (two of
+  160 in a row agree to 2e-5), how many are certified; the others by what they are.
+- `amplitudes`: of certified cells against the motion from their last state at 1e-10,
+  1500 time units later: after 400 the slowest still draw near.
+- `cells`: what becomes of named cells, and of three of each kind.
+- `kicks`: critical kicks of random columns with set-valued friction. The kicks at both
+  ends of the interval are followed ten times as long, at 1e-10 instead of 1e-8: below
+  it must rest, above not.
+
+Prints one JSON line each.
+
+    python benchmarks/a13_certified_truth.py [share] [amplitudes] [cells] [kicks]
+        [--cells 2000] [--columns 200] [--seed 0]
+"""
+
+import argparse
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from a5_certificates import cells_of_the_map, settled
+from measure import commit, rounded
+
+import ziegler_jax as zj
+from ziegler_jax.__main__ import WINDOWS, column_of, point
+
+TRUTH = zj.Windows(
+    transient=WINDOWS.transient, length=WINDOWS.length, max_windows=160, agreement=2e-5
+)
+LATER = zj.Windows(transient=1500.0, length=100.0, max_windows=1)
+NAMED = (
+    (1.5390625, 0.3903448275862069, 0.11),
+    (1.703125, 0.3324137931034483, 0.07),
+    (1.523114, 0.326128, 0.094452),
+    (1.519090, 0.268554, 0.084581),
+)
+LENGTH, WINDOWS_OF_A_VERDICT = 40.0, 1000  # `critical_kick`'s own
+FOLLOWED = 10  # times as long as a verdict may take
+
+
+def swept(count, function):
+    """A function of the place in a table, at each place."""
+    return zj.sweep(function, place=np.arange(count), progress=False)
+
+
+def outcomes(codes, kinds=None):
+    counts = {c.name: int((codes == c).sum()) for c in zj.OUTCOME if (codes == c).any()}
+    if kinds is not None:
+        counts |= {k.name: int((kinds == k).sum()) for k in zj.UNDECIDED if k != 0}
+    return counts
+
+
+def report_share(options, source):
+    cells = cells_of_the_map(options.cells, source)
+    table = jnp.asarray(cells)
+
+    def truth(place):
+        fine = {"windows": TRUTH, "method": zj.Method(rtol=1e-8), "certify": False}
+        return point(*table[place.astype(int)], **fine)
+
+    true = swept(len(cells), truth).outcome.values == zj.OUTCOME.cycle
+    ds = settled(cells)
+    certified = true & (ds.outcome.values == zj.OUTCOME.cycle)
+    missed = true & ~certified
+    return {
+        "cells": len(cells),
+        "true_cycles": int(true.sum()),
+        "certified": int(certified.sum()),
+        "share": certified.sum() / true.sum(),
+        "others": outcomes(ds.outcome.values[missed], ds.undecided.values[missed]),
+    }
+
+
+def report_amplitudes(options, source):
+    cells = cells_of_the_map(options.cells, source)
+    ds = settled(cells)
+    closed = np.flatnonzero(ds.outcome == zj.OUTCOME.cycle)
+    table, ends = jnp.asarray(cells[closed]), jnp.asarray(ds.state.values[closed])
+
+    def later(place):
+        column, y = column_of(*table[place.astype(int)]), ends[place.astype(int)]
+        return zj.settle(
+            column, zj.State((y[0], y[1]), (y[2], y[3])),
+            windows=LATER, method=zj.Method(rtol=1e-10), certify=False,
+        )  # fmt: skip
+
+    fine = swept(len(closed), later).joint_amplitude.values
+    off = np.abs(ds.joint_amplitude.values[closed] - fine).max(axis=1)
+    off = off / fine.max(axis=1)
+    worst = np.argmax(off)
+    return {
+        "certified": len(closed),
+        "off_median": np.median(off),
+        "off_largest": off[worst],
+        "worst_cell": cells[closed][worst].tolist(),
+        "its_multiplier": float(ds.largest_multiplier[closed[worst]]),
+    }
+
+
+def report_cells(options, source):
+    cells = np.concatenate([NAMED, cells_of_the_map(options.cells, source)])
+    ds = settled(cells)
+    chosen = list(range(len(NAMED)))
+    for kind in zj.UNDECIDED:
+        if kind != zj.UNDECIDED.decided:
+            chosen += np.flatnonzero(ds.undecided.values[4:] == kind)[:3].tolist()
+    names = "time", "period", "largest_multiplier", "returns", "drift"
+    return {
+        "found": [
+            {
+                "cell": cells[i].tolist(),
+                "outcome": zj.OUTCOME(int(ds.outcome[i])).name,
+                "kind": zj.UNDECIDED(int(ds.undecided[i])).name,
+                "joint_amplitude": ds.joint_amplitude.values[i].tolist(),
+                **{name: float(ds[name][i]) for name in names},
+            }
+            for i in [x if x < len(NAMED) else x + len(NAMED) for x in chosen]
+        ]
+    }
+
+
+def report_kicks(options, source):
+    count, horizon = options.columns, FOLLOWED * LENGTH * WINDOWS_OF_A_VERDICT
+    q, angle = source.uniform(1.3, 2.3, count), source.uniform(0, 2 * np.pi, count)
+    tau = 10 ** source.uniform(-2.5, -1, count)
+    ratio = source.uniform(0.7, 1.0, count)  # kinetic over static
+    table = jnp.asarray(np.stack([q, tau, ratio, np.cos(angle), np.sin(angle)], axis=1))
+
+    def scene(place):
+        q, tau, ratio, *kick = table[place.astype(int)]
+        load = zj.ConstantLoad(1.0)
+        law = zj.SetValuedCoulomb(tau, ratio * tau, pin_radius=1.0, load=load)
+        # a threshold is about proportional to the torque
+        return zj.uniform_rods(q=q, friction=law), [40 * tau * x for x in kick]
+
+    def found(place):
+        column, kick = scene(place)
+        direction, windows = zj.State(omega=tuple(kick)), zj.Windows(length=LENGTH)
+        return zj.critical_kick(column, direction, (0.01, 4.0), windows=windows)
+
+    ds = swept(count, found)
+    known = np.flatnonzero(np.isfinite(ds.threshold.values))
+    middle, width = ds.threshold.values[known], ds.width.values[known]
+    ends = jnp.asarray(np.stack([middle - width / 2, middle + width / 2], axis=1))
+    long = zj.Windows(transient=horizon, length=LENGTH, max_windows=1)
+
+    def followed(place, end):
+        column, kick = scene(jnp.asarray(known)[place.astype(int)])
+        size = ends[place.astype(int), end.astype(int)]
+        start = zj.State(omega=tuple(size * x for x in kick))
+        method = zj.Method(rtol=1e-10, max_steps=100_000_000)
+        return zj.settle(column, start, windows=long, method=method, certify=False)
+
+    again = zj.sweep(
+        followed, place=np.arange(len(known)), end=[0, 1], progress=False
+    ).outcome.values
+    rests = again == zj.OUTCOME.stuck
+    rises = ds.rises.values[known] > 0
+    inside = np.where(rises, rests[:, 0] & ~rests[:, 1], rests[:, 1] & ~rests[:, 0])
+    return {
+        "columns": count,
+        "found": len(known),
+        "others": {
+            c.name: int((ds.outcome.values == c).sum())
+            for c in zj.ONSET
+            if (ds.outcome.values == c).any()
+        },
+        "relative_width_median": np.median(width / middle),
+        "followed_for": horizon,
+        "inside": int(inside.sum()),
+        "not_inside": known[~inside].tolist(),
+        "above_ends_as": outcomes(again[:, 1]),
+    }
+
+
+REPORTS = {
+    "share": report_share,
+    "amplitudes": report_amplitudes,
+    "cells": report_cells,
+    "kicks": report_kicks,
+}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("which", nargs="*", default=list(REPORTS))
+    parser.add_argument("--cells", type=int, default=2000)
+    parser.add_argument("--columns", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    zj.configure_cpu()
+    jax.config.update("jax_enable_x64", True)  # for tables of cells
+    for name in options.which:
+        found = REPORTS[name](options, np.random.default_rng(options.seed))
+        head = {"benchmark": "a13_certified_truth", "commit": commit(), "what": name}
+        print(json.dumps(rounded({**head, "seed": options.seed, **found})), flush=True)
+
+
+if __name__ == "__main__":
+    main()
