@@ -21,11 +21,11 @@ import json
 import jax
 import jax.numpy as jnp
 import numpy as np
-from a5_certificates import cells_of_the_map, settled
+from a5_certificates import cells_of_the_map, columns, settled
 from measure import commit, rounded
 
 import ziegler_jax as zj
-from ziegler_jax.__main__ import WINDOWS, column_of, point
+from ziegler_jax.__main__ import WINDOWS, point
 
 TRUTH = zj.Windows(
     transient=WINDOWS.transient, length=WINDOWS.length, max_windows=160, agreement=2e-5
@@ -78,12 +78,18 @@ def report_amplitudes(options, source):
     cells = cells_of_the_map(options.cells, source)
     ds = settled(cells)
     closed = np.flatnonzero(ds.outcome == zj.OUTCOME.cycle)
-    table, ends = jnp.asarray(cells[closed]), jnp.asarray(ds.state.values[closed])
+    table = jnp.asarray(columns(cells[closed]))
+    ends = jnp.asarray(ds.state.values[closed])
 
     def later(place):
-        column, y = column_of(*table[place.astype(int)]), ends[place.astype(int)]
+        q, tau_s, tau_k, v_stribeck, v_smooth = table[place.astype(int)]
+        law = zj.SmoothCoulomb(
+            tau_s / q, tau_k / q, pin_radius=1.0, v_stribeck=v_stribeck,
+            v_smooth=v_smooth,
+        )  # fmt: skip
+        y = ends[place.astype(int)]
         return zj.settle(
-            column, zj.State((y[0], y[1]), (y[2], y[3])),
+            zj.uniform_rods(q=q, friction=law), zj.State((y[0], y[1]), (y[2], y[3])),
             windows=LATER, method=zj.Method(rtol=1e-10), certify=False,
         )  # fmt: skip
 

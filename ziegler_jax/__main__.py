@@ -44,8 +44,8 @@ STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"
 SENSITIVE_STORE = "bifurcation_map_sensitive.zarr"
 
 
-def column_of(q, mu_s, mu_k):
-    """One column of the map: N = q, v_smooth = tau_s / 5."""
+def point(q, mu_s, mu_k, **options):
+    """Settle one column: N = q, v_smooth = tau_s / 5."""
     friction = zj.SmoothCoulomb(
         mu_s,
         mu_k,
@@ -53,12 +53,7 @@ def column_of(q, mu_s, mu_k):
         v_stribeck=V_STRIBECK,
         v_smooth=mu_s * PIN_RADIUS * q / DAMPING_AT_REST,
     )
-    return zj.uniform_rods(q=q, friction=friction)
-
-
-def point(q, mu_s, mu_k, **options):
-    """Kick it and settle it."""
-    column = column_of(q, mu_s, mu_k)
+    column = zj.uniform_rods(q=q, friction=friction)
     return zj.settle(column, zj.State(omega=KICK), **{**SETTLE, **options})
 
 
