@@ -164,8 +164,9 @@ def report_kicks(options, source):
         followed, place=np.arange(len(known)), end=[0, 1], progress=False
     ).outcome.values
     rests = again == zj.OUTCOME.stuck
+    moves = np.isin(again, [zj.OUTCOME[name] for name in ("unsettled", "escaped")])
     rises = ds.rises.values[known] > 0
-    inside = np.where(rises, rests[:, 0] & ~rests[:, 1], rests[:, 1] & ~rests[:, 0])
+    inside = np.where(rises, rests[:, 0] & moves[:, 1], rests[:, 1] & moves[:, 0])
     return {
         "columns": count,
         "found": len(known),
@@ -178,6 +179,7 @@ def report_kicks(options, source):
         "followed_for": horizon,
         "inside": int(inside.sum()),
         "not_inside": known[~inside].tolist(),
+        "below_ends_as": outcomes(again[:, 0]),
         "above_ends_as": outcomes(again[:, 1]),
     }
 

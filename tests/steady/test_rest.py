@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax.motion.spans import AbstractSpans
+from ziegler_jax.solvers import Step
 from ziegler_jax.steady.rest import decays
 
 
@@ -164,3 +166,35 @@ def test_a_rod_that_turns_back_within_a_step_has_turned_over(certify):
     # measured: 1.5e-5 above the peak
     assert outcome(peak * (1 - 5e-4)) == zj.OUTCOME.escaped
     assert outcome(peak * (1 + 5e-4)) != zj.OUTCOME.escaped
+
+
+class Counted(AbstractSpans):
+    """Spans that only watch for rods that turn over."""
+
+    def begin(self, column, t0, y0):
+        return 0.0 * y0[0]
+
+    def watch(self, column, state, step):
+        return state.watch, False, None
+
+    def judge(self, column, state, step, ended):
+        return state.watch, state.outcome
+
+
+def test_a_rod_turns_over_whatever_its_batch_mates_do():
+    """A step that is not looked at for itself is not, either, for a mate's sake."""
+    fold = Counted(1e9, 1.0, 5, np.pi)
+
+    def outcome(y, v0, v1, a0, a1):
+        z = 0.0 * y
+        ends = (y, z, v0, z), (y, z, v1, z), (v0, z, a0, z), (v1, z, a1, z)
+        step = Step(z, z + 1.0, *ends, ())
+        return fold.step(None, fold.init(None, z, step.y0), step)[0].outcome
+
+    slow, fast = [3.13, 0.001, -0.001, 1.0, 1.0], [3.13, 0.1, -0.1, -0.2, -0.2]
+    alone, beside = (
+        jax.jit(jax.vmap(outcome))(*jnp.asarray(rows).T)
+        for rows in ([slow, slow], [slow, fast])
+    )
+    assert beside[1] == zj.OUTCOME.escaped
+    assert alone[0] == beside[0]

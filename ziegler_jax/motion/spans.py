@@ -129,7 +129,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
         near = may_turn_over(step, self.escape)
 
         def judge(state):
-            over = turns_over(step, self.escape)
+            over = near & turns_over(step, self.escape)
             state = state._replace(spans=state.spans + ended.astype(jnp.int32))
             watch, outcome = self.judge(column, state, step, ended)
             outcome = jnp.where(over, OUTCOME.escaped, outcome).astype(jnp.int32)
@@ -170,14 +170,14 @@ def follow_spans(
 def turns_over(step: Step, escape: Scalar) -> Flag:
     """Whether a rod has turned so far that its motion is over, in a step or at its end.
 
-    About where the angle peaks, so that it does not depend on where steps end.
+    About where the angle peaks: ends of long steps may lie far below.
     """
     first, second, _ = angles(step)
     return (first.largest() > escape) | (second.largest() > escape)
 
 
 def may_turn_over(step: Step, escape: Scalar) -> Flag:
-    """Whether it is worth a look: no rod is much faster in a step than at its ends."""
+    """Whether it is worth a look, by rates up to twice those at the step's ends."""
     farthest = larger(jnp.abs(step.y1[0]), jnp.abs(step.y1[1]))
     rates = (jnp.abs(y[i]) for y in (step.y0, step.y1) for i in (2, 3))
     return farthest + 2 * (step.t1 - step.t0) * reduce(larger, rates) > escape

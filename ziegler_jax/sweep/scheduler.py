@@ -194,15 +194,8 @@ class _Batch:
             self.max_steps = min(slow, LONGEST_RUN) if alike else int(fair)
 
     def chunk(self) -> None:
-        """At most `max_steps` of every lane; those that have ended go on.
-
-        As many as it takes in a point's first loop, if it has one phase, where no lane
-        waits for a place: none can come.
-        """
-        alone = self.loop == 1 and len(self.stage.ways) == 2
-        alone &= not self.work.ready(self.loop)
-        most = LONGEST_RUN if alone else self.max_steps
-        arguments = np.int32(most), self.fixed, self.state
+        """At most `max_steps` of every lane; those that have ended go on."""
+        arguments = np.int32(self.max_steps), self.fixed, self.state
         called = self.points[self.busy], self.stage.function
         self.state, phases, steps = self.work.call(*called, *arguments)
         ways = self.ways[np.asarray(phases)]  # ENDED is the last
