@@ -112,7 +112,8 @@ def report_cells(options, source):
     chosen = list(range(len(NAMED)))
     for kind in zj.UNDECIDED:
         if kind != zj.UNDECIDED.decided:
-            chosen += np.flatnonzero(ds.undecided.values[4:] == kind)[:3].tolist()
+            found = np.flatnonzero(ds.undecided.values == kind)
+            chosen += found[found >= len(NAMED)][:3].tolist()
     names = "time", "period", "largest_multiplier", "returns", "drift"
     return {
         "found": [
@@ -123,7 +124,7 @@ def report_cells(options, source):
                 "joint_amplitude": ds.joint_amplitude.values[i].tolist(),
                 **{name: float(ds[name][i]) for name in names},
             }
-            for i in [x if x < len(NAMED) else x + len(NAMED) for x in chosen]
+            for i in chosen
         ]
     }
 

@@ -30,8 +30,8 @@ def configure_cpu() -> str:
     Puts options into the environment variable `XLA_FLAGS`, for this process and its
     children. Call it before JAX computes anything. Without it everything works, on
     jaxlib 0.10 at about half the speed, on later ones after compiling for longer. It
-    never sets what the installed jaxlib might
-    not know: an unknown flag would abort the process.
+    never sets what the installed jaxlib might not know: an unknown flag would abort the
+    process.
 
     **Returns:** a sentence that says what it did.
     """

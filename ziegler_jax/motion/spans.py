@@ -129,7 +129,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
         near = may_turn_over(step, self.escape)
 
         def judge(state):
-            over = near & turns_over(step, self.escape)
+            over = turns_over(step, self.escape)
             state = state._replace(spans=state.spans + ended.astype(jnp.int32))
             watch, outcome = self.judge(column, state, step, ended)
             outcome = jnp.where(over, OUTCOME.escaped, outcome).astype(jnp.int32)
@@ -173,7 +173,8 @@ def turns_over(step: Step, escape: Scalar) -> Flag:
     About where the angle peaks: ends of long steps may lie far below.
     """
     first, second, _ = angles(step)
-    return (first.largest() > escape) | (second.largest() > escape)
+    over = (first.largest() > escape) | (second.largest() > escape)
+    return may_turn_over(step, escape) & over  # whoever is looked at for a mate's sake
 
 
 def may_turn_over(step: Step, escape: Scalar) -> Flag:

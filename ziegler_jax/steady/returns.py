@@ -167,7 +167,7 @@ class March(AbstractFold[Lookout]):
             return there, asks.astype(jnp.int32), jnp.where(goes_on, 1.0, 0.0)
 
         def escaped(asks):
-            over = near & turns_over(step, self.escape)
+            over = turns_over(step, self.escape)
             return jnp.where(over, ESCAPE, asks).astype(asks.dtype)
 
         there, asks, goes_on = materialise(step.t0, look)
