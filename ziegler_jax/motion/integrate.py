@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..context import Phase, place_of, resumable
-from ..model.column import Column, vector_field
+from ..model.column import Column
 from ..numerics.numbers import Count, Flag, Scalar, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import (
@@ -35,7 +35,7 @@ from ..solvers.fold import AbstractObserved, ObservedState
 from ..solvers.taylor import TaylorState
 from ..solvers.turns import HALTED, MOVES, VANISHED
 from .options import Method
-from .scene import layer_of, outcome_of, prepared
+from .scene import field, layer_of, outcome_of, prepared
 
 FIRST_STEP = 0.01
 
@@ -124,7 +124,7 @@ class Motion(Generic[Folded]):
         self.start, self.first_step, self.first_stop = start, first_step, first_stop
         self.args = prepared(column)
         self.solver, self.control = machine(self.args, fold, method, end)
-        self.terms = dfx.ODETerm(cast(Callable[..., Vector4], vector_field))
+        self.terms = dfx.ODETerm(cast(Callable[..., Vector4], field))
 
     def begin(self) -> Run[Folded]:
         """The motion before its first step."""

@@ -12,8 +12,9 @@ from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float, Int
 
 from ..context import overridden_solver
-from ..model.column import Column, State
+from ..model.column import Column, State, vector_field
 from ..model.damping import is_polynomial
+from ..numerics.materialise import as_one_call
 from ..numerics.numbers import Flag, Scalar, Traced4, Vector4, instance, is_concrete
 from ..results import OUTCOME
 from ..solvers import Explicit, Rosenbrock, Taylor
@@ -23,6 +24,8 @@ from .options import Method, Solver, complete
 Tree = TypeVar("Tree")  # a pytree of numbers
 Times = Sequence[float] | Float[ArrayLike, " n"]
 REST_RATE = 1e-6  # without friction there is no rate of the column's own
+# of a motion: a scene asks for it in ten places
+field = as_one_call(vector_field, inline=True)
 
 
 def outcome_of(

@@ -34,6 +34,7 @@ from ..solvers import AbstractFold, Explicit, Step
 from ..solvers.explicit import Integrand
 from ..solvers.fold import State
 from .saltation import leaves, saltation
+from .scene import field
 
 Vectors = tuple[Traced4, ...]
 
@@ -137,7 +138,7 @@ def accelerations_and_slopes(
     t: Scalar, y: Traced4, column: Column
 ) -> tuple[Pair, tuple[Traced4, Traced4]]:
     """Both accelerations, and the derivatives of each by the state's four numbers."""
-    accelerations, along = jax.linearize(lambda *y: vector_field(t, y, column)[2:], *y)
+    accelerations, along = jax.linearize(lambda *y: field(t, y, column)[2:], *y)
     linear = jax.make_jaxpr(along)(*y)
     columns = [_along_one(linear, i, jnp.ones_like(y[0])) for i in range(4)]
     first, second = zip(*columns, strict=True)

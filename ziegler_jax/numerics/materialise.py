@@ -11,7 +11,9 @@ from functools import partial, wraps
 from typing import TypeVar, TypeVarTuple
 
 import jax
+import jax.core
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.core import eval_jaxpr
 from jax.custom_batching import custom_vmap
@@ -89,13 +91,18 @@ def traced_once(
     return again
 
 
-def as_one_call(function: Callable[..., Output]) -> Callable[..., Output]:
-    """The same method as a call of a program that JAX traces once for such arguments.
+def as_one_call(
+    function: Callable[..., Output], inline: bool = False
+) -> Callable[..., Output]:
+    """The same function as a call of a program that JAX traces once for such arguments.
 
-    diffrax's loop traces a step three times. What is concrete stays known to it.
+    diffrax's loop traces a step three times, and a scene its field ten times. What is
+    concrete stays known to it.
+
+    **Arguments:** `inline`: whether its equations stand in the caller's own program.
     """
 
-    @partial(jax.jit, static_argnums=0)
+    @partial(jax.jit, static_argnums=0, inline=inline)
     def call(still, moving):
         leaves, tree = still
         leaves = iter(leaves)
@@ -106,14 +113,16 @@ def as_one_call(function: Callable[..., Output]) -> Callable[..., Output]:
     @wraps(function)
     def called(*args):
         leaves, tree = jax.tree.flatten(args)
-        moving = [x for x in leaves if isinstance(x, jax.Array)]
-        still = tuple(_MOVES if isinstance(x, jax.Array) else x for x in leaves)
+        moving = [x for x in leaves if isinstance(x, _ARRAYS)]
+        if not any(isinstance(x, jax.core.Tracer) for x in moving):
+            return function(*args)  # nothing is traced here
+        still = tuple(_MOVES if isinstance(x, _ARRAYS) else x for x in leaves)
         return call((still, tree), moving)
 
     return called
 
 
-_MOVES = object()
+_MOVES, _ARRAYS = object(), (jax.Array, np.ndarray)
 
 
 def tree_where(flag: Flag, new: Tree, old: Tree) -> Tree:

@@ -6,13 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import Array, Float
 
-from ..model.column import Column, vector_field
+from ..model.column import Column
 from ..model.set_valued import in_modes
-from ..motion.scene import prepared
+from ..motion.scene import field, prepared
 from ..numerics.numbers import Flag, Pair, Traced4
 
 SAMPLES = 24
+MODES = ((1.0, 1.0), (1.0, -1.0), (0.0, 1.0))  # of joints with set-valued friction
 ROUNDING = 1e-9
 
 
@@ -28,25 +30,19 @@ def is_odd(column: Column) -> Flag:
     samples = lax.optimization_barrier(samples)
     whole = prepared(column)
 
-    def uneven(y: Traced4, modes: tuple[float, float]) -> jax.Array:
-        mirrored = cast(Traced4, tuple(-x for x in y))
-        here, there = whole, whole
+    def slope(
+        sign: Float[Array, ""], modes: Float[Array, " 2"], y: Float[Array, " 4"]
+    ) -> Float[Array, " 4"]:
+        turned = whole
         if column.sticks:
-            here, there = (in_modes(whole, _turned(s, modes)) for s in (1.0, -1.0))
-        one = vector_field(jnp.zeros((), dtype), y, here)
-        other = vector_field(jnp.zeros((), dtype), mirrored, there)
-        size = sum((jnp.abs(x) for x in one), jnp.ones((), dtype))
-        apart = sum((jnp.abs(a + b) for a, b in zip(one, other, strict=True)), 0.0)
-        return apart > ROUNDING * size
+            turned = in_modes(whole, cast(Pair, tuple(sign * modes)))
+        y4 = cast(Traced4, tuple(sign * y))
+        return jnp.stack(field(jnp.zeros((), dtype), y4, turned))
 
-    odd = jnp.asarray(True)
-    for modes in ((1.0, 1.0), (1.0, -1.0), (0.0, 1.0)) if column.sticks else ((1, 1),):
-        apart = jax.vmap(lambda *y: uneven(y, modes))(*samples)  # noqa: B023
-        odd &= ~jnp.any(apart)
-    return odd
-
-
-def _turned(sign: float, modes: tuple[float, float]) -> Pair:
-    dtype = jnp.result_type(float)
-    m1, m2 = (jnp.asarray(sign * m, dtype) for m in modes)
-    return m1, m2
+    everywhere = jax.vmap(slope, (None, None, 1))
+    everywhere = jax.vmap(everywhere, (None, 0, None))
+    everywhere = jax.vmap(everywhere, (0, None, None))
+    signs, modes = jnp.asarray((1.0, -1.0), dtype), jnp.asarray(MODES, dtype)
+    one, other = everywhere(signs, modes if column.sticks else modes[:1], samples)
+    apart, size = jnp.abs(one + other).sum(-1), 1 + jnp.abs(one).sum(-1)
+    return ~jnp.any(apart > ROUNDING * size)

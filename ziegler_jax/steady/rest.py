@@ -21,9 +21,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..model.column import Column, vector_field
+from ..model.column import Column
 from ..motion.observers import joint_rates
-from ..motion.scene import prepared
+from ..motion.scene import field, prepared
 from ..numerics.elementary import larger
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Flag, Scalar, Vector4
@@ -128,7 +128,7 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
 
     def forces(*y):
         """Against the joints' own accelerations."""
-        _, _, a1, a2 = vector_field(zero, y, column)
+        _, _, a1, a2 = field(zero, y, column)
         return -a1, a1 - a2
 
     def slopes(_, row):
