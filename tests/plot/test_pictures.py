@@ -130,6 +130,24 @@ def test_labels_carry_symbols_and_units(plane):
     assert labels == ["stuck", "unsettled", "failed"]
 
 
+def test_undecided_cells_are_hatched_by_their_kind(plane):
+    codes, kinds = np.full_like(CODES, RUN), np.zeros_like(CODES)
+    for kind in zj.UNDECIDED:
+        place = np.unravel_index(int(kind), codes.shape)
+        codes[place], kinds[place] = zj.OUTCOME.unsettled, kind
+    plane["outcome"] = (("q", "mu"), codes, FLAGS)
+    plane["undecided"] = (("q", "mu"), kinds)
+    ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
+    layers = {layer.get_label(): layer for layer in ax.collections[1:]}
+    words = [k.name.replace("_", " ") for k in list(zj.UNDECIDED)[1:]]
+    assert list(layers) == ["unsettled", *(f"unsettled, {w}" for w in words)]
+    assert len({layers[f"unsettled, {w}"].get_hatch() for w in words}) == len(words)
+    for kind, layer in zip(zj.UNDECIDED, layers.values(), strict=True):
+        (cell,) = layer.get_paths()
+        row, column = np.unravel_index(int(kind), codes.shape)
+        assert cell.contains_point((Q[row], MU[column]))
+
+
 def test_a_flag_variable_has_a_colour_a_code(plane):
     ax = zj.plot.map(plane, "outcome", "q", "mu")
     labels = [text.get_text() for text in ax.get_legend().get_texts()]

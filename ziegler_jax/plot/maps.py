@@ -20,7 +20,7 @@ from matplotlib.typing import ColorType
 
 from ..analysis.continuation import Branch
 from ..analysis.hysteresis import UpDownSweep
-from ..results import OUTCOME
+from ..results import OUTCOME, UNDECIDED
 from .branches import branch_dataset, draw_branch, of_dims, second
 from .style import (
     AT_REST,
@@ -28,9 +28,9 @@ from .style import (
     FAILED_COLOUR,
     FAILED_HATCH,
     GREY,
+    HATCH_OF,
     MARKERS,
     REST_COLOUR,
-    UNSETTLED_HATCH,
     VERMILLION,
     code_colours,
     flags_of,
@@ -60,7 +60,8 @@ def map(
     ```
 
     Where the dataset has an `outcome`, stuck and resting points have one flat colour,
-    unsettled ones are dotted and failed ones hatched. A flag variable (`outcome`,
+    unsettled ones are hatched in white, by their kind where `undecided` says it (dotted
+    where nothing does), and failed ones in red. A flag variable (`outcome`,
     `regime`) is drawn in one colour a code. The boundaries of a map from `refine` are
     drawn as lines over its coarse cells.
 
@@ -115,7 +116,9 @@ def map(
             assert figure is not None
             figure.colorbar(mesh, ax=ax, label=in_lines(label_of(values)))
         if outcome is not None:
-            handles = _outcomes(ax, edges, outcome)
+            kinds = dataset.get("undecided")
+            kinds = None if kinds is None else np.asarray(kinds.transpose(y, x))
+            handles = _outcomes(ax, edges, outcome, kinds)
     _boundaries(ax, dataset, x, y)
     ax.set(xlabel=in_lines(label_of(dataset[x])))
     ax.set(ylabel=in_lines(label_of(dataset[y])))
@@ -307,14 +310,20 @@ def _failed(outcome: np.ndarray) -> np.ndarray:
     return (outcome < OUTCOME.unsettled) & (outcome != OUTCOME.not_computed)
 
 
-def _outcomes(ax: Axes, edges: Edges, outcome: np.ndarray) -> list[Patch]:
+def _outcomes(
+    ax: Axes, edges: Edges, outcome: np.ndarray, kinds: np.ndarray | None
+) -> list[Patch]:
     """Cells that say how the motion ended; returns what a legend needs."""
     rest = "stuck" if (outcome == OUTCOME.stuck).any() else "rest"
-    layers = (
-        (rest, np.isin(outcome, AT_REST), REST_COLOUR, None, "none"),
-        ("unsettled", outcome == OUTCOME.unsettled, "none", UNSETTLED_HATCH, "white"),
-        ("failed", _failed(outcome), FAILED_COLOUR, FAILED_HATCH, VERMILLION),
-    )
+    unsettled = outcome == OUTCOME.unsettled
+    kinds = np.full_like(outcome, UNDECIDED.decided) if kinds is None else kinds
+    layers = [(rest, np.isin(outcome, AT_REST), REST_COLOUR, None, "none")]
+    for kind, hatch in HATCH_OF.items():
+        which = f", {kind.name.replace('_', ' ')}" if kind else ""
+        here = unsettled & (kinds == kind)
+        layers.append((f"unsettled{which}", here, "none", hatch, "white"))
+    failed = _failed(outcome)
+    layers.append(("failed", failed, FAILED_COLOUR, FAILED_HATCH, VERMILLION))
     handles = []
     for name, here, face, hatch, line in layers:
         if not here.any():
@@ -328,7 +337,7 @@ def _outcomes(ax: Axes, edges: Edges, outcome: np.ndarray) -> list[Patch]:
             label=name,
         )
         ax.add_collection(cells)
-        back = GREY if name == "unsettled" else face
+        back = GREY if face == "none" else face
         handles.append(Patch(facecolor=back, edgecolor=line, hatch=hatch, label=name))
     return handles
 

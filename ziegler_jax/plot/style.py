@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from ..results import OUTCOME
+from ..results import OUTCOME, UNDECIDED
 
 # Okabe and Ito's colours, which the colour-blind can tell apart
 BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
@@ -20,7 +20,17 @@ PHI1, PHI2 = "navy", "red"
 AT_REST = (OUTCOME.stuck, OUTCOME.rest)
 REST_COLOUR, FAILED_COLOUR = "#E8DCC8", "#F2F2F2"
 VIOLET = "#4B2E83"
-FAILED_HATCH, UNSETTLED_HATCH = "////", "...."
+FAILED_HATCH = "////"
+# of what is unsettled, by its kind; `decided` stands where that is not known
+HATCH_OF = {
+    UNDECIDED.decided: "....",
+    UNDECIDED.none: "oooo",
+    UNDECIDED.unstable_near: "xxxxx",
+    UNDECIDED.slow: "-----",
+    UNDECIDED.aperiodic: "....",
+    UNDECIDED.growing: "|||||",
+    UNDECIDED.lasting: "++++",
+}
 # Of codes, by their names: one colour in the whole package. Those of one map are at
 # least 10 apart (CIE 1976) for normal eyes and for three kinds of colour-blind ones.
 COLOUR_OF = {
