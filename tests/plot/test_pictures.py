@@ -140,12 +140,27 @@ def test_undecided_cells_are_hatched_by_their_kind(plane):
     ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
     layers = {layer.get_label(): layer for layer in ax.collections[1:]}
     words = [k.name.replace("_", " ") for k in list(zj.UNDECIDED)[1:]]
-    assert list(layers) == ["unsettled", *(f"unsettled, {w}" for w in words)]
-    assert len({layers[f"unsettled, {w}"].get_hatch() for w in words}) == len(words)
-    for kind, layer in zip(zj.UNDECIDED, layers.values(), strict=True):
-        (cell,) = layer.get_paths()
+    names = [*(f"unsettled, {w}" for w in words), "unsettled"]
+    assert list(layers) == names
+    assert len({layer.get_hatch() for layer in layers.values()}) == len(names)
+    for kind, name in zip(zj.UNDECIDED, [names[-1], *names], strict=False):
+        (cell,) = layers[name].get_paths()
         row, column = np.unravel_index(int(kind), codes.shape)
         assert cell.contains_point((Q[row], MU[column]))
+
+
+def test_an_undecided_cell_is_hatched_where_no_plane_says_of_which_kind(plane):
+    aperiodic = int(zj.UNDECIDED.aperiodic)
+    unlike = [
+        ("q", [aperiodic] * 4),
+        ((), aperiodic),
+        (("q", "mu"), np.full((4, 3), 99)),
+    ]
+    for kinds in unlike:
+        plane["undecided"] = kinds
+        ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
+        names = [layer.get_label() for layer in ax.collections[1:]]
+        assert names == ["stuck", "unsettled", "failed"]
 
 
 def test_a_flag_variable_has_a_colour_a_code(plane):

@@ -24,7 +24,7 @@ from .options import Method, Solver, complete
 Tree = TypeVar("Tree")  # a pytree of numbers
 Times = Sequence[float] | Float[ArrayLike, " n"]
 REST_RATE = 1e-6  # without friction there is no rate of the column's own
-# of a motion: a scene asks for it in ten places
+# the vector field, traced once for such arguments: a scene asks for it ten times
 field = as_one_call(vector_field, inline=True)
 
 

@@ -96,8 +96,8 @@ def as_one_call(
 ) -> Callable[..., Output]:
     """The same function as a call of a program that JAX traces once for such arguments.
 
-    diffrax's loop traces a step three times, and a scene its field ten times. What is
-    concrete stays known to it.
+    diffrax's loop traces a step three times, and a scene its field ten times. Numbers
+    of Python's own stay known to it.
 
     **Arguments:** `inline`: whether its equations stand in the caller's own program.
     """

@@ -31,6 +31,7 @@ from .style import (
     HATCH_OF,
     MARKERS,
     REST_COLOUR,
+    UNSETTLED_HATCH,
     VERMILLION,
     code_colours,
     flags_of,
@@ -116,15 +117,14 @@ def map(
             assert figure is not None
             figure.colorbar(mesh, ax=ax, label=in_lines(label_of(values)))
         if outcome is not None:
-            kinds = dataset.get("undecided")
-            kinds = None if kinds is None else np.asarray(kinds.transpose(y, x))
-            handles = _outcomes(ax, edges, outcome, kinds)
+            handles = _outcomes(ax, edges, outcome, _kinds(dataset, x, y))
     _boundaries(ax, dataset, x, y)
     ax.set(xlabel=in_lines(label_of(dataset[x])))
     ax.set(ylabel=in_lines(label_of(dataset[y])))
     if legend and handles:
-        # beside the plane, not on its data
-        ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=4)
+        # beside the plane, not on its data; kinds have long names
+        columns = 4 if all(len(h.get_label()) < 12 for h in handles) else 2
+        ax.legend(handles=handles, loc=(0, 1.01), ncols=columns)
     return ax
 
 
@@ -310,20 +310,28 @@ def _failed(outcome: np.ndarray) -> np.ndarray:
     return (outcome < OUTCOME.unsettled) & (outcome != OUTCOME.not_computed)
 
 
+def _kinds(dataset: xr.Dataset, x: str, y: str) -> np.ndarray:
+    """Of which kind each undecided cell is; `decided` where the plane does not say."""
+    kinds = dataset.get("undecided")
+    if kinds is None or set(kinds.dims) != {x, y}:
+        return np.full((dataset.sizes[y], dataset.sizes[x]), UNDECIDED.decided)
+    return np.asarray(kinds.transpose(y, x))
+
+
 def _outcomes(
-    ax: Axes, edges: Edges, outcome: np.ndarray, kinds: np.ndarray | None
+    ax: Axes, edges: Edges, outcome: np.ndarray, kinds: np.ndarray
 ) -> list[Patch]:
     """Cells that say how the motion ended; returns what a legend needs."""
     rest = "stuck" if (outcome == OUTCOME.stuck).any() else "rest"
     unsettled = outcome == OUTCOME.unsettled
-    kinds = np.full_like(outcome, UNDECIDED.decided) if kinds is None else kinds
     layers = [(rest, np.isin(outcome, AT_REST), REST_COLOUR, None, "none")]
     for kind, hatch in HATCH_OF.items():
-        which = f", {kind.name.replace('_', ' ')}" if kind else ""
-        here = unsettled & (kinds == kind)
-        layers.append((f"unsettled{which}", here, "none", hatch, "white"))
-    failed = _failed(outcome)
-    layers.append(("failed", failed, FAILED_COLOUR, FAILED_HATCH, VERMILLION))
+        name = f"unsettled, {kind.name.replace('_', ' ')}"
+        layers.append((name, unsettled & (kinds == kind), "none", hatch, "white"))
+    others = unsettled & ~np.isin(kinds, list(HATCH_OF))
+    layers.append(("unsettled", others, "none", UNSETTLED_HATCH, "white"))
+    failed = FAILED_COLOUR, FAILED_HATCH, VERMILLION
+    layers.append(("failed", _failed(outcome), *failed))
     handles = []
     for name, here, face, hatch, line in layers:
         if not here.any():

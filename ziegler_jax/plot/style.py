@@ -20,14 +20,13 @@ PHI1, PHI2 = "navy", "red"
 AT_REST = (OUTCOME.stuck, OUTCOME.rest)
 REST_COLOUR, FAILED_COLOUR = "#E8DCC8", "#F2F2F2"
 VIOLET = "#4B2E83"
-FAILED_HATCH = "////"
-# of what is unsettled, by its kind; `decided` stands where that is not known
+FAILED_HATCH, UNSETTLED_HATCH = "////", "...."
+# of what is unsettled, by its kind where that is known
 HATCH_OF = {
-    UNDECIDED.decided: "....",
-    UNDECIDED.none: "oooo",
+    UNDECIDED.none: "**",
     UNDECIDED.unstable_near: "xxxxx",
     UNDECIDED.slow: "-----",
-    UNDECIDED.aperiodic: "....",
+    UNDECIDED.aperiodic: "ooooo",
     UNDECIDED.growing: "|||||",
     UNDECIDED.lasting: "++++",
 }

@@ -21,8 +21,9 @@ from .program import Program
 # of so many steps of 128 lanes, against lanes that idle once they have ended, for half
 # a chunk each: the sum is least at sqrt(2 CALL steps). With 50, 70, 100 and 150 a main
 # job of 60 000 points took 6.33, 6.17, 6.15 and 6.30 s, one by windows 6.95, 6.95, 6.79
-# and 6.89 (medians of five, two threads of an EPYC). On a Xeon 100 and 150 were alike,
-# and 50 and 250 worse.
+# and 6.89 (medians of five, two threads of an EPYC; each spreads by 3 %). On a Xeon
+# one of 40 000 took 9.0, 8.5 and 8.4 s with 50, 100 and 150 and 8.7 with 250; by
+# windows it took 8.1, 8.0, 7.9 and 7.7. So 70 to 150 cannot be told apart.
 CALL, LANES = 100, 128
 SHORTEST_CHUNK, FIRST_CHUNK, LONGEST_CHUNK = 64, 128, 1024
 # Where neighbours cost alike, a chunk is a lane's whole run: none idles for long, and
