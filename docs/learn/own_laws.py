@@ -176,7 +176,8 @@ assert imbalance < 1e-3 and apart < 1e-12
 # ## Two things to know
 #
 # Keep a law's numbers as its own fields. A number that a law reads from somewhere else,
-# a global say, is remembered by JAX outside of `sweep` as it was when first traced.
+# a global say, is remembered by JAX as it was when first traced: within one point, and
+# outside of `sweep` for good.
 #
 # A number that breaks one of the law's `rules` gives no number that looks right: the
 # outcome is `invalid`.

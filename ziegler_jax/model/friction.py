@@ -41,7 +41,8 @@ class AbstractFriction(eqx.Module):
     """A joint friction law.
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
-    that a law reads, JAX remembers outside of `sweep` what it was when first traced.
+    that a law reads, JAX remembers as it was when first traced: within one point of a
+    sweep, and outside of `sweep` for good.
     `rules` names for each of them the rule that it keeps: `finite`, `nonnegative`,
     `positive`; a lane in which one breaks its rule ends as `invalid`.
 

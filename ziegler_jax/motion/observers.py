@@ -73,7 +73,8 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     `JointReaction()`. `zj.power` knows of all that.
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
-    that a law reads, JAX remembers outside of `sweep` what it was when first traced.
+    that a law reads, JAX remembers as it was when first traced: within one point of a
+    sweep, and outside of `sweep` for good.
     """
 
     name: ClassVar[str]  # no two of a motion have the same
