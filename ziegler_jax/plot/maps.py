@@ -28,9 +28,9 @@ from .style import (
     FAILED_COLOUR,
     FAILED_HATCH,
     GREY,
-    HATCH_OF,
     MARKERS,
     REST_COLOUR,
+    UNSETTLED,
     UNSETTLED_HATCH,
     VERMILLION,
     code_colours,
@@ -40,6 +40,7 @@ from .style import (
 )
 
 Edges = tuple[np.ndarray, np.ndarray]  # of the cells, along x and y
+Codes = np.ndarray  # of the cells
 
 
 def map(
@@ -123,7 +124,7 @@ def map(
     ax.set(ylabel=in_lines(label_of(dataset[y])))
     if legend and handles:
         # beside the plane, not on its data; kinds have long names
-        columns = 4 if all(len(h.get_label()) < 12 for h in handles) else 2
+        columns = 4 if all(len(str(h.get_label())) < 12 for h in handles) else 2
         ax.legend(handles=handles, loc=(0, 1.01), ncols=columns)
     return ax
 
@@ -310,7 +311,7 @@ def _failed(outcome: np.ndarray) -> np.ndarray:
     return (outcome < OUTCOME.unsettled) & (outcome != OUTCOME.not_computed)
 
 
-def _kinds(dataset: xr.Dataset, x: str, y: str) -> np.ndarray:
+def _kinds(dataset: xr.Dataset, x: str, y: str) -> Codes:
     """Of which kind each undecided cell is; `decided` where the plane does not say."""
     kinds = dataset.get("undecided")
     if kinds is None or set(kinds.dims) != {x, y}:
@@ -318,20 +319,19 @@ def _kinds(dataset: xr.Dataset, x: str, y: str) -> np.ndarray:
     return np.asarray(kinds.transpose(y, x))
 
 
-def _outcomes(
-    ax: Axes, edges: Edges, outcome: np.ndarray, kinds: np.ndarray
-) -> list[Patch]:
+def _outcomes(ax: Axes, edges: Edges, outcome: Codes, kinds: Codes) -> list[Patch]:
     """Cells that say how the motion ended; returns what a legend needs."""
     rest = "stuck" if (outcome == OUTCOME.stuck).any() else "rest"
-    unsettled = outcome == OUTCOME.unsettled
-    layers = [(rest, np.isin(outcome, AT_REST), REST_COLOUR, None, "none")]
-    for kind, hatch in HATCH_OF.items():
-        name = f"unsettled, {kind.name.replace('_', ' ')}"
-        layers.append((name, unsettled & (kinds == kind), "none", hatch, "white"))
-    others = unsettled & ~np.isin(kinds, list(HATCH_OF))
-    layers.append(("unsettled", others, "none", UNSETTLED_HATCH, "white"))
-    failed = FAILED_COLOUR, FAILED_HATCH, VERMILLION
-    layers.append(("failed", _failed(outcome), *failed))
+    unsettled, known = outcome == OUTCOME.unsettled, np.isin(kinds, list(UNSETTLED))
+    layers = (
+        (rest, np.isin(outcome, AT_REST), REST_COLOUR, None, "none"),
+        *(
+            (name, unsettled & (kinds == kind), "none", hatch, "white")
+            for kind, (name, hatch) in UNSETTLED.items()
+        ),
+        ("unsettled", unsettled & ~known, "none", UNSETTLED_HATCH, "white"),
+        ("failed", _failed(outcome), FAILED_COLOUR, FAILED_HATCH, VERMILLION),
+    )
     handles = []
     for name, here, face, hatch, line in layers:
         if not here.any():

@@ -21,14 +21,14 @@ AT_REST = (OUTCOME.stuck, OUTCOME.rest)
 REST_COLOUR, FAILED_COLOUR = "#E8DCC8", "#F2F2F2"
 VIOLET = "#4B2E83"
 FAILED_HATCH, UNSETTLED_HATCH = "////", "...."
-# of what is unsettled, by its kind where that is known
-HATCH_OF = {
-    UNDECIDED.none: "**",
-    UNDECIDED.unstable_near: "xxxxx",
-    UNDECIDED.slow: "-----",
-    UNDECIDED.aperiodic: "ooooo",
-    UNDECIDED.growing: "|||||",
-    UNDECIDED.lasting: "++++",
+# what is unsettled, by its kind where that is known: words and hatch
+UNSETTLED = {
+    UNDECIDED.none: ("unsettled, no returns", "**"),
+    UNDECIDED.unstable_near: ("unsettled, unstable near", "xxxxx"),
+    UNDECIDED.slow: ("unsettled, slow", "-----"),
+    UNDECIDED.aperiodic: ("unsettled, aperiodic", "ooooo"),
+    UNDECIDED.growing: ("unsettled, growing", "|||||"),
+    UNDECIDED.lasting: ("unsettled, lasting", "++++"),
 }
 # Of codes, by their names: one colour in the whole package. Those of one map are at
 # least 10 apart (CIE 1976) for normal eyes and for three kinds of colour-blind ones.
