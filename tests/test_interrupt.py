@@ -1,6 +1,5 @@
 """Ctrl-C ends a sweep, whenever it comes."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -19,7 +18,8 @@ def point(q):
     column = zj.uniform_rods(q, damping=zj.Viscous(0.0, 0.01))
     start = zj.State(omega=(0.0, 0.3))
     long, many = zj.Windows(transient=1e5), zj.Method(max_steps=100_000_000)
-    return zj.settle(column, start, windows=long, method=many)
+    # by windows: a certified lane would end long before its transient does
+    return zj.settle(column, start, windows=long, method=many, certify=False)
 
 print("ready", flush=True)
 try:
@@ -36,18 +36,16 @@ except KeyboardInterrupt:
     reason="this process ignores Ctrl-C, as under nohup, and so do its children",
 )
 def test_ctrl_c_ends_a_sweep_soon():
-    process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, text=True,
-        env=dict(os.environ),
-    )  # fmt: skip
-    try:
-        assert process.stdout.readline() == "ready\n"
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(12)
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=20)
-    finally:
-        process.kill()
+    command = [sys.executable, "-c", PROGRAM]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout.readline() == "ready\n"
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(12)
+            process.send_signal(signal.SIGINT)
+            out, _ = process.communicate(timeout=20)
+        finally:
+            process.kill()
     assert out == "interrupted\n"
     assert process.returncode == 3
 
