@@ -3,7 +3,8 @@
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol, TypeVar, TypeVarTuple
 
@@ -99,17 +100,24 @@ class OpenLanes(NamedTuple):
     here: np.ndarray  # of them in the present loop
     rows: tuple[np.ndarray, ...]  # the next stage's fixed and state arrays
 
-    def at(self, lanes: np.ndarray | slice) -> "OpenLanes":
-        """These of the lanes."""
-        rows = tuple(row[:, lanes] for row in self.rows)
+    def at(self, lanes: np.ndarray) -> "OpenLanes":
+        """The lanes at these places."""
+        rows = tuple(row.take(lanes, axis=1) for row in self.rows)
         return OpenLanes(self.points[lanes], self.steps[lanes], self.here[lanes], rows)
 
+    def between(self, begin: int, end: int | None) -> "OpenLanes":
+        """Those at the places from `begin` on and before `end`; nothing is copied."""
+        cut = slice(begin, end)
+        rows = tuple(row[:, cut] for row in self.rows)
+        return OpenLanes(self.points[cut], self.steps[cut], self.here[cut], rows)
 
-def _joined(parts: list[OpenLanes]) -> OpenLanes:
+
+def joined(parts: Sequence[OpenLanes]) -> OpenLanes:
+    """All of them, behind each other."""
     if len(parts) == 1:
         return parts[0]
     *counts, rows = zip(*parts, strict=True)
-    rows = tuple(np.concatenate(r, axis=-1) for r in zip(*rows, strict=True))
+    rows = tuple(np.concatenate(r, axis=1) for r in zip(*rows, strict=True))
     points, steps, here = map(np.concatenate, counts)
     return OpenLanes(points, steps, here, rows)
 
@@ -121,7 +129,7 @@ class Batch(Protocol):
     busy: np.ndarray  # which of its places hold a lane
 
     def lanes(self, chosen: np.ndarray) -> OpenLanes:
-        """These lanes as they are."""
+        """The chosen lanes as they are."""
         ...
 
 
@@ -140,7 +148,7 @@ class Work:
         self.shape = tuple(axis.size for axis in axes.values())
         self.dtype = np.float64 if program.wide else np.float32
         self.lock = threading.Lock()
-        self.waiting: list[list[OpenLanes]] = [[] for _ in self.stages]
+        self.waiting: list[deque[OpenLanes]] = [deque() for _ in self.stages]
         self.batches: set[Batch] = set()  # that run at a loop
         self.led = 0  # segments that are running: their lanes wait nowhere
         self.finished = self.reported = 0
@@ -156,26 +164,25 @@ class Work:
             with self.lock:
                 self.waiting[number].append(lanes)
 
-    def take(self, number: int, count: int) -> OpenLanes | None:
-        """At most so many of the lanes that wait before a stage; None if none does."""
+    def take(self, number: int, count: int) -> list[OpenLanes]:
+        """At most so many of the lanes that wait before a stage."""
         if number == 0:
             points = self.queue.take(count)
             rows = (np.stack(self.values(points)),)
             none = np.zeros_like(points)
-            lanes = OpenLanes(points, none, none, rows)
-            return lanes if points.size else None
+            return [OpenLanes(points, none, none, rows)] if points.size else []
+        parts: list[OpenLanes] = []
         with self.lock:
-            if not self.waiting[number]:
-                return None
-            parts, left = [], count
-            while left > 0 and self.waiting[number]:
-                first = self.waiting[number].pop(0)
-                if first.points.size > left:
-                    self.waiting[number].insert(0, first.at(slice(left, None)))
-                    first = first.at(slice(left))
+            waiting = self.waiting[number]
+            while count > 0 and waiting:
+                first = waiting.popleft()
+                size = first.points.size
+                if size > count:
+                    waiting.appendleft(first.between(count, None))
+                    first = first.between(0, count)
                 parts.append(first)
-                left -= first.points.size
-        return _joined(parts)
+                count -= size
+        return parts
 
     def count(self, number: int) -> int:
         """How many lanes wait before a stage."""
@@ -226,7 +233,7 @@ class Work:
                     return True
         return False
 
-    def supply(self, loop: int, count: int) -> OpenLanes | None:
+    def supply(self, loop: int, count: int) -> list[OpenLanes]:
         """At most so many lanes to begin a loop, led there if they are not yet."""
         while self.begins(loop) and self.count(loop) < count and self.segment(loop - 1):
             pass
@@ -244,12 +251,13 @@ class Work:
 
     def _segment(self, number: int) -> bool:
         stage = self.stages[number]
-        lanes = self.take(number, stage.lanes)
-        if lanes is None:
+        parts = self.take(number, stage.lanes)
+        if not parts:
             return False
+        lanes = joined(parts)
         count = lanes.points.size
         # padded with real lanes: another size would be compiled again
-        padded = lanes.at(np.resize(np.arange(count), stage.lanes)).rows
+        padded = lanes.at(np.arange(stage.lanes) % count).rows
         after = self.call(lanes.points, stage.function, *split(stage, padded))
         if number + 1 < len(self.stages):
             rows = tuple(np.asarray(row)[:, :count] for part in after for row in part)

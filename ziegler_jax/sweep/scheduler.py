@@ -6,6 +6,7 @@ steps at a time; lanes that have ended or go on elsewhere make room for others. 
 waits further on is taken first, so that few lanes are open.
 """
 
+import math
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -14,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import OpenLanes, Queue, Work
+from .lanes import OpenLanes, Queue, Work, joined, split
 from .program import Program
 
 # Chunk length trades the cost of a call, with what Python does between two, about that
@@ -155,71 +156,64 @@ class _Batch:
         self.ways = np.array(self.stage.ways)
         size = self.stage.lanes
         self.busy, self.wants = np.zeros(size, bool), True
-        self.points, self.total = np.zeros((2, size), np.int64)
-        self.steps, self.entered, self.stalled = np.zeros((3, size), np.int64)
-        self.fixed: tuple[np.ndarray, ...] = self.stage.fixed.empty(size)
-        self.state: tuple[np.ndarray, ...] = self.stage.state.empty(size)
+        self.entered, self.stalled, none = np.zeros((3, size), np.int64)
+        rows = *self.stage.fixed.empty(size), *self.stage.state.empty(size)
+        self.open = OpenLanes(none, none, none, rows)
         self.dear = max(LANES / size, 1.0)  # a call, in steps of so few lanes
-        self.max_steps = int(FIRST_CHUNK * np.sqrt(self.dear))
+        self.max_steps = int(FIRST_CHUNK * math.sqrt(self.dear))
         self.costs = self._costs()
 
     def lanes(self, chosen: np.ndarray) -> OpenLanes:
-        """These lanes as they are."""
-        places = np.flatnonzero(chosen)
-        rows = (*self.fixed, *(np.asarray(row) for row in self.state))
-        return OpenLanes(self.points, self.total, self.steps, rows).at(places)
+        """The chosen lanes as they are."""
+        return self.open.at(np.flatnonzero(chosen))
 
     def refill(self) -> None:
         """New lanes in idle places, if it is time for them."""
         if not self.wants:
             return
         idle = np.flatnonzero(~self.busy)
-        new = self.work.supply(self.loop, idle.size) if idle.size else None
-        if new is None:
+        new = self.work.supply(self.loop, idle.size) if idle.size else []
+        if not new:
             return
-        first, count = not self.busy.any(), new.points.size
+        size, count = self.busy.size, sum(lanes.points.size for lanes in new)
         # places that stay idle repeat a new lane if they have never had one
-        places = idle if first else idle[:count]
-        new_rows = new.at(np.resize(np.arange(count), places.size))
-        self.state = tuple(np.array(row) for row in self.state)
-        for row, entered in zip((*self.fixed, *self.state), new_rows.rows, strict=True):
-            row[:, places] = entered
-        self.points[places] = new_rows.points
-        self.total[places], self.steps[places] = new_rows.steps, new_rows.here
-        self.entered[places] = new_rows.here
+        places = idle[:count] if self.busy.any() else idle
+        source = np.arange(size)
+        source[places] = size + np.arange(places.size) % count
+        self.open = joined([self.open, *new]).at(source)
+        self.entered[places] = self.open.here[places]
         self.stalled[places] = 0
         self.busy[idle[:count]] = True
         typical, slow, alike = self.costs
-        fair = np.sqrt(2 * CALL * self.dear / self.stage.cost * typical)
-        fair = np.clip(fair, SHORTEST_CHUNK, LONGEST_CHUNK)
+        fair = math.sqrt(2 * CALL * self.dear / self.stage.cost * typical)
+        fair = min(max(int(fair), SHORTEST_CHUNK), LONGEST_CHUNK)
         if slow:
-            self.max_steps = min(slow, LONGEST_RUN) if alike else int(fair)
+            self.max_steps = min(slow, LONGEST_RUN) if alike else fair
 
     def chunk(self) -> None:
         """At most `max_steps` of every lane; those that have ended go on."""
-        arguments = np.int32(self.max_steps), self.fixed, self.state
-        called = self.points[self.busy], self.stage.function
-        self.state, phases, steps = self.work.call(*called, *arguments)
+        points, total, before, rows = self.open
+        fixed, state = split(self.stage, rows)
+        arguments = self.stage.function, np.int32(self.max_steps), fixed, state
+        state, phases, steps = self.work.call(points[self.busy], *arguments)
         ways = self.ways[np.asarray(phases)]  # ENDED is the last
         running, steps = ways == self.loop, np.asarray(steps).astype(np.int64)
-        taken = np.where(self.busy, steps - self.steps, 0)
+        taken = np.where(self.busy, steps - before, 0)
         self.stalled = np.where(self.busy & running & (taken == 0), self.stalled + 1, 0)
         if self.stalled.max() >= STALLED:
             lane = self.stalled.argmax()
             raise RuntimeError(
                 "A lane takes no step and comes to no end, after "
-                f"{steps[lane]} steps at {self.work.spans(self.points[[lane]])}."
+                f"{steps[lane]} steps at {self.work.spans(points[[lane]])}."
             )
-        self.steps = steps
-        self.total += taken
+        rows = *fixed, *map(np.asarray, state)
+        self.open = OpenLanes(points, total + taken, steps, rows)
         ended = self.busy & ~running
         self.busy = self.busy & running
         self.work.ran(int(taken.max()) * ended.size)
         if ended.any():
             for way in self.stage.ways:
-                chosen = ended & (ways == way)
-                if chosen.any():
-                    self.work.give(way, self.lanes(chosen))
+                self.work.give(way, self.lanes(ended & (ways == way)))
             spent = steps[ended] - self.entered[ended]
             recent = np.concatenate([self.recent[self.loop], spent])
             self.recent[self.loop] = recent[-ended.size :]
@@ -228,7 +222,7 @@ class _Batch:
         mates = np.count_nonzero(self.busy & (steps < OVERDUE * slow))
         self.wants = not (alike and mates > STRAGGLERS * ended.size)
         if not self.wants:
-            self.max_steps = int(np.clip(slow // 16, SHORTEST_CHUNK, LONGEST_CHUNK))
+            self.max_steps = min(max(slow // 16, SHORTEST_CHUNK), LONGEST_CHUNK)
 
     def _costs(self) -> tuple[int, int, bool]:
         """The steps of a usual lane, of the slowest, and whether these are alike."""
@@ -242,6 +236,7 @@ def _cost(steps: np.ndarray) -> tuple[int, int]:
     """The steps of a usual lane, and of the slowest, both but for stragglers."""
     if not steps.size:
         return 0, 0
-    few = int(STRAGGLERS * steps.size)
-    slow = int(np.partition(steps, -1 - few)[-1 - few])
-    return int(np.minimum(steps, slow).mean()), slow
+    few, ordered = int(STRAGGLERS * steps.size), np.sort(steps)
+    slow = int(ordered[-1 - few])
+    spent = int(ordered[: steps.size - few].sum()) + few * slow
+    return spent // steps.size, slow
