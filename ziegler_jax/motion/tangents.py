@@ -28,7 +28,7 @@ from jax.extend.core import (
 
 from ..model.column import Column, vector_field
 from ..model.set_valued import FrozenCoulomb
-from ..numerics.materialise import if_any_lane, materialise
+from ..numerics.materialise import as_one_call, if_any_lane, materialise
 from ..numerics.numbers import Flag, Numbers, Pair, Scalar, Traced, Traced4
 from ..solvers import AbstractFold, Explicit, Step
 from ..solvers.explicit import Integrand
@@ -134,6 +134,7 @@ def tangent_field(t: Scalar, both: Numbers, column: Column) -> Numbers:
     return tuple(slopes)
 
 
+@as_one_call
 def accelerations_and_slopes(
     t: Scalar, y: Traced4, column: Column
 ) -> tuple[Pair, tuple[Traced4, Traced4]]:

@@ -222,14 +222,15 @@ class CertifiedMotion:
     def shoot_on(self, now: Certifying, max_steps: Count) -> Certifying:
         """Shots one after the other."""
 
-        def turn(_, place):
+        def turn(number, place):
             run, attempt, spent = place
             now_left = self._left(now._replace(spent=spent))
             begins = run.steps < 0
             waits = jnp.where(begins, OUTCOME.complete, run.outcome)
             run = run._replace(outcome=waits.astype(run.outcome.dtype))
             before = run.running & (now.observing == OUTCOME.not_computed)
-            run = self._shot(self.y0, attempt, now_left).advance(run, self.at_once)
+            steps = jnp.where(number == 0, 0, self.at_once)  # at first, shots begin
+            run = self._shot(self.y0, attempt, now_left).advance(run, steps)
             tried = before & ~run.running
 
             def shoot(place):
@@ -248,7 +249,7 @@ class CertifiedMotion:
             return if_any_lane(tried | begins, shoot, (run, attempt, spent))
 
         place = now.shot, now.attempt, now.spent
-        place = lax.fori_loop(0, self._turns(max_steps), turn, place)
+        place = lax.fori_loop(0, 1 + self._turns(max_steps), turn, place)
         run, attempt, spent = place
         now = now._replace(shot=run, attempt=attempt, spent=spent)
         return self._decided(now, now.shoots & ~run.running, self._after_shots)

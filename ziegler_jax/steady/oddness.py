@@ -25,24 +25,19 @@ def is_odd(column: Column) -> Flag:
     scale = 10.0 ** np.stack(
         [source.uniform(low, 0.3, SAMPLES) for low in (-3, -3, -5, -5)]
     )
-    samples = jnp.asarray(source.uniform(-1, 1, (4, SAMPLES)) * scale, dtype)
+    samples = source.uniform(-1, 1, (4, SAMPLES)) * scale
+    modes = np.array(MODES if column.sticks else MODES[:1])
+    each = np.repeat(np.arange(len(modes)), SAMPLES)
+    half = np.concatenate([np.tile(samples, len(modes)), modes[each].T])
     # XLA would compute with known numbers while it compiles, for minutes
-    samples = lax.optimization_barrier(samples)
+    rows = lax.optimization_barrier(jnp.asarray(np.hstack([half, -half]), dtype))
     whole = prepared(column)
 
-    def slope(
-        sign: Float[Array, ""], modes: Float[Array, " 2"], y: Float[Array, " 4"]
-    ) -> Float[Array, " 4"]:
-        turned = whole
-        if column.sticks:
-            turned = in_modes(whole, cast(Pair, tuple(sign * modes)))
-        y4 = cast(Traced4, tuple(sign * y))
+    def slope(row: Float[Array, " 6"]) -> Float[Array, " 4"]:
+        y4, sliding = cast(Traced4, tuple(row[:4])), cast(Pair, tuple(row[4:]))
+        turned = in_modes(whole, sliding) if column.sticks else whole
         return jnp.stack(field(jnp.zeros((), dtype), y4, turned))
 
-    everywhere = jax.vmap(slope, (None, None, 1))
-    everywhere = jax.vmap(everywhere, (None, 0, None))
-    everywhere = jax.vmap(everywhere, (0, None, None))
-    signs, modes = jnp.asarray((1.0, -1.0), dtype), jnp.asarray(MODES, dtype)
-    one, other = everywhere(signs, modes if column.sticks else modes[:1], samples)
+    one, other = jnp.split(jax.vmap(slope, 1)(rows), 2)
     apart, size = jnp.abs(one + other).sum(-1), 1 + jnp.abs(one).sum(-1)
     return ~jnp.any(apart > ROUNDING * size)
