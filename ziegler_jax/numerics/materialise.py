@@ -52,25 +52,25 @@ def materialise(
     """
     if jnp.ndim(at) or jax.default_backend() != "cpu":
         return function(*args)
-    # traced once: what a step holds is most of what a program takes to trace
-    traced, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
-    (leaves, tree), inputs = jax.tree.flatten(shapes), jax.tree.leaves(args)
-    # what only passes through is an array already, and would be copied
-    arrays = dict(zip(map(id, traced.jaxpr.invars), inputs, strict=True))
-    whole = [arrays.get(id(x)) for x in traced.jaxpr.outvars]
-    new = [i for i, x in enumerate(whole) if x is None]
-    body = traced.jaxpr.replace(outvars=[traced.jaxpr.outvars[i] for i in new])
+    leaves, tree = jax.tree.flatten(args)
+    found = []  # the shapes of the results
 
-    def always():
-        return tuple(eval_jaxpr(body, traced.consts, *inputs))
+    def always(*inputs):
+        results, kind = jax.tree.flatten(function(*tree.unflatten(inputs)))
+        # what only passes through is an array already: `lax.cond` leaves it out
+        places = dict(zip(map(id, inputs), range(len(inputs)), strict=True))
+        results = [jnp.asarray(x) for x in results]
+        found.append((kind, [(places.get(id(x)), x.shape, x.dtype) for x in results]))
+        return results
 
-    def never():
-        return tuple(jnp.zeros(leaves[i].shape, leaves[i].dtype) for i in new)
+    def never(*inputs):  # `lax.cond` traces it second
+        _, shapes = found[-1]
+        zeros = (jnp.zeros(shape, dtype) for _, shape, dtype in shapes)
+        pairs = zip(zeros, shapes, strict=True)
+        return [x if i is None else inputs[i] for x, (i, *_) in pairs]
 
-    predicate = _always(lax.stop_gradient(at))
-    others = iter(lax.cond(predicate, always, never))
-    whole = [next(others) if x is None else x for x in whole]
-    return jax.tree.unflatten(tree, whole)
+    results = lax.cond(_always(lax.stop_gradient(at)), always, never, *leaves)
+    return jax.tree.unflatten(found[-1][0], results)
 
 
 def traced_once(
@@ -161,22 +161,11 @@ def if_any_lane(flag: Flag, function: Callable[[Tree], Tree], state: Tree) -> Tr
     if jax.default_backend() != "cpu":
         return function(state)
     leaves, tree = jax.tree.flatten(state)
-    before = [jnp.asarray(x) for x in leaves]
-    traced = jax.make_jaxpr(lambda *x: jax.tree.leaves(function(tree.unflatten(x))))(
-        *before
-    )
-    # what only passes through would be copied, by either branch
-    pairs = zip(traced.jaxpr.outvars, traced.jaxpr.invars, strict=True)
-    new = [i for i, (x, was) in enumerate(pairs) if x is not was]
-    body = traced.jaxpr.replace(outvars=[traced.jaxpr.outvars[i] for i in new])
 
-    def needed():
-        return tuple(eval_jaxpr(body, traced.consts, *before))
+    def needed(*leaves):
+        return jax.tree.leaves(function(tree.unflatten(leaves)))
 
-    def not_needed():
-        return tuple(before[i] for i in new)
-
-    after = lax.cond(any_lane(flag), needed, not_needed)
-    for i, x in zip(new, after, strict=True):
-        before[i] = x
-    return tree.unflatten(before)
+    # what only passes through is not copied: `lax.cond` leaves it out
+    before = map(jnp.asarray, leaves)
+    after = lax.cond(any_lane(flag), needed, lambda *leaves: [*leaves], *before)
+    return tree.unflatten(after)
