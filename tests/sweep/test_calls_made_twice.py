@@ -45,9 +45,9 @@ def test_a_lane_that_takes_no_step_is_told_by_name(monkeypatch):
         after = run(self, points, function, *arguments)
         if len(arguments) < 3:
             return after
-        state, phases, steps = after
+        state, phases_and_steps = after
         at = np.asarray(arguments[1][0][0]) == Q[15]
-        return state, np.where(at, 0, phases), np.where(at, 0, steps)
+        return state, np.where(at, 0, phases_and_steps)
 
     monkeypatch.setattr(lanes.Work, "_run", stuck)
     with pytest.raises(RuntimeError, match="no step .* at 2.25 <= q <= 2.25"):

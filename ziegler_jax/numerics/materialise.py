@@ -53,24 +53,24 @@ def materialise(
     if jnp.ndim(at) or jax.default_backend() != "cpu":
         return function(*args)
     leaves, tree = jax.tree.flatten(args)
-    found = []  # the shapes of the results
+    results_like = []  # their tree; of each the input that it is, shape and dtype
 
     def always(*inputs):
-        results, kind = jax.tree.flatten(function(*tree.unflatten(inputs)))
-        # what only passes through is an array already: `lax.cond` leaves it out
-        places = dict(zip(map(id, inputs), range(len(inputs)), strict=True))
+        results, structure = jax.tree.flatten(function(*tree.unflatten(inputs)))
         results = [jnp.asarray(x) for x in results]
-        found.append((kind, [(places.get(id(x)), x.shape, x.dtype) for x in results]))
+        places = {id(x): i for i, x in enumerate(inputs)}
+        about = [(places.get(id(x)), x.shape, x.dtype) for x in results]
+        results_like.append((structure, about))
         return results
 
     def never(*inputs):  # `lax.cond` traces it second
-        _, shapes = found[-1]
-        zeros = (jnp.zeros(shape, dtype) for _, shape, dtype in shapes)
-        pairs = zip(zeros, shapes, strict=True)
-        return [x if i is None else inputs[i] for x, (i, *_) in pairs]
+        _, about = results_like[-1]
+        # what only passes through would be copied, but for the same in both branches
+        return [jnp.zeros(s, d) if i is None else inputs[i] for i, s, d in about]
 
     results = lax.cond(_always(lax.stop_gradient(at)), always, never, *leaves)
-    return jax.tree.unflatten(found[-1][0], results)
+    structure, _ = results_like[-1]
+    return jax.tree.unflatten(structure, results)
 
 
 def traced_once(

@@ -241,9 +241,7 @@ def _one_kernel(batched: Callable) -> Callable:
     """A loop of one turn: XLA makes all that is in it a single kernel."""
 
     def run(max_steps, *rows):
-        lanes = rows[-1][0].shape[-1:]
-        none = jnp.zeros(lanes, jnp.int32)
-        nothing = rows[-1], none, none
+        nothing = rows[-1], jnp.zeros((2, *rows[-1][0].shape[-1:]), jnp.int32)
         return lax.while_loop(
             lambda turn: turn[0] > 0,  # the compiler cannot count this
             lambda turn: (0 * turn[0], batched(turn[0], *rows)),

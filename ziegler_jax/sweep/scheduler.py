@@ -195,9 +195,10 @@ class _Batch:
         points, total, before, rows = self.open
         fixed, state = split(self.stage, rows)
         arguments = self.stage.function, np.int32(self.max_steps), fixed, state
-        state, phases, steps = self.work.call(points[self.busy], *arguments)
-        ways = self.ways[np.asarray(phases)]  # ENDED is the last
-        running, steps = ways == self.loop, np.asarray(steps).astype(np.int64)
+        state, status = self.work.call(points[self.busy], *arguments)
+        phases, steps = np.asarray(status).astype(np.int64)
+        ways = self.ways[phases]  # ENDED is the last
+        running = ways == self.loop
         taken = np.where(self.busy, steps - before, 0)
         self.stalled = np.where(self.busy & running & (taken == 0), self.stalled + 1, 0)
         if self.stalled.max() >= STALLED:
@@ -212,9 +213,10 @@ class _Batch:
         self.busy = self.busy & running
         self.work.ran(int(taken.max()) * ended.size)
         if ended.any():
-            for way in self.stage.ways:
-                self.work.give(way, self.lanes(ended & (ways == way)))
-            spent = steps[ended] - self.entered[ended]
+            places = np.flatnonzero(ended)
+            for way in set(ways[places].tolist()):
+                self.work.give(way, self.open.at(places[ways[places] == way]))
+            spent = (steps - self.entered)[places]
             recent = np.concatenate([self.recent[self.loop], spent])
             self.recent[self.loop] = recent[-ended.size :]
             self.costs = self._costs()

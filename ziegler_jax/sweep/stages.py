@@ -86,8 +86,8 @@ class Stage(NamedTuple):
     """A part of a point as a function of a batch of lanes, which stand behind.
 
     A segment maps (fixed, state) to the next stage's (fixed, state), the last one to
-    the results; a loop's phase maps (max_steps, fixed, state) to (state, phase, steps).
-    All are tuples of packed arrays.
+    the results; a loop's phase maps (max_steps, fixed, state) to the state and an array
+    of two rows, phases and steps. The others are tuples of packed arrays.
     """
 
     function: Callable[..., tuple]
@@ -174,7 +174,7 @@ def _loop(body, constants, layouts):
     def loop(max_steps, packed, begun):
         values, begun = fixed.unpack(packed), state.unpack(begun)
         *leaves, phase, steps = lanes(max_steps, values, begun)
-        return state.pack(leaves), phase, steps
+        return state.pack(leaves), jnp.stack([phase, steps])
 
     return loop
 
