@@ -8,7 +8,7 @@ ends a fusion; `lax.optimization_barrier` does not, it is dropped before.
 
 from collections.abc import Callable
 from functools import partial, wraps
-from typing import TypeVar, TypeVarTuple
+from typing import TypeVar, TypeVarTuple, cast
 
 import jax
 import jax.core
@@ -56,7 +56,8 @@ def materialise(
     results_like = []  # their tree; of each the input that it is, shape and dtype
 
     def always(*inputs):
-        results, structure = jax.tree.flatten(function(*tree.unflatten(inputs)))
+        same = cast("tuple[*Inputs]", jax.tree.unflatten(tree, inputs))
+        results, structure = jax.tree.flatten(function(*same))
         results = [jnp.asarray(x) for x in results]
         places = {id(x): i for i, x in enumerate(inputs)}
         about = [(places.get(id(x)), x.shape, x.dtype) for x in results]
