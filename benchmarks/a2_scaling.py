@@ -13,7 +13,7 @@ import math
 import resource
 
 import numpy as np
-from a0_throughput import reference
+from a0_throughput import smooth
 from measure import interleaved, machine, paired, rounded
 
 import ziegler_jax as zj
@@ -24,7 +24,7 @@ LOADS = 4096
 def repeated(q, copy):
     """The reference work; `copy` counts repetitions of the same points."""
     del copy
-    return reference(q)
+    return smooth(q)
 
 
 def main():

@@ -1,0 +1,140 @@
+"""What a first call costs: tracing and compiling, scene by scene, and a small sweep.
+
+Each of a few processes traces a scene and compiles its programs one after the other:
+processor seconds, medians. Then a first call of `sweep` with JAX's cache empty, and
+that of the next process, which finds its programs there. Last, the microseconds of a
+lane in sweeps of 64 lanes that were compiled before, with tracing and without. Prints
+one JSON line a scene; about three minutes.
+
+    python benchmarks/b4_first_call.py [--processes 5] [--scenes one_window ...]
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+import jax
+import numpy as np
+from measure import machine, rounded
+
+import ziegler_jax as zj
+from ziegler_jax.__main__ import point
+from ziegler_jax.sweep.program import own_flags, traced
+
+NAMES = ("q", "mu")
+ONE_WINDOW = zj.Windows(transient=100, length=40, max_windows=1)
+START = zj.State(omega=(0.0, 0.3))
+Q, MU = np.linspace(1.8, 3.5, 8), np.linspace(0.1, 0.4, 8)
+REPEATS = 9
+
+
+def one_window(q, mu):
+    return point(q, mu, 0.8 * mu, certify=False, windows=ONE_WINDOW)
+
+
+def certified_map(q, mu):
+    return point(q, mu, 0.8 * mu)
+
+
+def verdict_map(q, mu):
+    friction = zj.SmoothCoulomb(
+        mu, 0.8 * mu, pin_radius=0.05, v_stribeck=0.1, v_smooth=0.01
+    )
+    return zj.verdict(zj.uniform_rods(q, friction=friction), START)
+
+
+def joint_reactions(q, mu):
+    friction = zj.SetValuedCoulomb(
+        mu, 0.8 * mu, pin_radius=0.05, load=zj.JointReaction()
+    )
+    return zj.settle(zj.uniform_rods(q, friction=friction), START)
+
+
+SCENES = {
+    f.__name__: f for f in (one_window, certified_map, verdict_map, joint_reactions)
+}
+SMALL = ("one_window", "certified_map")
+
+
+def compiling(scene):
+    """Processor seconds to trace it, and to compile all its programs."""
+    zj.configure_cpu()
+    start = time.process_time()
+    lowered = traced(SCENES[scene], NAMES, True, None)
+    middle = time.process_time()
+    with own_flags(), jax.enable_x64(True):
+        for stage in lowered.stages:
+            stage.lowered.compile()
+    return {"trace": middle - start, "compile": time.process_time() - middle}
+
+
+def first_call(scene):
+    """Seconds of a first sweep of four points, with the cache as it is."""
+    zj.configure_cpu()
+    zj.configure_cache(os.environ["JAX_COMPILATION_CACHE_DIR"])
+    start = time.perf_counter()
+    zj.sweep(SCENES[scene], q=Q[:2], mu=MU[:2], progress=False)
+    return {"first_call": time.perf_counter() - start}
+
+
+def small_sweep(scene):
+    """Microseconds a lane of sweeps of 64, of the run and of the whole call."""
+    zj.configure_cpu()
+    run, whole = [], []
+    for _ in range(1 + REPEATS):
+        start = time.perf_counter()
+        ds = zj.sweep(SCENES[scene], q=Q, mu=MU, progress=False)
+        whole.append((time.perf_counter() - start) / 64e-6)
+        run.append(ds.attrs["run_seconds"] / 64e-6)
+    medians = (float(np.median(x[1:])) for x in (run, whole))
+    return dict(zip(("run", "with_tracing"), medians, strict=True))
+
+
+MEASURES = {f.__name__: f for f in (compiling, first_call, small_sweep)}
+
+
+def alone(measure, scene, **environment):
+    """What a measure gives in a process of its own."""
+    command = [sys.executable, __file__, "--measure", measure, "--scenes", scene]
+    done = subprocess.run(
+        command, stdout=subprocess.PIPE, text=True, check=True,
+        env={**os.environ, **environment},
+    )  # fmt: skip
+    return json.loads(done.stdout)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--processes", type=int, default=5)
+    parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=SCENES)
+    parser.add_argument("--measure", choices=MEASURES, help="one, in this process")
+    options = parser.parse_args()
+    if options.measure:
+        print(json.dumps(MEASURES[options.measure](*options.scenes)))
+        return
+    for scene in options.scenes:
+        rows = [alone("compiling", scene) for _ in range(options.processes)]
+        row = {k: float(np.median([r[k] for r in rows])) for k in rows[0]}
+        result = {
+            "benchmark": "b4_first_call",
+            "scene": scene,
+            "processor_seconds": row,
+        }
+        with tempfile.TemporaryDirectory() as folder:
+            calls = [
+                alone("first_call", scene, JAX_COMPILATION_CACHE_DIR=folder)
+                for _ in range(2)
+            ]
+        empty, full = (call["first_call"] for call in calls)
+        result["first_call_seconds"] = {"cache_empty": empty, "cache_full": full}
+        if scene in SMALL:
+            result["microseconds_of_64_lanes"] = alone("small_sweep", scene)
+        print(json.dumps(rounded({**result, **machine()})), flush=True)
+
+
+if __name__ == "__main__":
+    main()
