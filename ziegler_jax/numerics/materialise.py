@@ -52,6 +52,9 @@ def materialise(
     """
     if jnp.ndim(at) or jax.default_backend() != "cpu":
         return function(*args)
+    if not isinstance(at, jax.core.Tracer):
+        # with JAX's flags of debugging on, a NaN that means none must not be a result
+        return traced_once(function, *args)(*args)
     leaves, tree = jax.tree.flatten(args)
     results_like = []  # their tree; of each the input that it is, shape and dtype
 
@@ -161,6 +164,8 @@ def if_any_lane(flag: Flag, function: Callable[[Tree], Tree], state: Tree) -> Tr
     """
     if jax.default_backend() != "cpu":
         return function(state)
+    if not isinstance(flag, jax.core.Tracer):
+        function = traced_once(function, state)  # as in `materialise`
     leaves, tree = jax.tree.flatten(state)
 
     def needed(*leaves):
