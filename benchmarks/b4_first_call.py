@@ -1,9 +1,10 @@
 """What a first call costs: tracing and compiling, scene by scene, and a small sweep.
 
 Each of a few processes traces a scene and compiles its programs one after the other:
-processor seconds, medians. Then a first call of `sweep` with JAX's cache empty, and
-that of the next process, which finds its programs there. Last, the microseconds of a
-lane in sweeps of 64 lanes that were compiled before, with tracing and without. Prints
+processor seconds, medians. Then one first call of `sweep`, of four points, with JAX's
+cache empty, and one of the next process, which finds there what took more than half a
+second to compile. Last, for two of the scenes, the microseconds of a lane in sweeps of
+64 that were compiled before, with tracing and without. Imports are not timed. Prints
 one JSON line a scene; about three minutes.
 
     python benchmarks/b4_first_call.py [--processes 5] [--scenes one_window ...]
@@ -100,10 +101,10 @@ MEASURES = {f.__name__: f for f in (compiling, first_call, small_sweep)}
 def alone(measure, scene, **environment):
     """What a measure gives in a process of its own."""
     command = [sys.executable, __file__, "--measure", measure, "--scenes", scene]
+    own = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
     done = subprocess.run(
-        command, stdout=subprocess.PIPE, text=True, check=True,
-        env={**os.environ, **environment},
-    )  # fmt: skip
+        command, stdout=subprocess.PIPE, text=True, check=True, env=own | environment
+    )
     return json.loads(done.stdout)
 
 

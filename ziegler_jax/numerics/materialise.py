@@ -48,12 +48,13 @@ def materialise(
     - `at`: any traced number of the lane, e.g. its time.
     - `function`: returns a pytree of arrays.
 
-    On other devices than a CPU, and where `at` is a whole array, this is a plain call.
+    On other devices than a CPU, where `at` is a whole array, and where it is not traced
+    this is a plain call.
     """
     if jnp.ndim(at) or jax.default_backend() != "cpu":
         return function(*args)
     if not isinstance(at, jax.core.Tracer):
-        # with JAX's flags of debugging on, a NaN that means none must not be a result
+        # as one traced call: op by op, `debug_nans` would stop at a NaN on the way
         return traced_once(function, *args)(*args)
     leaves, tree = jax.tree.flatten(args)
     results_like = []  # their tree; of each the input that it is, shape and dtype
@@ -165,13 +166,13 @@ def if_any_lane(flag: Flag, function: Callable[[Tree], Tree], state: Tree) -> Tr
     if jax.default_backend() != "cpu":
         return function(state)
     if not isinstance(flag, jax.core.Tracer):
-        function = traced_once(function, state)  # as in `materialise`
+        function = traced_once(function, state)  # as `materialise` does
     leaves, tree = jax.tree.flatten(state)
 
     def needed(*leaves):
         return jax.tree.leaves(function(tree.unflatten(leaves)))
 
-    # what only passes through is not copied: `lax.cond` leaves it out
+    # what only passes through is not copied where this is traced: it is left out
     before = map(jnp.asarray, leaves)
     after = lax.cond(any_lane(flag), needed, lambda *leaves: [*leaves], *before)
     return tree.unflatten(after)
