@@ -70,7 +70,7 @@ def materialise(
 
     def never(*inputs):  # `lax.cond` traces it second
         _, about = results_like[-1]
-        # what only passes through would be copied, but for the same in both branches
+        # what passes through both branches `lax.cond` leaves out: nothing is copied
         return [jnp.zeros(s, d) if i is None else inputs[i] for i, s, d in about]
 
     results = lax.cond(_always(lax.stop_gradient(at)), always, never, *leaves)

@@ -229,7 +229,7 @@ class CertifiedMotion:
             waits = jnp.where(begins, OUTCOME.complete, run.outcome)
             run = run._replace(outcome=waits.astype(run.outcome.dtype))
             before = run.running & (now.observing == OUTCOME.not_computed)
-            steps = jnp.where(number == 0, 0, self.at_once)  # at first, shots begin
+            steps = jnp.where(number == 0, 0, self.at_once)  # at first shots only begin
             run = self._shot(self.y0, attempt, now_left).advance(run, steps)
             tried = before & ~run.running
 

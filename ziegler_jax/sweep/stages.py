@@ -87,7 +87,8 @@ class Stage(NamedTuple):
 
     A segment maps (fixed, state) to the next stage's (fixed, state), the last one to
     the results; a loop's phase maps (max_steps, fixed, state) to the state and an array
-    of two rows, phases and steps. The others are tuples of packed arrays.
+    of two rows, phases and steps. `max_steps` is a number, all others are tuples of
+    packed arrays.
     """
 
     function: Callable[..., tuple]
