@@ -51,7 +51,7 @@ def test_certificates_are_the_same_from_a_cluster_and_from_a_store(
     assert zj.open_sweep(tmp_path / "map.zarr").attrs["blocks_done"] < 3
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+            n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0"
         ) as cluster,
         distributed.Client(cluster) as client,
     ):

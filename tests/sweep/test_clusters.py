@@ -45,7 +45,7 @@ def small_blocks(monkeypatch):
 def client():
     """Two worker processes of one thread each, without a dashboard."""
     cluster = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0",
         host="127.0.0.1",
     )  # fmt: skip
     with cluster, distributed.Client(cluster) as client:
