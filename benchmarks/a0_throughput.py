@@ -30,10 +30,10 @@ def smooth(q):
         v_smooth=0.01,
         load=zj.ConstantLoad(1.0),
     )
-    return frictionless(q, friction)
+    return reference(q, friction)
 
 
-def frictionless(q, friction=None):
+def reference(q, friction=None):
     return zj.settle(
         zj.uniform_rods(q=q, friction=friction),
         zj.State(omega=(0.0, 0.2)),
@@ -44,7 +44,7 @@ def frictionless(q, friction=None):
 
 
 # without friction motions above q_cr = 2.5417 end early, turned over
-SCENES = {"smooth": (smooth, 4.0), "frictionless": (frictionless, 2.5)}
+SCENES = {"smooth": (smooth, 4.0), "frictionless": (reference, 2.5)}
 
 
 def main():
