@@ -15,7 +15,7 @@ import argparse
 import json
 
 import numpy as np
-from measure import interleaved, machine, paired, ready, rounded
+from measure import OF_THE_PROCESSOR, interleaved, machine, paired, ready, rounded
 from peers import cpp, naive
 
 import ziegler_jax as zj
@@ -79,7 +79,9 @@ def main():
             found["absent"] = str(absent)
     seconds = interleaved(contestants, options.repeats)
     # a sweep traces its scene anew: that is told apart, as compiling is
-    whole, seconds["sweep"] = seconds["sweep"], np.array(runs[-options.repeats :])
+    whole = seconds["sweep"]
+    if not OF_THE_PROCESSOR:
+        seconds["sweep"] = np.array(runs[-options.repeats :])
 
     ds = found["sweep"]
     steps = float(ds.steps.sum())

@@ -14,7 +14,7 @@ import resource
 
 import numpy as np
 from a0_throughput import smooth
-from measure import interleaved, machine, paired, rounded
+from measure import machine, paired, rounded
 
 import ziegler_jax as zj
 
@@ -47,8 +47,8 @@ def main():
         return found[name]["run_seconds"] / found[name]["points"]
 
     cores = machine()["cores"]
-    seconds = interleaved({1: lambda: run(1), cores: lambda: run(cores)}, repeats=9)
-    speedup, spread = paired(seconds[1], seconds[cores])
+    turns = [(run(1), run(cores)) for _ in range(1 + 9)][1:]  # after a warm-up
+    speedup, spread = paired(*zip(*turns, strict=True))
     copies = math.ceil(options.points / LOADS)
     few = [run(cores) for _ in range(3)]
     many = run(cores, copies)

@@ -16,7 +16,7 @@ import os
 import matplotlib
 import numpy as np
 import ours
-from measure import commit, interleaved, machine, paired, rounded, save
+from measure import commit, machine, paired, rounded, save
 from peers import cpp
 from scenes import SCENES, START
 
@@ -98,13 +98,14 @@ def main():
         result["lanes"].append(point)
     q = loads(scene, LOADS)
 
-    def on(threads):
-        return lambda: ours.solved(
-            scene, q, START, scene.span, TOLERANCE, threads=threads
-        )
-
     counts = sorted({1, *range(2, cores + 1, max(1, cores // 8)), cores})
-    seconds = interleaved({n: on(n) for n in counts}, repeats=3)
+    seconds = {n: [] for n in counts}
+    for _ in range(1 + 3):
+        for n in counts:
+            lanes = zj.Lanes(threads=n)
+            _, one = ours.solved(scene, q, START, scene.span, TOLERANCE, lanes=lanes)
+            seconds[n].append(one)
+    seconds = {n: each[1:] for n, each in seconds.items()}  # after a warm-up
     for n in counts:
         ratio, spread = paired(seconds[1], seconds[n])
         point = {"threads": n, "speed_up": ratio, "range": spread}

@@ -16,13 +16,16 @@ import ziegler_jax as zj
 RESULTS = Path(__file__).with_name("results")
 
 
+OF_THE_PROCESSOR = os.environ.get("ZIEGLER_CLOCK") == "cpu"
+
+
 def clock():
     """Seconds: wall time or, with ZIEGLER_CLOCK=cpu, processor time over the cores.
 
     The second is for a machine that is busy with other work: it equals wall time where
     all cores work, and charges waiting threads nothing.
     """
-    if os.environ.get("ZIEGLER_CLOCK") == "cpu":
+    if OF_THE_PROCESSOR:
         return time.process_time() / (os.cpu_count() or 1)
     return time.perf_counter()
 

@@ -4,7 +4,7 @@ import functools
 
 import diffrax as dfx
 import numpy as np
-from measure import clock
+from measure import OF_THE_PROCESSOR, clock
 
 import ziegler_jax as zj
 
@@ -61,13 +61,18 @@ def run(scene, q, start, span, rtol, solver="Tsit5"):
 
 
 def solved(scene, q, start, span, rtol, solver="Tsit5", **options):
-    """The dataset and the seconds of a sweep whose program is compiled."""
+    """The dataset and the seconds of a sweep whose program is compiled.
+
+    Tracing, some hundredths of a second a call, is not counted by the wall's clock: a
+    peer is set up before its clock starts, too.
+    """
     point = point_of(scene, tuple(start), solver)
     axes = {"tol": [rtol], "progress": False, **options}
     zj.sweep(point, q=q[:2], span=[0.05], **axes)  # compiles
     begun = clock()
     ds = zj.sweep(point, q=q, span=[span], **axes)
-    return ds, clock() - begun
+    whole = clock() - begun
+    return ds, whole if OF_THE_PROCESSOR else ds.attrs["run_seconds"]
 
 
 def dry(q, tau):

@@ -17,8 +17,8 @@
 
 import itertools
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import partial, wraps
 from typing import Generic, NamedTuple, ParamSpec, TypeVar, cast
@@ -31,6 +31,7 @@ from jax.core import AbstractValue
 from jax.extend.core import Jaxpr, Primitive, get_opaque_trace_state
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from .own_values import own_values
 from .runtime import own_flags
 
 
@@ -41,14 +42,15 @@ class Context(NamedTuple):
     multiplies both; `solver` replaces the solver, where it is not None. `narrow` lets
     plain functions compute in 32 bits, as a sweep of that precision asks. `trace` is a
     number of its own for each sweep: what JAX or diffrax traced for an earlier one is
-    not asked, as it may have read an attribute that has changed since.
+    not asked, as it may have read an attribute that has changed since. A question that
+    holds nothing of the user's own has a key of its values there.
     """
 
     tolerance: float | None = None
     factor: float = 1.0
     solver: eqx.Module | None = None
     narrow: bool = False
-    trace: int = 0
+    trace: Hashable = 0
 
 
 Solver = TypeVar("Solver")
@@ -70,6 +72,17 @@ def current_context() -> Context:
 def of_its_own(narrow: bool) -> Context:
     """This thread's context, with a trace that no cache has seen."""
     return current_context()._replace(narrow=narrow, trace=next(_TRACES))
+
+
+def as_traced_before(*scene: object) -> AbstractContextManager[None]:
+    """A context manager: JAX keeps what it traced of this question in earlier sweeps.
+
+    Only where the scene holds nothing of the user's own, which might have changed.
+    """
+    context = current_context()
+    # outside of a sweep JAX remembers as it always does
+    key = own_values((scene, context.solver)) if context.trace else None
+    return nullcontext() if key is None else within(context._replace(trace=key))
 
 
 def overridden_tolerances(
@@ -232,7 +245,7 @@ def plain(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
         tell = _ASKED.get()
         if tell is not None:
             tell(function, args, options)
-        with own_flags():
+        with own_flags(), as_traced_before(args, options):
             return function(*args, **options)
 
     return computed

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax.model import friction
 from ziegler_jax.model.damping import AbstractDamping
 from ziegler_jax.model.friction import AbstractRateFriction
 from ziegler_jax.motion.observers import AbstractObserver
+from ziegler_jax.own_values import own_values
 from ziegler_jax.sweep import program
 
 START = zj.State(omega=(0.0, 0.3))
@@ -253,6 +255,75 @@ def test_laws_that_read_an_attribute_are_traced_anew(
     program._cache.clear()
     # a fresh program may round otherwise; measured equal
     assert after == pytest.approx(once(scene), rel=1e-12)
+
+
+@pytest.mark.parametrize("observer, again", [(None, False), (OwnObserver(), True)])
+def test_what_holds_nothing_of_the_users_own_is_traced_once(
+    observer, again, monkeypatch
+):
+    """Its law of friction is evaluated in the first sweep alone."""
+    asked = []
+    tanh = friction.tanh
+    monkeypatch.setattr(friction, "tanh", lambda x: asked.append(None) or tanh(x))
+
+    def scene(x):
+        law = zj.SmoothCoulomb(0.3 * x, pin_radius=0.05, v_smooth=0.011)
+        column = zj.uniform_rods(1.0, friction=law)
+        observers = () if observer is None else (observer,)
+        settled = zj.settle(column, START, observers=observers, **SHORT, certify=False)
+        return {"value": settled.final.phi[0]}
+
+    first = once(scene)
+    before = len(asked)
+    assert before > 0 and once(scene) == first
+    assert (len(asked) > before) is again
+
+
+@pytest.mark.parametrize(
+    "one, other",
+    [
+        (0.0, -0.0),
+        (1.0, 1),
+        (1, True),
+        ([1.0], (1.0,)),
+        ({"a": 1.0}, {"b": 1.0}),
+        (np.float64(1.0), np.float32(1.0)),
+        (np.ones(2), np.ones((2, 1))),
+        (START, zj.State(omega=(0.0, 0.4))),
+        (zj.Windows(), zj.Windows(length=30.0)),
+        (zj.OUTCOME.cycle, int(zj.OUTCOME.cycle)),
+        (zj.Explicit(), zj.Explicit(zj.tableaus.CALVO7[0], 7)),
+    ],
+)
+def test_values_that_differ_anywhere_have_keys_of_their_own(one, other):
+    assert own_values(one) == own_values(one) != own_values(other)
+    assert None not in (own_values(one), own_values(other))
+
+
+def test_an_array_that_is_changed_in_place_has_another_key():
+    table = np.ones(3)
+    before = own_values({"table": table})
+    table[1] = 2.0
+    assert own_values({"table": table}) != before
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        OWN,
+        OwnDamping(),
+        OwnObserver(),
+        helper,
+        zj.settle,
+        lambda x: x,
+        SPACE,
+        DATA,
+        object(),
+    ],
+)
+def test_what_may_read_anything_has_no_key(value):
+    assert own_values(value) is None
+    assert own_values({"inside": [(value,)]}) is None
 
 
 def test_a_sweep_of_what_has_not_changed_is_not_compiled_again():

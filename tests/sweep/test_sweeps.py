@@ -211,6 +211,19 @@ def test_lanes_run_in_chunks_at_all(whole):
     assert whole.steps.max() > 2 * scheduler.FIRST_CHUNK
 
 
+def test_the_last_lanes_run_to_their_end_in_one_call(whole, monkeypatch):
+    """Where no lane waits for a place, none is made free."""
+    lengths, chunk = [], scheduler._Batch.chunk
+    monkeypatch.setattr(scheduler, "FIRST_CHUNK", 3)
+    monkeypatch.setattr(
+        scheduler._Batch,
+        "chunk",
+        lambda batch: lengths.append(batch.max_steps) or chunk(batch),
+    )
+    assert same(sweep(q=Q[:32], mu=MU[:1]), whole.isel(q=slice(32), mu=[0]))
+    assert lengths == [scheduler.LONGEST_RUN]
+
+
 def direct(scene, **columns):
     """The same numbers without a sweep: one vmapped call."""
     names = list(columns)

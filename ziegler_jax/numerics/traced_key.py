@@ -7,6 +7,7 @@ this one, too.
 """
 
 from collections.abc import Hashable
+from weakref import WeakKeyDictionary
 
 import jax
 import jax.core
@@ -36,27 +37,61 @@ def traced_key(point: ClosedJaxpr) -> Hashable | None:
     """
     try:
         settings = tuple(sorted((k, repr(v)) for k, v in jax.config.values.items()))
-        return settings, jax.default_backend(), tuple(_Tokens(point).tokens)
+        whole = _Tokens()
+        whole.parameter(point)
+        return settings, jax.default_backend(), tuple(whole.tokens)
     except Exception:  # what cannot be hashed or read, whatever that raises
         return None
 
 
-class _Tokens:
-    """What a traced point consists of, in its order."""
+class _Part:
+    """What equations consist of, hashed once."""
 
-    def __init__(self, point: ClosedJaxpr):
+    __slots__ = "hash", "tokens"
+
+    def __init__(self, tokens: list[Hashable]):
+        self.tokens = tuple(tokens)
+        self.hash = hash(self.tokens)
+
+    def __hash__(self) -> int:
+        return self.hash
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, _Part):
+            return NotImplemented
+        if self is other:
+            return True
+        return self.hash == other.hash and self.tokens == other.tokens
+
+
+# What JAX has kept from an earlier trace is the same object again.
+_read_before: WeakKeyDictionary[Jaxpr, _Part] = WeakKeyDictionary()
+
+
+def _part(jaxpr: Jaxpr) -> _Part:
+    """Equations, their variables numbered in order."""
+    part = _read_before.get(jaxpr)
+    if part is None:
+        whole = _Tokens()
+        whole.equations(jaxpr)
+        part = _read_before[jaxpr] = _Part(whole.tokens)
+    return part
+
+
+class _Tokens:
+    """What equations consist of, in their order."""
+
+    def __init__(self):
         self.tokens: list[Hashable] = []
-        self.known: dict[int, int] = {}  # parts that stand in several places
-        self.parameter(point)
 
     def parameter(self, value: object) -> None:
         """A parameter of an equation."""
         if isinstance(value, ClosedJaxpr):
-            self.equations(value.jaxpr)
+            self.tokens.append(_part(value.jaxpr))
             for constant in value.consts:
                 self.number(constant)
         elif isinstance(value, Jaxpr):
-            self.equations(value)
+            self.tokens.append(_part(value))
         elif isinstance(value, tuple | list):
             self.tokens += type(value), len(value)
             for part in value:
@@ -91,11 +126,7 @@ class _Tokens:
         self.tokens += array.dtype.str, array.shape, weak, array.tobytes()
 
     def equations(self, jaxpr: Jaxpr) -> None:
-        """Equations, their variables numbered in order."""
-        place = self.known.setdefault(id(jaxpr), len(self.known))
-        self.tokens += "equations", place
-        if place + 1 < len(self.known):  # it has been here
-            return
+        """All of them, their variables numbered."""
         numbers: dict[object, int] = {}
 
         def new(variables):

@@ -147,7 +147,7 @@ class Work:
         self.names, self.axes = list(parameters(axes)), axes
         self.shape = tuple(axis.size for axis in axes.values())
         self.dtype = np.float64 if program.wide else np.float32
-        self.lock = threading.Lock()
+        self.lock = threading.Condition()  # told where lanes wait anew
         self.waiting: list[deque[OpenLanes]] = [deque() for _ in self.stages]
         self.batches: set[Batch] = set()  # that run at a loop
         self.led = 0  # segments that are running: their lanes wait nowhere
@@ -163,6 +163,7 @@ class Work:
         if lanes.points.size:
             with self.lock:
                 self.waiting[number].append(lanes)
+                self.lock.notify_all()
 
     def take(self, number: int, count: int) -> list[OpenLanes]:
         """At most so many of the lanes that wait before a stage."""
@@ -214,9 +215,16 @@ class Work:
             ends = not self.led and not any(self.waiting[1:-1])
             if ends:
                 self.batches.discard(batch)
-        if not ends:
-            time.sleep(PAUSE)
+            else:
+                self.lock.wait(PAUSE)
         return ends
+
+    def is_last(self) -> bool:
+        """Whether no lane waits for a place at the only loop, nor will."""
+        with self.lock:
+            coming = self.led or any(self.waiting[:-1])
+        only = len(self.stages) == 3  # a segment before it and one behind
+        return only and not coming and not self.queue.ready()
 
     def join(self, batch: Batch) -> bool:
         """Leave the last lanes to a fuller batch at their loop, if one has room."""
@@ -241,6 +249,8 @@ class Work:
 
     def segment(self, number: int) -> bool:
         """Lead a batch through a segment; False if no lane waits."""
+        if number == len(self.stages) - 1:
+            return self._segment(number)  # to the results
         with self.lock:
             self.led += 1
         try:
@@ -248,6 +258,7 @@ class Work:
         finally:
             with self.lock:
                 self.led -= 1
+                self.lock.notify_all()
 
     def _segment(self, number: int) -> bool:
         stage = self.stages[number]

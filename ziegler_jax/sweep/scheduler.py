@@ -121,6 +121,8 @@ def _run(work: Work) -> None:
             break
         batch.refill()
         if batch.busy.any():
+            if work.is_last():  # a place that is empty stays so
+                batch.max_steps = LONGEST_RUN
             batch.chunk()
     if not work.queue.closed:
         work.finish(all_of_them=True)

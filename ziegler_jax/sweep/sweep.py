@@ -270,7 +270,7 @@ def _cost(effort: Effort, points: int, seconds: float) -> dict[str, float]:
     """What this run cost, and how many points it computed."""
     return {
         "compile_seconds": round(seconds, 3),
-        "run_seconds": round(effort.seconds, 3),
+        "run_seconds": round(effort.seconds, 5),
         "points_per_second": round(points / max(effort.seconds, 1e-9), 1),
         "useful_step_fraction": round(effort.useful_steps, 4),
         "canary_checks": effort.canary_checks,
