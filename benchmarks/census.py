@@ -177,9 +177,9 @@ def trips(tail, usual, most):
             step = step if op == "add" else -step
         elif m and op == "cmp":
             end = int(m[1], 16)
-    if not (step and end and step > 0 and end > 0 and end % step == 0):
+    if not (step and end and step > 0 and end >= step):
         return usual
-    return min(end // step, most)
+    return min(end // step, most)  # it begins at what is left over
 
 
 def census(path, lanes):

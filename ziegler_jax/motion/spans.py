@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Int
 
 from ..model.column import Column, State
 from ..numerics.elementary import larger
-from ..numerics.materialise import if_any_lane
+from ..numerics.materialise import if_any_lane, replaced, tree_where
 from ..numerics.numbers import (
     Flag,
     Scalar,
@@ -22,7 +22,7 @@ from ..numerics.numbers import (
     keeps,
 )
 from ..results import OUTCOME
-from ..solvers import AbstractFold, Step
+from ..solvers import AbstractFold, Step, Verdict
 from .integrate import Motion, Run, follow
 from .options import Method
 from .scene import float_state, valid_scene
@@ -79,7 +79,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
     ) -> tuple[Watch, Int[Array, ""]]:
         """What is watched from here on, and the outcome; `ended`: whether the span has.
 
-        Other lanes may have asked: one that did not must stay as it is.
+        Others of a batch may have asked: a lane that did not stays as it is.
         """
 
     def valid(self) -> Flag:
@@ -124,19 +124,36 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
         self, column: Column, state: SpanState[Watch], step: Step
     ) -> tuple[SpanState[Watch], Scalar, Flag]:
         """Watch a step; where a span ends, or is asked to, judge and begin the next."""
+        return self.accepted(column, state, step, None)
+
+    def accepted(
+        self,
+        column: Column,
+        state: SpanState[Watch],
+        step: Step,
+        verdict: Verdict | None,
+    ) -> tuple[SpanState[Watch], Scalar, Flag]:
+        """The same where the step is accepted.
+
+        What a judgement alone changes is not masked in each step.
+        """
         watch, asked, longest = self.watch(column, state, step)
+        if verdict is not None:
+            watch = tree_where(verdict.accepts > 0, watch, state.watch)
         ended = step.t1 >= state.end
         near = may_turn_over(step, self.escape)
 
-        def judge(state):
+        def judge(before):
             over = turns_over(step, self.escape)
-            state = state._replace(spans=state.spans + ended.astype(jnp.int32))
+            state = before._replace(spans=before.spans + ended.astype(jnp.int32))
             watch, outcome = self.judge(column, state, step, ended)
             outcome = jnp.where(over, OUTCOME.escaped, outcome).astype(jnp.int32)
             end = jnp.where(ended, step.t1 + self.span, state.end)
-            return SpanState(watch, end, state.spans, outcome)
+            return replaced(asked, SpanState(watch, end, state.spans, outcome), before)
 
         asked = ended | near | asked
+        if verdict is not None:
+            asked &= verdict.accepts > 0
         after = if_any_lane(asked, judge, state._replace(watch=watch))
         stop = after.end
         if longest is not None:

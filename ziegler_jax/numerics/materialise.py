@@ -17,6 +17,7 @@ import numpy as np
 from jax import lax
 from jax.core import eval_jaxpr
 from jax.custom_batching import custom_vmap
+from jax.extend.core import Literal
 
 from .numbers import Flag, Scalar
 
@@ -87,11 +88,18 @@ def traced_once(
     it is a small part of what JAX has to trace, batch and lower; XLA inlines the calls.
     """
     closed, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
-    tree = jax.tree.structure(shapes)
-    call = jax.jit(lambda consts, *leaves: eval_jaxpr(closed.jaxpr, consts, *leaves))
+    tree, jaxpr = jax.tree.structure(shapes), closed.jaxpr
+    call = jax.jit(lambda consts, *leaves: eval_jaxpr(jaxpr, consts, *leaves))
+    place = {v: i for i, v in enumerate(jaxpr.invars)}
+    # an input that is a result, too, is known as such by the caller
+    same = [None if isinstance(v, Literal) else place.get(v) for v in jaxpr.outvars]
 
     def again(*args: *Inputs) -> Output:
-        return jax.tree.unflatten(tree, call(closed.consts, *jax.tree.leaves(args)))
+        leaves = jax.tree.leaves(args)
+        results = call(closed.consts, *leaves)
+        pairs = zip(results, same, strict=True)
+        results = [x if i is None else jnp.asarray(leaves[i]) for x, i in pairs]
+        return jax.tree.unflatten(tree, results)
 
     return again
 

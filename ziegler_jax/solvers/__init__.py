@@ -1,6 +1,6 @@
 """Lane solvers: diffrax solvers that run fast for thousands of lanes under vmap."""
 
-from .control import ControlState, Signals, StepControl
+from .control import ControlState, Signals, StepControl, Verdict
 from .explicit import Explicit
 from .fold import AbstractFold, Observed, Step
 from .rosenbrock import Rosenbrock
@@ -26,4 +26,5 @@ __all__ = [
     "TaylorSlip",
     "Turns",
     "UntilNoneMoves",
+    "Verdict",
 ]

@@ -30,6 +30,13 @@ WORST_CUT = 100.0
 SMALLEST_STEP = 1e-13  # against max(|t|, 1): below, t + h hardly moves
 
 
+class Verdict(NamedTuple):
+    """Of a step that was tried."""
+
+    accepts: Scalar  # 1 for a lane that moves and whose step is accepted; else 0
+    factor: Scalar  # how long the next one may be, over this one
+
+
 class Signals(eqx.Module):
     """What an observing solver tells the controller beside the error.
 
@@ -43,6 +50,7 @@ class Signals(eqx.Module):
     reached: Scalar | None = (
         None  # the time of y1 where the step was cut; None: not to be cut
     )
+    verdict: Verdict | None = None  # where the solver has asked for it already
 
 
 class ControlState(NamedTuple):
@@ -119,6 +127,39 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         result = dfx.RESULTS.where(pause | (t >= self.end), paused, okay)
         return dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
 
+    def verdict(
+        self,
+        t0: Scalar,
+        t1: Scalar,
+        y0: Vector4,
+        y1: Vector4,
+        error: Numbers,
+        error_order: Scalar,
+        reached: Scalar | None = None,
+        moves: Flag = True,
+    ) -> Verdict:
+        """Whether a step from t0 on is accepted, and how long the next one may be.
+
+        **Arguments:** as `adapt_step_size`; `reached`: as of `Signals`; `moves`:
+        whether the lane does.
+        """
+
+        def judged():
+            square, factor = judge(
+                self.rtol, self.atol, y0, y1, error, error_order, self.layer
+            )
+            keep = square <= 1
+            if reached is not None:
+                # along its step an interpolant leaves the start with the error's square
+                share = ((reached - t0) / (t1 - t0)) ** 2
+                keep = (square * share**2 <= 1) & (square <= WORST_CUT**2)
+                # behind an event the field is another: no reason to grow
+                factor = jnp.where(reached < t1, jnp.minimum(factor, 1.0), factor)
+            # a number: a vector of flags is unpacked wherever it is used
+            return jnp.where(moves & keep, 1.0, 0.0), factor
+
+        return Verdict(*materialise(t0, judged))
+
     def adapt_step_size(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
         t0: Scalar,
@@ -136,27 +177,14 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         error = cast(Numbers, y_error) if signals is None else signals.error
         stop, left = controller_state.stop, controller_state.left - 1
 
-        # each number that a lane carries asks whether its step was accepted
-        tols = self.rtol, self.atol
         cut = None if signals is None else signals.reached
         whole = cut is None  # steps are never cut
         reached = t1 if whole else cut
         tried, allowed = t1 - t0, controller_state.h
-
-        def verdict():
-            square, factor = judge(
-                *tols, y0, y1_candidate, error, error_order, self.layer
-            )
-            if whole:
-                return square <= 1, factor
-            # along its step an interpolant leaves the start with the error's square
-            share = ((reached - t0) / tried) ** 2
-            # behind an event the field is another: no reason to grow
-            factor = jnp.where(reached < t1, jnp.minimum(factor, 1.0), factor)
-            return (square * share**2 <= 1) & (square <= WORST_CUT**2), factor
-
-        keep, factor = materialise(t0, verdict)
-        h = tried * factor
+        verdict = None if signals is None else signals.verdict
+        if verdict is None:
+            verdict = self.verdict(t0, t1, y0, y1_candidate, error, error_order, cut)
+        keep, h = verdict.accepts > 0, tried * verdict.factor
         if not whole:
             # one that was shortened to a stop says little about how long one may be
             shortened = keep & (tried < 0.9 * allowed)

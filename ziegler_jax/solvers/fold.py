@@ -6,6 +6,7 @@ turn into one kernel.
 """
 
 import abc
+from collections.abc import Callable, Mapping
 from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar, cast
 
 import diffrax as dfx
@@ -14,8 +15,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from ..model.column import Column
-from ..numerics.numbers import Count, Flag, Pair, Scalar, Traced, Traced4
-from .control import Signals
+from ..numerics.materialise import tree_where
+from ..numerics.numbers import Count, Flag, Numbers, Pair, Scalar, Traced, Traced4
+from .control import Signals, Verdict
 from .explicit import OKAY, Explicit, Integrand, dense
 from .rosenbrock import Rosenbrock
 
@@ -79,8 +81,20 @@ class AbstractFold(eqx.Module, Generic[State]):
     ) -> tuple[State, Scalar, Flag]:
         """The running numbers after a step, the next time to stop on, and whether done.
 
-        The step may still be rejected: then all three are forgotten.
+        The step may have been rejected: then all three are forgotten.
         """
+
+    def accepted(
+        self, column: Column, state: State, step: Step, verdict: Verdict | None
+    ) -> tuple[State, Scalar, Flag]:
+        """The same with the running numbers as they were where a step is rejected.
+
+        None: there is no verdict yet, and whoever gives it forgets them.
+        """
+        after, stop, done = self.step(column, state, step)
+        if verdict is not None:
+            after = tree_where(verdict.accepts > 0, after, state)
+        return after, stop, done
 
     def outcome(self, state: State) -> Int[Array, ""]:
         """How the fold has ended the motion; `not_computed`, 0, while it has not."""
@@ -117,6 +131,11 @@ class OneStep(Protocol):
 
 
 Inner = TypeVar("Inner", bound=OneStep)
+# what diffrax wants of a step: its end, its error or what stands for that, what lies
+# between, where the solver is, and that all is well
+Tried = tuple[Traced4, Signals | Scalar, Mapping[str, Numbers], Where, dfx.RESULTS]
+# the verdict on a step: its end, its error, and where it was cut
+Judge = Callable[[Traced4, Numbers, Scalar | None], Verdict]
 
 
 class AbstractObserved(dfx.AbstractSolver[Where], Generic[Where, Inner]):
@@ -138,6 +157,38 @@ class AbstractObserved(dfx.AbstractSolver[Where], Generic[Where, Inner]):
     def func(self, terms, t0, y0, args):
         """The right-hand side."""
         return self.solver.func(terms, t0, y0, args)
+
+    @abc.abstractmethod
+    def tried(
+        self,
+        terms: dfx.AbstractTerm,
+        t0: Traced,
+        t1: Traced,
+        y0: Traced4,
+        args: Column,
+        solver_state: Where,
+        judge: Judge | None = None,
+    ) -> Tried[Where]:
+        """A step, as diffrax asks for it.
+
+        **Arguments:** `judge`: gives the verdict on it, which is then among the
+        signals, and the fold's running numbers are those that the lane goes on with;
+        None: that is left to diffrax.
+        """
+
+    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        terms: dfx.AbstractTerm,
+        t0: Traced,
+        t1: Traced,
+        y0: Traced4,
+        args: Column,
+        solver_state: Where,
+        made_jump: Flag,
+    ):
+        """A step under diffrax itself."""
+        del made_jump
+        return self.tried(terms, t0, t1, y0, args, solver_state)
 
     def chatters(self, state: Where) -> Flag:
         """Whether the lane cannot go on, because events follow without time between."""
@@ -162,25 +213,16 @@ class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
         first = self.solver.init(terms, t0, t1, y0, args)
         return ObservedState(y0, first[2:], self.fold.init(args, t0, y0))
 
-    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        terms: dfx.AbstractTerm,
-        t0: Traced,
-        t1: Traced,
-        y0: Traced4,
-        args: Column,
-        solver_state: ObservedState,
-        made_jump: Flag,
-    ):
+    def tried(self, terms, t0, t1, y0, args, solver_state, judge=None):
         """One step, seen by the fold."""
-        del made_jump
         f0, folded = solver_state.slope, solver_state.folded
         y1, error, f1, integrals, *_ = self.fold.advance(
             self.solver, terms, t0, t1, y0, args, f0, folded
         )
         step = Step(t0, t1, y0, y1, f0, f1, integrals)
-        folded, stop, done = self.fold.step(args, folded, step)
+        verdict = None if judge is None else judge(y1, error, None)
+        folded, stop, done = self.fold.accepted(args, folded, step, verdict)
         done = jnp.asarray(done, jnp.result_type(t1))
-        signals = Signals(error, stop, done)
+        signals = Signals(error, stop, done, verdict=verdict)
         after = ObservedState(y1, f1[2:], folded)
         return y1, signals, dense(t0, t1, y0, y1, f0, f1), after, OKAY

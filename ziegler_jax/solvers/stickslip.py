@@ -100,18 +100,8 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
         """Whether the lane cannot go on, because events follow without time between."""
         return chattering(state.at_once)
 
-    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        terms: dfx.AbstractTerm,
-        t0: Traced,
-        t1: Traced,
-        y0: Traced4,
-        args: Column,
-        solver_state: StickSlipState,
-        made_jump: Flag,
-    ):
+    def tried(self, terms, t0, t1, y0, args, solver_state, judge=None):
         """One step in frozen modes, cut on the first event, and the change of modes."""
-        del made_jump
         _, _, folded, modes, guard, guard_rate, last_event, at_once = solver_state
         column = in_modes(args, modes)
         law, h, f0 = cast(FrozenCoulomb, column.friction), t1 - t0, solver_state.slope
@@ -181,15 +171,15 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
             parts = rate_courses(zero, whole, h, rows[0], rows[-1], bends)
             integrals = tuple(part(x) for part in parts)
         step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, modes_after))
-        folded, stop, done = self.fold.step(column, folded, step)
+        verdict = None if judge is None else judge(y, error, t_end)
+        folded, stop, done = self.fold.accepted(column, folded, step, verdict)
         state = StickSlipState(
             y, slope[2:], folded, modes_after, guard, guard_rate, last_event, at_once
         )
         done = done | self.chatters(state)
         dtype = jnp.result_type(t1)
-        signals = Signals(
-            error, jnp.asarray(stop, dtype), jnp.asarray(done, dtype), t_end
-        )
+        stop, done = jnp.asarray(stop, dtype), jnp.asarray(done, dtype)
+        signals = Signals(error, stop, done, t_end, verdict)
         return y, signals, dense(t0, t1, y0, y, f0, f_end), state, OKAY
 
     def _tolerances(

@@ -31,7 +31,7 @@ from ..numerics.numbers import (
     Vector4,
 )
 from ..numerics.series import value
-from .control import ControlState, Signals, StepControl
+from .control import ControlState, Signals, StepControl, Verdict
 from .expansion import Coefficients, allowed, expand
 from .explicit import OKAY, Integrand, dense
 from .fold import AbstractFold, AbstractObserved, State, Step
@@ -122,6 +122,16 @@ class Reached(StepControl):
         del dt0
         return super().start(t0, jnp.inf, stop)
 
+    def verdict(
+        self, t0, t1, y0, y1, error, error_order, reached=None, moves=True
+    ) -> Verdict:
+        """What is no number was not reached."""
+        del t1, y0, y1, error, error_order
+        # a NaN compares as false; where diffrax runs the solver it is infinity
+        reached = cast(Traced, reached)
+        keep = (reached > t0) & jnp.isfinite(reached)
+        return Verdict(jnp.where(moves & keep, 1.0, 0.0), 1.0)
+
     def adapt_step_size(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
         t0: Scalar,
@@ -134,14 +144,19 @@ class Reached(StepControl):
         controller_state: ControlState,
     ):
         """Go on from where the step ended."""
-        del t1, y0, y1_candidate, args, error_order
+        del args
         signals, left = y_error, controller_state.left - 1
         assert signals.reached is not None  # steps may be cut
-        # a NaN compares as false; where diffrax runs the solver it is infinity
-        keep = (signals.reached > t0) & jnp.isfinite(signals.reached)
+        verdict = signals.verdict
+        if verdict is None:
+            tried = t0, t1, y0, y1_candidate, (), error_order
+            verdict = self.verdict(*tried, signals.reached)
+        keep = cast(Flag, verdict.accepts > 0)
         t = jnp.where(keep, signals.reached, t0)
         stop = jnp.where(keep, signals.stop, controller_state.stop)
-        result = self.ending(t, (left <= 0) | (keep & (signals.done > 0)), ~keep)
+        result = self.ending(
+            t, (left <= 0) | (keep & (signals.done > 0)), cast(Flag, ~keep)
+        )
         t_next = jnp.minimum(stop, self.end)
         state = ControlState(t, stop, t_next, left, controller_state.h)
         return keep, t, t_next, False, state, result
@@ -176,18 +191,9 @@ class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
         """Whether the lane cannot go on, because events follow without time between."""
         return chattering(state.at_once)
 
-    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        terms: dfx.AbstractTerm,
-        t0: Traced,
-        t1: Traced,
-        y0: Traced4,
-        args: Column,
-        solver_state: TaylorState,
-        made_jump: Flag,
-    ):
+    def tried(self, terms, t0, t1, y0, args, solver_state, judge=None):
         """One step in frozen modes, to the first event, and the change of modes."""
-        del terms, made_jump
+        del terms
         modes, folded = solver_state.modes, solver_state.folded
         column = in_modes(args, modes)
         law, eps = (
@@ -261,11 +267,13 @@ class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
         joint = jnp.where(ended[0], 1, 0) + jnp.where(ended[1], 2, 0)
         integrals = _integrals(self.fold.integrand(column), motion.y, length, t0)
         step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, after))
-        folded, stop, done = self.fold.step(column, folded, step)
+        verdict = None if judge is None else judge(y, (), t_end)
+        folded, stop, done = self.fold.accepted(column, folded, step, verdict)
         state = TaylorState(y, folded, after, last_event, at_once)
         done = done | self.chatters(state)
         dtype = jnp.result_type(t1)
-        signals = Signals((), jnp.asarray(stop, dtype), jnp.asarray(done, dtype), t_end)
+        stop, done = jnp.asarray(stop, dtype), jnp.asarray(done, dtype)
+        signals = Signals((), stop, done, t_end, verdict)
         return y, signals, dense(t0, t_end, y0, y, f0, f_end), state, OKAY
 
 

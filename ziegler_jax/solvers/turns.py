@@ -22,8 +22,8 @@ from ..numerics.materialise import (
     replaced,
     tree_where,
 )
-from ..numerics.numbers import Flag, Scalar, Traced, Traced4
-from .control import ControlState, Signals, StepControl
+from ..numerics.numbers import Scalar, Traced, Traced4
+from .control import ControlState, Signals, StepControl, Verdict
 from .explicit import OKAY
 from .fold import AbstractObserved, Where
 
@@ -56,39 +56,36 @@ class Turns(AbstractObserved[Lane, AbstractObserved]):
         raise NotImplementedError("Argument `solver_state` must be given.")
 
     @as_one_call
-    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        terms: dfx.AbstractTerm,
-        t0: Traced,
-        t1: Traced,
-        y0: Traced4,
-        args: Column,
-        solver_state: Lane,
-        made_jump: Flag,
-    ):
+    def tried(self, terms, t0, t1, y0, args, solver_state, judge=None):
         """A turn; its error tells `UntilNoneMoves` whether a lane moves still."""
-        del t0, t1
+        del t0, t1, judge
         where, control, halt = solver_state
-        at = control.t, control.t_next
-        y1, errors, _, after, _ = self.solver.step(
-            terms, *at, where.y, args, where, made_jump
+        at = cast(tuple[Traced, Traced], (control.t, control.t_next))
+        order = self.error_order(terms)
+        moves = halt == MOVES
+
+        def verdict(y1, error, reached):
+            return self.control.verdict(*at, where.y, y1, error, order, reached, moves)
+
+        y1, errors, _, after, _ = self.solver.tried(
+            terms, *at, where.y, args, where, verdict
         )
         signals = cast(Signals, errors)
-        keep, _, _, _, following, result = self.control.adapt_step_size(
-            *at, where.y, y1, args, signals, self.error_order(terms), control
+        _, _, _, _, following, result = self.control.adapt_step_size(
+            *at, where.y, y1, args, signals, order, control
         )
 
         def masks():
             """As numbers: a vector of flags is unpacked wherever it is used."""
-            moves = halt == MOVES
             ended = jnp.where(result == dfx.RESULTS.dt_min_reached, VANISHED, HALTED)
             ended = jnp.where(result == OKAY, MOVES, ended)
-            flags = moves & keep, moves
-            numbers = (jnp.where(flag, 1.0, 0.0) for flag in flags)
-            return *numbers, replaced(moves, ended, halt)
+            return jnp.where(moves, 1.0, 0.0), replaced(moves, ended, halt)
 
-        accepts, moves, halt = materialise(control.t, masks)
-        where = tree_where(accepts > 0, after, where)
+        moves, halt = materialise(control.t, masks)
+        accepts = cast(Verdict, signals.verdict).accepts
+        # the fold's running numbers are those to go on with already
+        same = where._replace(folded=after.folded)
+        where = tree_where(accepts > 0, after, same)
         control = tree_where(moves > 0, following, control)
         moving = jnp.where(any_lane(halt == MOVES), 1.0, 0.0)
         return y0, moving, {"y0": y0, "y1": y0}, Lane(where, control, halt), OKAY

@@ -25,7 +25,7 @@ from ..motion.section import SectionPlane, passage
 from ..motion.spans import may_turn_over, turns_over
 from ..motion.tangents import push
 from ..numerics.elementary import larger
-from ..numerics.materialise import if_any_lane, materialise, tree_where
+from ..numerics.materialise import if_any_lane, materialise, replaced, tree_where
 from ..numerics.numbers import Count, Flag, Flags, Pair, Scalar, Traced, Traced4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
@@ -153,6 +153,11 @@ class March(AbstractFold[Lookout]):
 
     def step(self, column, state, step):
         """Keep the step if it returns, and see whether the motion is over."""
+        return self.accepted(column, state, step, None)
+
+    def accepted(self, column, state, step, verdict):
+        """The same where the step is accepted: each number is masked once."""
+        accepts = True if verdict is None else verdict.accepts > 0
         growth = state.grown
         if self.carrier is not None:
             growth = grown(column, self.carrier, cast(Grown, growth), step)
@@ -162,16 +167,16 @@ class March(AbstractFold[Lookout]):
             falls = self.odd & (step.y1[0] < step.y0[0])
             before, after = (jnp.where(falls, -y[0], y[0]) for y in (step.y0, step.y1))
             rests, goes_on = self._rests(state, step)
-            asks = jnp.where(rests, REST, state.asks)
-            there = jnp.where((before < 0) & (after >= 0), 1.0, 0.0)
+            asks = jnp.where(accepts & rests, REST, state.asks)
+            there = jnp.where(accepts & (before < 0) & (after >= 0), 1.0, 0.0)
             return there, asks.astype(jnp.int32), jnp.where(goes_on, 1.0, 0.0)
 
         def escaped(asks):
-            over = turns_over(step, self.escape)
+            over = near & turns_over(step, self.escape)
             return jnp.where(over, ESCAPE, asks).astype(asks.dtype)
 
         there, asks, goes_on = materialise(step.t0, look)
-        near = may_turn_over(step, self.escape)
+        near = accepts & may_turn_over(step, self.escape)
         asks = if_any_lane(near, escaped, asks)
         ends = Ends(step.t0, step.t1, step.y0, step.y1, step.f0[2:], step.f1[2:])
         passed = tree_where(there > 0, ends, state.passed)
@@ -180,6 +185,7 @@ class March(AbstractFold[Lookout]):
             rate = fastest(step.y1)
             anew = Calm(step.t1, 0.0 * rate, 0.0 * rate)
             calm = tree_where(goes_on > 0, _longer(cast(Calm, calm), step, rate), anew)
+        calm, growth = replaced(accepts, (calm, growth), (state.calm, state.grown))
         after = Lookout(passed, state.waits + there, calm, asks, growth)
         return after, jnp.inf, asks != NOTHING
 

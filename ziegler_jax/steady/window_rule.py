@@ -19,13 +19,14 @@ from ..motion.scene import (
     with_amplitude,
 )
 from ..motion.spans import AbstractSpans, SpanState
-from ..numerics.materialise import tree_where
+from ..numerics.materialise import if_any_lane, tree_where
 from ..numerics.numbers import (
     Flag,
     Numbers,
     Option,
     Scalar,
     Traced,
+    equals,
     keeps,
 )
 from ..results import OUTCOME
@@ -71,8 +72,20 @@ class SettleFold(AbstractSpans[WindowState]):
         )
 
     def watch(self, column, state, step):
-        """Let all observers see the step."""
-        observed = self.observation.step(column, state.watch.observed, step)
+        """Let all observers see the step.
+
+        In the transient they need not: `judge` has them begin anew where it ends. So
+        there is nothing to keep for a lane that is in it while a batch mate is not.
+        """
+
+        def observe(seen):
+            return self.observation.step(column, seen, step)
+
+        observed = state.watch.observed
+        if equals(self.transient, 0.0):
+            observed = observe(observed)
+        else:
+            observed = if_any_lane(state.spans >= 0, observe, observed)
         speeds = self.rest.watch(state.watch.speeds, step)
         watch = state.watch._replace(observed=observed, speeds=speeds)
         return watch, self.rest.sticks(step), None
