@@ -176,9 +176,8 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
         state = StickSlipState(
             y, slope[2:], folded, modes_after, guard, guard_rate, last_event, at_once
         )
-        done = done | self.chatters(state)
-        dtype = jnp.result_type(t1)
-        stop, done = jnp.asarray(stop, dtype), jnp.asarray(done, dtype)
+        when = stop, done | self.chatters(state)
+        stop, done = (jnp.asarray(x, jnp.result_type(t1)) for x in when)
         signals = Signals(error, stop, done, t_end, verdict)
         return y, signals, dense(t0, t1, y0, y, f0, f_end), state, OKAY
 

@@ -270,9 +270,8 @@ class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
         verdict = None if judge is None else judge(y, (), t_end)
         folded, stop, done = self.fold.accepted(column, folded, step, verdict)
         state = TaylorState(y, folded, after, last_event, at_once)
-        done = done | self.chatters(state)
-        dtype = jnp.result_type(t1)
-        stop, done = jnp.asarray(stop, dtype), jnp.asarray(done, dtype)
+        when = stop, done | self.chatters(state)
+        stop, done = (jnp.asarray(x, jnp.result_type(t1)) for x in when)
         signals = Signals((), stop, done, t_end, verdict)
         return y, signals, dense(t0, t_end, y0, y, f0, f_end), state, OKAY
 
