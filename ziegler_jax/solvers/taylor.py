@@ -196,10 +196,8 @@ class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
         del terms
         modes, folded = solver_state.modes, solver_state.folded
         column = in_modes(args, modes)
-        law, eps = (
-            cast(FrozenCoulomb, column.friction),
-            jnp.finfo(jnp.result_type(t0)).eps,
-        )
+        law = cast(FrozenCoulomb, column.friction)
+        eps = jnp.finfo(jnp.result_type(t0)).eps
         tol = event_tolerance(self.atol, t0)
         motion = expand(column, y0, self.solver.degree, t0)
 
