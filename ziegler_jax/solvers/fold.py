@@ -133,7 +133,7 @@ class OneStep(Protocol):
 Inner = TypeVar("Inner", bound=OneStep)
 # what diffrax wants of a step: its end, its error or what stands for that, what lies
 # between, where the solver is, and that all is well
-Tried = tuple[Traced4, Signals | Scalar, Mapping[str, Numbers], Where, dfx.RESULTS]
+Trial = tuple[Traced4, Signals | Scalar, Mapping[str, Numbers], Where, dfx.RESULTS]
 # the verdict on a step: its end, its error, and where it was cut
 Judge = Callable[[Traced4, Numbers, Scalar | None], Verdict]
 
@@ -159,7 +159,7 @@ class AbstractObserved(dfx.AbstractSolver[Where], Generic[Where, Inner]):
         return self.solver.func(terms, t0, y0, args)
 
     @abc.abstractmethod
-    def tried(
+    def try_step(
         self,
         terms: dfx.AbstractTerm,
         t0: Traced,
@@ -168,7 +168,7 @@ class AbstractObserved(dfx.AbstractSolver[Where], Generic[Where, Inner]):
         args: Column,
         solver_state: Where,
         judge: Judge | None = None,
-    ) -> Tried[Where]:
+    ) -> Trial[Where]:
         """A step, as diffrax asks for it.
 
         **Arguments:** `judge`: gives the verdict on it, which is then among the
@@ -188,7 +188,7 @@ class AbstractObserved(dfx.AbstractSolver[Where], Generic[Where, Inner]):
     ):
         """A step under diffrax itself."""
         del made_jump
-        return self.tried(terms, t0, t1, y0, args, solver_state)
+        return self.try_step(terms, t0, t1, y0, args, solver_state)
 
     def chatters(self, state: Where) -> Flag:
         """Whether the lane cannot go on, because events follow without time between."""
@@ -213,7 +213,7 @@ class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
         first = self.solver.init(terms, t0, t1, y0, args)
         return ObservedState(y0, first[2:], self.fold.init(args, t0, y0))
 
-    def tried(self, terms, t0, t1, y0, args, solver_state, judge=None):
+    def try_step(self, terms, t0, t1, y0, args, solver_state, judge=None):
         """One step, seen by the fold."""
         f0, folded = solver_state.slope, solver_state.folded
         y1, error, f1, integrals, *_ = self.fold.advance(

@@ -100,7 +100,7 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
         """Whether the lane cannot go on, because events follow without time between."""
         return chattering(state.at_once)
 
-    def tried(self, terms, t0, t1, y0, args, solver_state, judge=None):
+    def try_step(self, terms, t0, t1, y0, args, solver_state, judge=None):
         """One step in frozen modes, cut on the first event, and the change of modes."""
         _, _, folded, modes, guard, guard_rate, last_event, at_once = solver_state
         column = in_modes(args, modes)

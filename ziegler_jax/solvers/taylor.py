@@ -191,7 +191,7 @@ class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
         """Whether the lane cannot go on, because events follow without time between."""
         return chattering(state.at_once)
 
-    def tried(self, terms, t0, t1, y0, args, solver_state, judge=None):
+    def try_step(self, terms, t0, t1, y0, args, solver_state, judge=None):
         """One step in frozen modes, to the first event, and the change of modes."""
         del terms
         modes, folded = solver_state.modes, solver_state.folded

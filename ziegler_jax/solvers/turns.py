@@ -56,7 +56,7 @@ class Turns(AbstractObserved[Lane, AbstractObserved]):
         raise NotImplementedError("Argument `solver_state` must be given.")
 
     @as_one_call
-    def tried(self, terms, t0, t1, y0, args, solver_state, judge=None):
+    def try_step(self, terms, t0, t1, y0, args, solver_state, judge=None):
         """A turn; its error tells `UntilNoneMoves` whether a lane moves still."""
         del t0, t1, judge
         where, control, halt = solver_state
@@ -67,7 +67,7 @@ class Turns(AbstractObserved[Lane, AbstractObserved]):
         def verdict(y1, error, reached):
             return self.control.verdict(*at, where.y, y1, error, order, reached, moves)
 
-        y1, errors, _, after, _ = self.solver.tried(
+        y1, errors, _, after, _ = self.solver.try_step(
             terms, *at, where.y, args, where, verdict
         )
         signals = cast(Signals, errors)

@@ -78,8 +78,8 @@ class SettleFold(AbstractSpans[WindowState]):
         there is nothing to keep for a lane that is in it while a batch mate is not.
         """
 
-        def observe(seen):
-            return self.observation.step(column, seen, step)
+        def observe(before):
+            return self.observation.step(column, before, step)
 
         observed = state.watch.observed
         if equals(self.transient, 0.0):
