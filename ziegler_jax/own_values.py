@@ -24,7 +24,7 @@ class _OfTheUsers(Exception):
 def own_values(value: object) -> Hashable | None:
     """A key of the value, by its classes and numbers; None where it may hold anything.
 
-    Numbers of JAX are known by their shapes alone: what is traced takes them as
+    Numbers of JAX are known by shape and dtype alone: what is traced takes them as
     arguments.
     """
     tokens: list[Hashable] = []
@@ -46,7 +46,7 @@ def _read(value: object, tokens: list[Hashable]) -> None:
     elif kind is float:
         tokens.append(cast(float, value).hex())  # 0.0 and -0.0 are equal
     elif isinstance(value, np.ndarray | np.generic) and kind.__module__ == "numpy":
-        if value.dtype == object:
+        if value.dtype.kind not in "biufc":  # objects may be anything
             raise _OfTheUsers
         tokens += value.dtype.str, value.shape, value.tobytes()
     elif kind in (tuple, list) or (own and isinstance(value, tuple)):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import stored
 from jax import lax
+from jax.extend.core import jaxpr_as_fun
 
 import ziegler_jax as zj
 from ziegler_jax import context
@@ -346,3 +347,21 @@ def test_points_that_differ_anywhere_have_keys_of_their_own(one, other):
     for point in (one, other):
         found = zj.sweep(point, x=[1.5], progress=False)
         assert found.value.item() == float(point(1.5))
+
+
+def test_a_table_that_is_changed_in_place_is_read_again_wherever_it_stands():
+    """JAX holds it by reference, in equations that outlive a sweep."""
+    table = np.array([1.0, 2.0])
+    inner = jax.jit(lambda x: (x * table).sum())
+    outer = jax.jit(lambda x: inner(x) + 0.0 * x)
+    with jax.enable_x64(True):
+        closed = jax.make_jaxpr(lambda x: outer(x))(1.0)
+
+    def once():
+        point = jaxpr_as_fun(closed)
+        found = zj.sweep(lambda x: point(x)[0], x=[2.0], progress=False)
+        return float(found.value.item())
+
+    assert once() == 6.0
+    table[:] = 10.0, 20.0
+    assert once() == 60.0

@@ -221,7 +221,7 @@ def test_the_last_lanes_run_to_their_end_in_one_call(whole, monkeypatch):
         lambda batch: lengths.append(batch.max_steps) or chunk(batch),
     )
     assert same(sweep(q=Q[:32], mu=MU[:1]), whole.isel(q=slice(32), mu=[0]))
-    assert lengths == [scheduler.LONGEST_RUN]
+    assert lengths == [scheduler.LAST_CHUNK]
 
 
 def direct(scene, **columns):

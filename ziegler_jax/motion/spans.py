@@ -79,7 +79,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
     ) -> tuple[Watch, Int[Array, ""]]:
         """What is watched from here on, and the outcome; `ended`: whether the span has.
 
-        Others of a batch may have asked: a lane that did not stays as it is.
+        It is asked for a whole batch; what it says of a lane that did not ask is lost.
         """
 
     def valid(self) -> Flag:
@@ -135,7 +135,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
     ) -> tuple[SpanState[Watch], Scalar, Flag]:
         """The same where the step is accepted.
 
-        What a judgement alone changes is not masked in each step.
+        Numbers that only `judge` changes are masked there, which is rare.
         """
         watch, asked, longest = self.watch(column, state, step)
         if verdict is not None:

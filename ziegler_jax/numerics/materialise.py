@@ -169,7 +169,7 @@ def if_any_lane(flag: Flag, function: Callable[[Tree], Tree], state: Tree) -> Tr
 
     For work that is rare but not worth a loop of its own. `function` must leave the
     state of a lane whose flag is not set as it is, or lanes would depend on their
-    batch mates.
+    batch mates: unless such a lane's numbers are thrown away.
     """
     if jax.default_backend() != "cpu":
         return function(state)

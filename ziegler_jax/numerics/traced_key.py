@@ -30,7 +30,7 @@ class _NotKnown(Exception):
 def traced_key(point: ClosedJaxpr) -> Hashable | None:
     """A key of the traced point; None for one that must be lowered anew.
 
-    Equal keys mean equal programs; unequal ones may. Batching calls the rules of
+    Equal keys mean equal programs; so may unequal ones. Batching calls the rules of
     `jax.custom_batching.custom_vmap`, which may read anything: with one that is not
     this package's own there is no key. (Lowering calls the rules of primitives, too;
     one of the user's own must not read what changes.)
@@ -64,18 +64,9 @@ class _Part:
         return self.hash == other.hash and self.tokens == other.tokens
 
 
-# What JAX has kept from an earlier trace is the same object again.
+# Equations that JAX traced for an earlier sweep are the same object again. Those that
+# hold a table of NumPy's, which may be changed in place, are read again all the same.
 _read_before: WeakKeyDictionary[Jaxpr, _Part] = WeakKeyDictionary()
-
-
-def _part(jaxpr: Jaxpr) -> _Part:
-    """Equations, their variables numbered in order."""
-    part = _read_before.get(jaxpr)
-    if part is None:
-        whole = _Tokens()
-        whole.equations(jaxpr)
-        part = _read_before[jaxpr] = _Part(whole.tokens)
-    return part
 
 
 class _Tokens:
@@ -83,15 +74,28 @@ class _Tokens:
 
     def __init__(self):
         self.tokens: list[Hashable] = []
+        self.lasts = True  # no table is among them
+
+    def part(self, jaxpr: Jaxpr) -> None:
+        """Equations within, as one."""
+        part = _read_before.get(jaxpr)
+        if part is None:
+            whole = _Tokens()
+            whole.equations(jaxpr)
+            part = _Part(whole.tokens)
+            if whole.lasts:
+                _read_before[jaxpr] = part
+            self.lasts &= whole.lasts
+        self.tokens.append(part)
 
     def parameter(self, value: object) -> None:
         """A parameter of an equation."""
         if isinstance(value, ClosedJaxpr):
-            self.tokens.append(_part(value.jaxpr))
+            self.part(value.jaxpr)
             for constant in value.consts:
                 self.number(constant)
         elif isinstance(value, Jaxpr):
-            self.tokens.append(_part(value))
+            self.part(value)
         elif isinstance(value, tuple | list):
             self.tokens += type(value), len(value)
             for part in value:
@@ -119,6 +123,7 @@ class _Tokens:
         if isinstance(value, jax.core.Tracer):  # an operand of the same equation
             self.tokens.append("operand")
             return
+        self.lasts &= not (isinstance(value, np.ndarray) and value.ndim)
         array = np.asarray(value)
         if array.dtype == object:
             raise _NotKnown

@@ -74,8 +74,9 @@ class SettleFold(AbstractSpans[WindowState]):
     def watch(self, column, state, step):
         """Let all observers see the step.
 
-        In the transient they need not: `judge` has them begin anew where it ends. So
-        there is nothing to keep for a lane that is in it while a batch mate is not.
+        In the transient they need not: where it ends `judge` has them begin anew. A
+        lane that is still in it may be shown to them for a batch mate's sake; those
+        numbers are thrown away.
         """
 
         def observe(before):

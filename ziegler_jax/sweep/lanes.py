@@ -19,7 +19,7 @@ from .stages import Stage
 # Every so many calls one is made twice: it costs 0.4 % and must give the same bits.
 CANARY = 256
 LATE = 0.5  # seconds that results may wait for others
-PAUSE = 0.001  # seconds until a thread without lanes looks again
+PAUSE = 0.001  # seconds after which a thread without lanes looks again at the latest
 _CALLS = itertools.count(1)  # of this process: a cluster's blocks make a few each
 
 
@@ -220,10 +220,12 @@ class Work:
         return ends
 
     def is_last(self) -> bool:
-        """Whether no lane waits for a place at the only loop, nor will."""
+        """Whether no lane waits for a place at the only loop, and none will come."""
         with self.lock:
             coming = self.led or any(self.waiting[:-1])
         only = len(self.stages) == 3  # a segment before it and one behind
+        if self.queue.closed:  # a long call is none to begin
+            return False
         return only and not coming and not self.queue.ready()
 
     def join(self, batch: Batch) -> bool:

@@ -1,10 +1,11 @@
 """What a sweep compiles: the scene, known by its lowered stages, for a batch of lanes.
 
 A scene is traced anew at each sweep, in a trace of its own: whatever it reads, an
-attribute of an object, a table, the environment, is read again. What it is lowered to
-is kept by what was traced, and a compiled stage by the text of the lowered one, so that
-a sweep of what has not changed is neither lowered nor compiled again, and one of what
-has is never answered by the old program.
+attribute of an object, a table, the environment, is read again. (A question that it
+asks of this package's own values alone is not, see `as_traced_before`.) What it is
+lowered to is kept by what was traced, and a compiled stage by the text of the lowered
+one, so that a sweep of what has not changed is neither lowered nor compiled again, and
+one of what has is never answered by the old program.
 """
 
 import hashlib
