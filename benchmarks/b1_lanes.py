@@ -2,8 +2,7 @@
 
 The scene `smooth` of `scenes.py` at 1e-6, Tsit5: 64 to a million lanes, each
 point of the curve with the program compiled; then 8192 lanes on 1 to all threads, in
-turns (`a2_scaling.py` gives the speed-up and the memory). Lanes beyond 8192 repeat the
-same loads, so that all points of the curve ask for the same steps. Prints one JSON line
+turns (`a2_scaling.py` gives the speed-up and the memory). Prints one JSON line
 a point; writes `results/b1_lanes.json` and `.png`. Two minutes with the defaults.
 
     python benchmarks/b1_lanes.py [--lanes 1048576]
@@ -27,11 +26,6 @@ zj.configure_cpu()
 LOADS = 8192
 COUNTS = (64, 256, 1024, 4096, 2**14, 2**17, 2**20)
 TOLERANCE = 1e-6
-
-
-def loads(scene, lanes):
-    """`lanes` loads over the whole range; more than `LOADS` repeat them in order."""
-    return np.repeat(scene.loads(min(lanes, LOADS)), max(1, lanes // LOADS))
 
 
 def draw(result, path):
@@ -75,7 +69,7 @@ def main():
     scene, cores = SCENES["smooth"], os.cpu_count() or 1
     result = {"benchmark": "b1", "lanes": [], "threads": [], **machine()}
     for lanes in (n for n in COUNTS if n <= most):
-        q = loads(scene, lanes)
+        q = scene.loads(lanes)
         repeats = 5 if lanes <= LOADS else 1
         point = {"lanes": q.size}
         runs = [
@@ -96,7 +90,7 @@ def main():
             flush=True,
         )
         result["lanes"].append(point)
-    q = loads(scene, LOADS)
+    q = scene.loads(LOADS)
 
     counts = sorted({1, *range(2, cores + 1, max(1, cores // 8)), cores})
     seconds = {n: [] for n in counts}
