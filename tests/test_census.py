@@ -12,8 +12,7 @@ BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 sys.path.append(str(BENCHMARKS))
 import census  # noqa: E402
 
-# For eight lanes, one vector of AVX-512, with this jaxlib; on an Intel Xeon. (On an AMD
-# EPYC such counts were within 1 % of these.)
+# For eight lanes, one vector of AVX-512, with this jaxlib; on an Intel Xeon.
 RECORDED = "0.10.2"
 INSTRUCTIONS = {
     "frictionless": 2043,

@@ -27,7 +27,7 @@ from .program import Program
 # windows it took 8.1, 8.0, 7.9 and 7.7. So 70 to 150 cannot be told apart.
 CALL, LANES = 100, 128
 SHORTEST_CHUNK, FIRST_CHUNK, LONGEST_CHUNK = 64, 128, 1024
-LAST_CHUNK = 4096  # where no lane waits for a place: Ctrl-C does
+LAST_CHUNK = 4096  # where no lane waits for a place; but Ctrl-C has to wait for it
 # Where neighbours cost alike, a chunk is a lane's whole run: none idles for long, and
 # calls are few. A few stragglers go on beside the next lanes.
 ALIKE, STRAGGLERS, OVERDUE, LONGEST_RUN = 0.8, 0.05, 1.5, 16384
