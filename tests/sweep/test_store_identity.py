@@ -1,5 +1,6 @@
 """Which sweep a store belongs to: another is refused by name."""
 
+import gc
 import json
 import os
 import subprocess
@@ -15,6 +16,15 @@ import ziegler_jax as zj
 from ziegler_jax.sweep import partition, program, provenance
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
+
+
+def rubbed(x):
+    """A question that holds nothing of the user's own: JAX keeps its trace."""
+    law = zj.SmoothCoulomb(0.3 * x, pin_radius=0.05, v_smooth=0.011)
+    windows = zj.Windows(transient=0.0, length=5.0, max_windows=1)
+    start = zj.State(omega=(0.0, 0.3))
+    column = zj.uniform_rods(1.0, friction=law)
+    return zj.settle(column, start, windows=windows, certify=False)
 
 
 def test_another_sweep_is_refused_by_name_and_replaced_on_demand(
@@ -61,6 +71,31 @@ def test_a_scene_is_known_by_its_program(path, refuses, monkeypatch, change):
     else:
         monkeypatch.setattr(stored, "helper", lambda x: x + 1.0000001)
     refuses(lambda: sweep(store=path), "`store`", "another scene")
+
+
+def test_a_scene_is_the_same_whatever_jax_has_forgotten_of_it():
+    """Else no store went on, and no worker agreed, after many other sweeps.
+
+    What JAX has forgotten it traces anew, and what it has not keeps the old functions:
+    then two that are alike stand in the program where one was.
+    """
+
+    def scene():
+        program._lowered_before.clear()
+        return program.traced(rubbed, ("x",), True, None)
+
+    first = scene()
+    texts = [stage.lowered.as_text() for stage in first.stages]
+    others = 0
+    gc.unfreeze()  # else it shows none of them
+    caches = [x for x in gc.get_objects() if type(x).__name__ == "WeakrefLRUCache"]
+    for cache in caches:
+        if cache.cache_info().currsize:
+            cache.cache_clear()
+            again = scene()
+            assert again.digest == first.digest
+            others += texts != [stage.lowered.as_text() for stage in again.stages]
+    assert others > 0  # measured 2 of 12 to 15
 
 
 def test_a_table_that_changed_in_place_is_computed_with(path, monkeypatch):

@@ -3,9 +3,9 @@
 A scene is traced anew at each sweep, in a trace of its own: whatever it reads, an
 attribute of an object, a table, the environment, is read again. (A question that it
 asks of this package's own values alone is not, see `as_traced_before`.) What it is
-lowered to is kept by what was traced, and a compiled stage by the text of the lowered
-one, so that a sweep of what has not changed is neither lowered nor compiled again, and
-one of what has is never answered by the old program.
+lowered to is kept by what was traced, and a compiled stage by what the lowered one
+computes, so that a sweep of what has not changed is neither lowered nor compiled again,
+and one of what has is never answered by the old program.
 """
 
 import hashlib
@@ -31,6 +31,7 @@ from jax.extend.core import (
 from jax.stages import Lowered
 
 from ..context import Cuts, may_cut, of_its_own, within
+from ..numerics.lowered_digest import lowered_digest
 from ..numerics.traced_key import traced_key
 from ..results import DIMENSIONS, Variable
 from ..runtime import (
@@ -78,9 +79,9 @@ class LoweredStage(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """A hash of the program's text, and of what its arguments hold."""
+        """What the program computes, and what its arguments hold, as a hash."""
         layout = self.stage.fixed.shapes, self.stage.state.shapes
-        text = f"{layout} {self.lowered.as_text()}"
+        text = f"{layout} {lowered_digest(self.lowered.as_text())}"
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -308,7 +309,7 @@ _library_lock = threading.Lock()
 
 @held_interrupts()
 def compiled(scene: Scene) -> Program:
-    """The scene, compiled, stages beside each other; each kept by its text."""
+    """The scene, compiled, stages beside each other; each kept by its digest."""
     started = time.perf_counter()
     keys = [(d, s.callbacks) for d, s in zip(scene.digests, scene.stages, strict=True)]
     unlike = dict(zip(keys, scene.stages, strict=True))
