@@ -28,6 +28,7 @@ from scenes import models
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
+from ziegler_jax.context import Context, within
 
 RESULTS = Path(__file__).parent / "results"
 SOLVERS = {
@@ -263,7 +264,7 @@ def main():
             print(json.dumps(rounded(rows[-1])), flush=True)
     for name, solver in SOLVERS.items():
         rows.append(long_row(name, runner(solver, steps=100_000_000)))
-    with jax.enable_x64(False):
+    with jax.enable_x64(False), within(Context(narrow=True)):  # as a sweep does
         for name in ("Tsit5", "Rodas5P"):
             run = runner(SOLVERS[name])
             for case in CASES:
