@@ -68,6 +68,7 @@ def test_the_tests_of_rooms_see_imports():
 OF_THE_INSIDE = {
     "a6_certainty": {"sweep.program"},
     "b4_first_call": {"sweep.program"},
+    "c0_extreme": {"context"},  # for numbers in 32 bits without a sweep
     "d0_soak": {"sweep.program"},
     "s0_store": {"sweep"},
 }
