@@ -58,10 +58,13 @@ def derivative(q):
     return {"value": value, "slope": slope}
 
 
-def sweeps(points, found, **options):
+def sweeps(points, compiled):
+    """Sweeps to take turns; the seconds that the first of each took to compile."""
+
     def runner(name, point):
         def run():
-            found[name] = zj.sweep(point, q=Q, progress=False, **options)
+            ds = zj.sweep(point, q=Q, progress=False)
+            compiled.setdefault(name, ds.attrs["compile_seconds"])
 
         return run
 
@@ -116,26 +119,26 @@ def main():
         )
         return row
 
-    found = {}
+    compiled = {}
     points = {name: watched(o) for name, o in OBSERVERS.items()}
-    seconds = interleaved(sweeps(points, found), repeats)
+    seconds = interleaved(sweeps(points, compiled), repeats)
     for name in OBSERVERS:
         ratio, spread = paired(seconds[name], seconds["none"])
         row = say(
             observer=name,
-            compile_seconds=found[name].attrs["compile_seconds"],
+            compile_seconds=compiled[name],
             run_over_none=ratio,
             range=spread,
         )
         result["observers"].append(row)
 
     pair = {"plain": fixed, "derivative": derivative}
-    seconds = interleaved(sweeps(pair, found), repeats)
+    seconds = interleaved(sweeps(pair, compiled), repeats)
     ratio, spread = paired(seconds["derivative"], seconds["plain"])
     result["derivative"] = say(
         derivative_over_plain=ratio,
         range=spread,
-        compile_seconds={n: found[n].attrs["compile_seconds"] for n in pair},
+        compile_seconds={name: compiled[name] for name in pair},
     )
 
     # a shuffled axis: neighbours in a batch are then strangers

@@ -2,6 +2,7 @@
 
 import itertools
 
+import diffrax as dfx
 import numpy as np
 import pytest
 
@@ -65,3 +66,18 @@ def test_all_order_conditions_hold_and_the_next_order_fails(name, embedded):
     for p in range(1, embedded + 1):
         assert residual(other, a, p) < 1e-12, p
     assert residual(other, a, embedded + 1) > 1e-8
+
+
+@pytest.mark.parametrize(
+    "name, tableau, unseen",
+    [
+        ("Tsit5", dfx.Tsit5.tableau, []),
+        ("Dopri8", dfx.Dopri8.tableau, []),
+        ("Calvo7", tableaus.CALVO7.tableau, [8]),  # as its docstring warns
+        ("Vern9", tableaus.VERN9.tableau, []),
+    ],
+)
+def test_an_error_estimate_sees_each_stage_that_moves_the_state(name, tableau, unseen):
+    """Else a step is accepted of which that stage alone met another torque."""
+    weights, seen = np.abs(tableau.b_sol), np.abs(tableau.b_error)
+    assert np.flatnonzero((weights > 0) & (seen < 1e-12)).tolist() == unseen, name

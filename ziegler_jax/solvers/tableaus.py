@@ -4,6 +4,12 @@ Each is a `diffrax.ButcherTableau` with its order and name, for `Explicit(*CALVO
 They were kept of a wider choice (Verner's efficient 6(5), 7(6), 8(7) and 9(8), Prince's
 7, 8, 9) because on motions with smoothed friction no other needs fewer evaluations of
 the right-hand side at their errors: `CALVO7` from 1e-5 to 1e-8, `VERN9` below 1e-11.
+
+`CALVO7` is not for thin friction layers. Its two formulas give the last stage the same
+weight, so that its error estimate does not see it: a step is accepted of which that
+stage alone falls into the layer, whatever the step errs. At a tolerance of 1e-8, 7 of
+24 motions with `v_smooth` = 1e-4 ended 65 to 3000 tolerances off, and with 1e-5 ten
+ended 270 to 3e5 off (Tsit5 at most 41, `VERN9` 4). `Rosenbrock()` is for these.
 """
 
 from typing import NamedTuple
