@@ -59,3 +59,45 @@ def test_a_constant_within_a_function_counts():
 def test_a_text_of_another_form_is_known_by_every_letter():
     assert lowered_digest("module {}") == lowered_digest("module {}")
     assert lowered_digest("module {}") != lowered_digest("module { }")
+
+
+def foreign(target, **attributes):
+    """A call of a function of another library; it is lowered, not compiled."""
+    like = jax.ShapeDtypeStruct((), jnp.float32)
+    return lambda x: jax.ffi.ffi_call(target, like)(x, **attributes)
+
+
+def squared_twice(outer):
+    """Two functions that are alike, `square` and `square_0`, and what calls them."""
+
+    def named(x):
+        return x * x
+
+    named.__name__ = "square"
+    a, b = jax.jit(named), jax.jit(type(named)(named.__code__, {}, "square"))
+    return text(lambda x: outer(b(a(x))))
+
+
+@pytest.mark.parametrize(
+    "one, other",
+    [
+        (foreign("square"), foreign("square_0")),
+        (foreign("f", says="@square"), foreign("f", says="@square_0")),
+        (foreign("f", says="call @square("), foreign("f", says="call @square_0(")),
+    ],
+)
+def test_a_name_that_is_no_call_of_a_function_is_kept(one, other):
+    programs = squared_twice(one), squared_twice(other)
+    for program in programs:
+        assert "@square(" in program and "@square_0(" in program
+    assert lowered_digest(programs[0]) != lowered_digest(programs[1])
+
+
+def test_a_function_may_bear_the_name_of_the_foreign_one_that_it_calls():
+    @jax.jit
+    def my_op(x):
+        return foreign("my_op")(x)
+
+    program = text(lambda x: my_op(x))
+    assert "call @my_op(" in program and "custom_call @my_op(" in program
+    assert lowered_digest(program) != lowered_digest(program.replace("my_op", "other"))

@@ -10,33 +10,39 @@ day, in a worker, and in one that goes on with a store.
 import hashlib
 import re
 
-_FUNCTION = re.compile(r"^  func\.func .*?^  \}$", re.MULTILINE | re.DOTALL)
-_SYMBOL = re.compile(r'@("[^"]*"|[\w.$-]+)')
+_NAME = r'@("[^"]*"|[\w.$-]+)'
+_SYMBOL = re.compile(_NAME)
+_FUNCTION = re.compile(
+    rf"^  func\.func [^@\n]*{_NAME}[^\n]*\{{\n.*?^  \}}$", re.M | re.S
+)
+_CALL = re.compile(rf"^( *(?:%[\w:]+ = )?(?:func\.)?call ){_NAME}(?=\()", re.M)
 
 
 def lowered_digest(text: str) -> str:
-    """A hash of a program in StableHLO, each function by its own hash, not its name."""
-    functions = {_symbol(each): each for each in _FUNCTION.findall(text)}
+    """A hash of a program in StableHLO, each function by its own hash, not its name.
+
+    Where the name of a function stands for anything but a call of it, be it a foreign
+    function that bears the same one, the hash is that of the text as it is.
+    """
+    functions = {each[1]: each[0] for each in _FUNCTION.finditer(text)}
+    names = sum(each[1] in functions for each in _SYMBOL.finditer(text))
+    calls = sum(each[2] in functions for each in _CALL.finditer(text))
+    if "main" not in functions or names != len(functions) + calls:
+        return _hash(text)
     digests: dict[str, str] = {}
 
-    def named(symbol: re.Match[str]) -> str:
-        name = symbol[1]
-        return digest(name) if name in functions else symbol[0]
+    def called(call: re.Match[str]) -> str:
+        name = call[2]
+        return call[1] + (digest(name) if name in functions else f"@{name}")
 
     def digest(name: str) -> str:
-        if name not in digests:  # none calls itself: it would never end
-            own = _SYMBOL.sub("", functions[name], count=1)
-            digests[name] = _hash(_SYMBOL.sub(named, own))
+        if name not in digests:  # no function calls itself, or it would never end
+            own = functions[name].replace(f"@{name}", "", 1)
+            digests[name] = _hash(_CALL.sub(called, own))
         return digests[name]
 
     around = _FUNCTION.sub("", text).split()
-    return _hash(" ".join([*around, digest("main")]) if "main" in functions else text)
-
-
-def _symbol(function: str) -> str:
-    """The name that a function has in its first line."""
-    symbol = _SYMBOL.search(function)
-    return "" if symbol is None else symbol[1]
+    return _hash(" ".join([*around, digest("main")]))
 
 
 def _hash(text: str) -> str:

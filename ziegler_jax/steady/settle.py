@@ -116,8 +116,8 @@ def settle(
         an amplitude; a certificate's orbit has a hundred times finer ones. With
         friction the default, Tsit5, is the cheapest down to what its tolerance gives,
         an error of 4e-5 after 100 time units (`benchmarks/b0_work_precision.py`); from
-        there Calvo7 is, and Dopri8 from 1e-9 on (in layers of 1e-4 and thinner
-        Calvo7 is not to be trusted, see `solvers.tableaus`).
+        there Calvo7 is, with Vern9 from 1e-9 on (in layers of 1e-4 and thinner Calvo7
+        is not to be trusted, see `solvers.tableaus`).
     - `certify`: None certifies with explicit methods, in 64 bits, where friction is not
         set-valued. With `SetValuedCoulomb` it has to be asked for: shots run on an
         explicit method, event by event, with tangents, far slower than the motion's own
