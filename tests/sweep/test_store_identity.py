@@ -89,6 +89,7 @@ def test_a_scene_is_the_same_whatever_jax_has_forgotten_of_it():
     others = 0
     gc.unfreeze()  # else it shows none of them
     caches = [x for x in gc.get_objects() if type(x).__name__ == "WeakrefLRUCache"]
+    gc.freeze()  # as `conftest` does
     for cache in caches:
         if cache.cache_info().currsize:
             cache.cache_clear()
