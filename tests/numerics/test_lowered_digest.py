@@ -67,14 +67,16 @@ def foreign(target, **attributes):
     return lambda x: jax.ffi.ffi_call(target, like)(x, **attributes)
 
 
-def squared_twice(outer):
-    """Two functions that are alike, `square` and `square_0`, and what calls them."""
-
-    def named(x):
+def named_square():
+    def square(x):
         return x * x
 
-    named.__name__ = "square"
-    a, b = jax.jit(named), jax.jit(type(named)(named.__code__, {}, "square"))
+    return jax.jit(square)
+
+
+def squared_twice(outer):
+    """Two functions that are alike, `square` and `square_0`, and what calls them."""
+    a, b = named_square(), named_square()
     return text(lambda x: outer(b(a(x))))
 
 
