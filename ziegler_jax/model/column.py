@@ -344,7 +344,8 @@ class _Forces:
 def _solved(a: Scalar, h: Scalar, d: Scalar, r1: Scalar, r2: Scalar) -> Pair:
     """The accelerations of a mass matrix with the rows (a, h) and (h, d)."""
     inverse = 1 / (a * d - h * h)
-    return (d * r1 - h * r2) * inverse, (a * r2 - h * r1) * inverse
+    w1 = materialise(r1, lambda: (d * r1 - h * r2) * inverse)
+    return w1, (r2 - h * w1) * (1 / d)
 
 
 @partial(_solved.defjvp, symbolic_zeros=True)

@@ -11,6 +11,7 @@ published friction coefficient means nothing until all three are stated.
 """
 
 import abc
+import math
 from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar, NamedTuple, cast
@@ -20,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from ..numerics.elementary import exp, tanh
+from ..numerics.elementary import LOG2_E, half_to_the, tanh2
 from ..numerics.numbers import (
     Flag,
     Joints,
@@ -229,21 +230,22 @@ class SmoothCoulomb(AbstractRateFriction):
         lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
         least = self.mu_s if self.mu_k is None else self.mu_k
         kinetic = tuple(x * mu for x, mu in zip(lever, both(least), strict=True))
-        drop = per_stribeck = None
+        drop = falls = None
         if self.mu_k is not None:
             assert self.v_stribeck is not None
             pairs = zip(lever, both(self.mu_s), both(self.mu_k), strict=True)
             drop = tuple(x * (s - k) for x, s, k in pairs)
-            per_stribeck = (
-                tuple(1.0 / v for v in self.v_stribeck)
+            root = math.sqrt(LOG2_E)
+            falls = (
+                tuple(root / v for v in self.v_stribeck)
                 if isinstance(self.v_stribeck, tuple)
-                else 1.0 / self.v_stribeck
+                else root / self.v_stribeck
             )
         return PreparedCoulomb(
             cast(Pair, kinetic),
             cast(Pair | None, drop),
-            cast(OneOrTwo | None, per_stribeck),
-            1.0 / self.v_smooth,
+            cast(OneOrTwo | None, falls),
+            2.0 * LOG2_E / self.v_smooth,
             self.v_smooth,
             load,
         )
@@ -263,12 +265,20 @@ class SmoothCoulomb(AbstractRateFriction):
 
 
 class PreparedCoulomb(AbstractRateFriction):
-    """A smoothed law with its constants worked out: no division is left to a stage."""
+    r"""A smoothed law with its constants worked out: no division is left to a stage.
+
+    In powers of two, of which a processor does the whole ones by itself:
+
+    $$T = \bigl[T_k + (T_s - T_k)\, 2^{-(f u)^2}\bigr]\,
+    \frac{2^{g u} - 1}{2^{g u} + 1}, \qquad
+    f = \frac{\sqrt{\log_2 e}}{v_{stribeck}}, \quad
+    g = \frac{2 \log_2 e}{v_{smooth}}$$
+    """
 
     kinetic: Pair
     drop: Pair | None  # from static to kinetic
-    per_stribeck: OneOrTwo | None  # one number, or one a joint
-    per_smooth: Scalar
+    falls: OneOrTwo | None  # f: one number, or one a joint
+    rises: Scalar  # g
     v_smooth: Scalar
     load: AbstractLoad | None
 
@@ -278,8 +288,8 @@ class PreparedCoulomb(AbstractRateFriction):
         def lever(u, i):
             drop = falls = None
             if self.drop is not None:
-                drop, falls = self.drop[i], both(cast(OneOrTwo, self.per_stribeck))[i]
-            return _lever(u, Curve(self.kinetic[i], drop, falls, self.per_smooth))
+                drop, falls = self.drop[i], both(cast(OneOrTwo, self.falls))[i]
+            return _lever(u, Curve(self.kinetic[i], drop, falls, self.rises))
 
         return lever(u1, 0), lever(u2, 1)
 
@@ -297,19 +307,19 @@ class Curve(NamedTuple):
 
     kinetic: Scalar
     drop: Scalar | None
-    per_stribeck: Scalar | None
-    per_smooth: Scalar
+    falls: Scalar | None
+    rises: Scalar
 
     def beyond(self, u: Scalar) -> Pair:
         """The torque beyond the layer, and by how much it exceeds the kinetic one."""
-        if self.drop is None or self.per_stribeck is None:
+        if self.drop is None or self.falls is None:
             return self.kinetic, 0.0
-        more = self.drop * exp(-((u * self.per_stribeck) ** 2))
+        more = self.drop * half_to_the((u * self.falls) ** 2)
         return self.kinetic + more, more
 
     def torque(self, u: Scalar) -> Scalar:
         """The torque at a rate u."""
-        return self.beyond(u)[0] * tanh(u * self.per_smooth)
+        return self.beyond(u)[0] * tanh2(u * self.rises)
 
 
 @jax.custom_jvp
@@ -321,10 +331,10 @@ def _lever(u: Scalar, curve: Curve) -> Scalar:
 def _lever_jvp(primals, tangents):
     """By one slope, worked out with the torque: many tangents are multiplied by it."""
     (u, curve), (du, dcurve) = primals, tangents
-    (peak, more), rise = curve.beyond(u), tanh(u * curve.per_smooth)
-    slope = peak * (1.0 - rise * rise) * curve.per_smooth
-    if curve.per_stribeck is not None:
-        slope = slope - 2.0 * u * curve.per_stribeck**2 * more * rise
+    (peak, more), rise = curve.beyond(u), tanh2(u * curve.rises)
+    slope = peak * (1.0 - rise * rise) * (0.5 / LOG2_E * curve.rises)
+    if curve.falls is not None:
+        slope = slope - (2.0 / LOG2_E * u) * curve.falls**2 * more * rise
     moved = jnp.zeros_like(u) if isinstance(du, SymbolicZero) else slope * du
     if not all(isinstance(x, SymbolicZero) for x in jax.tree.leaves(dcurve)):
         still = [

@@ -1,50 +1,53 @@
-"""Sine, cosine, exponential and hyperbolic tangent without library calls.
+"""Sine, cosine, powers of two and hyperbolic tangent without library calls.
 
 XLA on a CPU calls the C library's `sin` and `cos` lane by lane for float64, which costs
-more than all the rest of the column's field. Here one range reduction serves both, and
-XLA vectorises it. Its exponential and hyperbolic tangent are vectorised, but spend a
-division each; the friction law evaluates four of them a stage, and they were half of a
-step's time. Here one polynomial serves both, with few divisions.
+more than all the rest of the column's field. Here both are polynomials of what is left
+of the angle by half turns, and XLA vectorises them. Its exponential and hyperbolic
+tangent are vectorised, but spend a division each; the friction law evaluates four of
+them a stage, and they were half of a step's time. Here one polynomial serves both, with
+few divisions, and in powers of two: then a whole exponent leaves an exact rest.
 """
 
 from typing import overload
 
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.typing import ArrayLike
 
-from .materialise import materialise
+from .materialise import materialise, traced_once
 from .numbers import Scalar
 from .series import Series, sincos_series
 
-# pi/2 in three parts; the first two have at most 33 significant bits, so that their
-# products with a quadrant number below 2**20 are exact (Cody & Waite; the split is
-# fdlibm's).
-_HALF_PI = (
-    1.57079632673412561417e00,
-    6.07710050630396597660e-11,
-    2.02226624879595063154e-21,
-)
+# pi in two parts: the first has 31 significant bits, so that its products with a number
+# of half turns below 2^22 are exact; both together leave 7e-27 of pi
+_PI = (3.1415926534682512, 1.2154201013012384e-10)
 # Added to a whole number, it leaves that number's last bits on view.
 _BITS = 1.5 * 2.0**52
-# Kernels on |r| <= pi/4, highest power first (fdlibm's minimax coefficients).
+# (sin r / r - 1) / r^2 and (cos r - 1) / r^2 in powers of r^2 on |r| <= pi/2, highest
+# first: interpolation at the eight Chebyshev points, computed with 60 digits; they
+# leave 3.6e-17 of the sine and 1.7e-17 of the cosine
 _SIN = (
-    1.58969099521155010221e-10,
-    -2.50507602534068634195e-08,
-    2.75573137070700676789e-06,
-    -1.98412698298579493134e-04,
-    8.33333333332248946124e-03,
-    -1.66666666666666324348e-01,
+    2.7314447669074988e-15,
+    -7.643970296792245e-13,
+    1.605897731246389e-10,
+    -2.505210761699618e-08,
+    2.7557319219163234e-06,
+    -0.00019841269841254974,
+    0.008333333333333316,
+    -0.16666666666666666,
 )
 _COS = (
-    -1.13596475577881948265e-11,
-    2.08757232129817482790e-09,
-    -2.75573143513906633035e-07,
-    2.48015872894767294178e-05,
-    -1.38888888888741095749e-03,
-    4.16666666666666019037e-02,
+    4.6276759848687014e-14,
+    -1.1464689885708041e-11,
+    2.0876630867422618e-09,
+    -2.755731776732052e-07,
+    2.4801587292446213e-05,
+    -0.0013888888888860709,
+    0.04166666666666634,
+    -0.5,
 )
 
 
@@ -57,11 +60,11 @@ def sincos(
 ) -> tuple[Series, Series] | tuple[jax.Array, jax.Array]:
     r"""$\sin x$ and $\cos x$.
 
-    float64: the error is about 1 unit in the last place for $|x| \le 10^5$ (measured
-    1.0), about 6 up to $|x| = 2^{20} \pi/2$. Beyond, the reduction's products
-    round and the absolute error is at most $2^{-52} |x|$, what a change of x in its own
-    last place makes; where every digit is lost ($|x| > 2^{50}$) the result is NaN.
-    float32 uses `jnp.sin` and `jnp.cos`.
+    float64: the error is at most $3 \cdot 10^{-16}$ for $|x| \le 10^6$ (measured
+    2.6e-16), and that of a small angle's sine below 2 units in its last place. Beyond,
+    the reduction's products round, and the error is at most $2^{-52} |x|$, what a
+    change of x in its own last place makes; where every digit is lost
+    ($|x| > 2^{50}$) the result is NaN. float32 uses `jnp.sin` and `jnp.cos`.
 
     **Arguments:** `x`: an angle in radians, any shape; or a `Series`.
 
@@ -77,37 +80,26 @@ def _sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]:
     x = jnp.asarray(x)
     if x.dtype != jnp.float64:
         return jnp.sin(x), jnp.cos(x)
-    n = jnp.round(x * 0.63661977236758134308)
-    s, c = materialise(x, _kernels, x, n)  # else each is computed twice
-    return materialise(x, _picked, n, s, c)
+    if isinstance(x, jax.core.Tracer):
+        return _reduced(x)
+    # as one traced call: op by op, `debug_nans` would stop at the NaN of no digits
+    return traced_once(_reduced, x)(x)
 
 
-def _picked(n: jax.Array, s: jax.Array, c: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Sine and cosine of x from those of x - n pi/2."""
-    quadrant = lax.bitcast_convert_type(n + _BITS, jnp.int64)
-    odd = (quadrant & 1) == 1
-    s, c = jnp.where(odd, c, s), jnp.where(odd, s, c)
-    return _negate_if(quadrant & 2, s), _negate_if((quadrant + 1) & 2, c)
+def _reduced(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Sine and cosine by half turns."""
+    n = jnp.round(x * 0.3183098861837907)
+    n = jnp.where(jnp.abs(x) <= 2.0**50, n, jnp.nan)
+    return materialise(x, _kernels, x, n)
 
 
 def _kernels(x: jax.Array, n: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Sine and cosine of x - n pi/2, which lies within +-pi/4."""
-    first = x - n * _HALF_PI[0]  # exact
-    second = n * _HALF_PI[1]  # exact
-    r = first - second
-    tail = ((first - r) - second) - n * _HALF_PI[2]  # what r rounded off
-    r = jnp.where(jnp.abs(x) <= 2.0**50, r, jnp.nan)
+    """Sine and cosine from those of x - n pi, which lies within +-pi/2."""
+    r = (x - n * _PI[0]) - n * _PI[1]
     z = r * r
-    s, c = _polynomial(_SIN, z), _polynomial(_COS, z)
-    s = r + (r * (z * s) + tail)
-    c = 1.0 - (0.5 * z - (z * z * c - r * tail))
-    return s, c
-
-
-def _negate_if(two: jax.Array, x: jax.Array) -> jax.Array:
-    """-x where `two` is 2, x where it is 0: its bit moves onto the sign."""
-    bits = lax.bitcast_convert_type(x, jnp.int64) ^ (two << 62)
-    return lax.bitcast_convert_type(bits, jnp.float64)
+    s, c = r + r * z * _polynomial(_SIN, z), 1.0 + z * _polynomial(_COS, z)
+    odd = lax.bitcast_convert_type(n + _BITS, jnp.int64) << 63  # onto the sign
+    return _signed(s, odd), _signed(c, odd)
 
 
 @_sincos.defjvp
@@ -116,63 +108,74 @@ def _sincos_jvp(primals, tangents):
     return (s, c), (c * tangents[0], -s * tangents[0])
 
 
-# ln 2 in two parts, the first with 32 trailing zeros: n times it is exact (fdlibm's)
-_LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
-# (e^r - 1 - r) / r^2 on |r| <= ln(2)/2, highest power first: interpolation at the ten
-# Chebyshev points, computed with 60 digits; it leaves 1.3e-17 of e^r
-_SERIES = (
-    2.510038549551032e-08,
-    2.7620088445409746e-07,
-    2.7557268459997064e-06,
-    2.4801521295954376e-05,
-    0.00019841269863053618,
-    0.0013888888917213717,
-    0.008333333333330062,
-    0.04166666666662413,
-    0.16666666666666669,
-    0.5000000000000001,
+# (2^r - 1) / r on |r| <= 1/2, highest power first: interpolation at the ten Chebyshev
+# points, computed with 60 digits; it leaves 6e-16 of 2^r
+_POWER = (
+    7.070977866508138e-09,
+    1.0205905413765595e-07,
+    1.3215451633221434e-06,
+    1.5252672924850737e-05,
+    0.00015403530424776529,
+    0.0013333558200794592,
+    0.009618129107618665,
+    0.05550410866465167,
+    0.24022650695910075,
+    0.6931471805599462,
 )
+LOG2_E = 1.4426950408889634
+_LN_2 = 0.6931471805599453
 
 
 @jax.custom_jvp
-def exp(x: ArrayLike) -> jax.Array:
-    r"""$e^x$ for $x \le 700$; below -700 it is $e^{-700}$, 1e-304.
+def half_to_the(x: ArrayLike) -> jax.Array:
+    r"""$2^{-x}$ for $x \ge -1000$; above 1000 it is $2^{-1000}$.
 
-    float64: the error is below 1 unit in the last place. float32 uses `jnp.exp`.
+    float64: the error is below 5 units in the last place (1e-15). float32 uses
+    `jnp.exp2`.
     """
     x = jnp.asarray(x)
     if x.dtype != jnp.float64:
-        return jnp.exp(x)
-    power, part = _split(jnp.where(x < -700.0, -700.0, x))
-    return power + power * part
+        return jnp.exp2(-x)
+    x = jnp.where(x > 1000.0, 1000.0, x)
+    n = jnp.round(x)
+    r = n - x
+    part = 1.0 + r * _polynomial(_POWER, r)
+    exponent = lax.bitcast_convert_type(n + _BITS, jnp.int64) << 52
+    bits = lax.bitcast_convert_type(part, jnp.int64) - exponent
+    return lax.bitcast_convert_type(bits, jnp.float64)
 
 
-@exp.defjvp
-def _exp_jvp(primals, tangents):
-    y = exp(primals[0])
-    return y, y * tangents[0]
+@half_to_the.defjvp
+def _half_to_the_jvp(primals, tangents):
+    y = half_to_the(primals[0])
+    return y, -_LN_2 * y * tangents[0]
 
 
 @jax.custom_jvp
-def tanh(x: ArrayLike) -> jax.Array:
-    r"""$\tanh x = \frac{e^{2x} - 1}{e^{2x} + 1}$.
+def tanh2(x: ArrayLike) -> jax.Array:
+    r"""$\frac{2^x - 1}{2^x + 1}$, the hyperbolic tangent of $\tfrac12 x \ln 2$.
 
-    float64: the error is below 3 units in the last place, near zero too, because
-    $e^{2x} - 1$ is computed as such. float32 uses `jnp.tanh`.
+    float64: the error is below 15 units in the last place (2e-15), near zero too,
+    because $2^x - 1$ is computed as such. float32 uses `jnp.tanh`.
     """
     x = jnp.asarray(x)
     if x.dtype != jnp.float64:
-        return jnp.tanh(x)
-    y = 2.0 * jnp.abs(x)  # from 40 on the result is 1 to the last place
-    power, part = _split(jnp.where(y > 40.0, 40.0, y))
-    less_one = power * part + (power - 1.0)
-    return _signed(less_one / (less_one + 2.0), x)
+        return jnp.tanh(x * np.float32(0.5 * _LN_2))
+    y = jnp.abs(x)  # from 60 on the result is 1 to the last place
+    y = jnp.where(y > 60.0, 60.0, y)
+    n = jnp.round(y)
+    r = y - n
+    exponent = lax.bitcast_convert_type(n + (_BITS + 1023.0), jnp.int64)
+    power = lax.bitcast_convert_type(exponent << 52, jnp.float64)
+    less_one = power * (r * _polynomial(_POWER, r)) + (power - 1.0)
+    sign = lax.bitcast_convert_type(x, jnp.int64) & np.int64(-(2**63))
+    return _signed(less_one / (less_one + 2.0), sign)
 
 
-@tanh.defjvp
-def _tanh_jvp(primals, tangents):
-    y = tanh(primals[0])
-    return y, (1.0 - y * y) * tangents[0]
+@tanh2.defjvp
+def _tanh2_jvp(primals, tangents):
+    y = tanh2(primals[0])
+    return y, 0.5 * _LN_2 * (1.0 - y * y) * tangents[0]
 
 
 # log2(1 + m) / m for 0 <= m <= 1 and (2^r - 1) / r for |r| <= 1/2, highest power first,
@@ -227,18 +230,7 @@ def smaller(a: Scalar, b: Scalar) -> jax.Array:
     return jnp.where(a < b, a, b)
 
 
-def _signed(size: jax.Array, x: jax.Array) -> jax.Array:
-    """A size with the sign of x: that bit alone."""
-    sign = lax.bitcast_convert_type(x, jnp.int64) & np.int64(-(2**63))
-    bits = lax.bitcast_convert_type(size, jnp.int64) | sign
+def _signed(x: jax.Array, sign: jax.Array) -> jax.Array:
+    """x, or -x where `sign` has its first bit set."""
+    bits = lax.bitcast_convert_type(x, jnp.int64) ^ sign
     return lax.bitcast_convert_type(bits, jnp.float64)
-
-
-def _split(x: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """2^n and e^r - 1 with x = n ln 2 + r."""
-    n = jnp.round(x * 1.44269504088896338700)
-    r = (x - n * _LN2[0]) - n * _LN2[1]
-    series = _polynomial(_SERIES, r)
-    exponent = lax.bitcast_convert_type(n + (_BITS + 1023.0), jnp.int64)
-    power = lax.bitcast_convert_type(exponent << 52, jnp.float64)
-    return power, r + r * r * series
