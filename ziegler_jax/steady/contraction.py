@@ -96,19 +96,20 @@ def _map(function, *matrices: Matrix3) -> Matrix3:
 
 
 def spectral_radius(a: Matrix3) -> Traced:
-    """The largest modulus of an eigenvalue, by squaring: |A^N|^(1/N), N = 2^24."""
+    r"""The largest modulus of an eigenvalue, by squaring: |A^N|^(1/N), N = 2^24.
 
-    def square(i, now):
-        a, total = now
+    Of the sizes $s_i$ that are divided out before each squaring, with square roots
+    alone: $s_0 \sqrt{s_1 \sqrt{s_2 \dots}}$.
+    """
+
+    def square(a, _):
         size = largest(sum(a, ()))
-        there = size > 0
-        size = jnp.where(there, size, 1.0)
-        share = jnp.where(there, jnp.log(size), -jnp.inf)
-        a = _map(lambda x: x / size, a)
-        return times(a, a), total + share * 0.5**i
+        a = _map(lambda x: x / jnp.where(size > 0, size, 1.0), a)
+        return times(a, a), size
 
-    _, total = lax.fori_loop(0, SQUARINGS, square, (a, 0.0 * a[0][0]))
-    return jnp.exp(total)
+    _, sizes = lax.scan(square, a, None, length=SQUARINGS)
+    one = 1.0 + 0.0 * a[0][0]
+    return lax.scan(lambda x, s: (s * jnp.sqrt(x), None), one, sizes, reverse=True)[0]
 
 
 def contraction_norm(a: Matrix3, radius: Scalar) -> Matrix3:
