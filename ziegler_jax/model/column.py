@@ -200,9 +200,7 @@ def vector_field(t: Scalar, y: Vector4, column: Column) -> Vector4:
     if column.sticks:
         law = _set_valued(column, forces)
         return w1, w2, *law.accelerations(forces.balance())
-    torques = _friction_torques(column, forces, y)
-    a1, a2 = forces.accelerations(torques)
-    return w1, w2, a1, a2
+    return w1, w2, *forces.accelerations(_friction_torques(column, forces, y))
 
 
 def energy(column: Column, y: Vector4) -> jax.Array:
@@ -344,7 +342,7 @@ class _Forces:
 def _solved(a: Scalar, h: Scalar, d: Scalar, r1: Scalar, r2: Scalar) -> Pair:
     """The accelerations of a mass matrix with the rows (a, h) and (h, d)."""
     inverse = 1 / (a * d - h * h)
-    w1 = materialise(r1, lambda: (d * r1 - h * r2) * inverse)
+    w1 = materialise(r1, lambda: (d * r1 - h * r2) * inverse)  # the second needs it
     return w1, (r2 - h * w1) * (1 / d)
 
 

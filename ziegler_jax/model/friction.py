@@ -13,21 +13,12 @@ published friction coefficient means nothing until all three are stated.
 import abc
 import math
 from collections.abc import Mapping
-from functools import partial
-from typing import ClassVar, NamedTuple, cast
+from typing import ClassVar, cast
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
 
-from ..numerics.elementary import (
-    LOG2_E,
-    half_to_the,
-    half_to_the_parts,
-    tanh2,
-    tanh2_parts,
-)
+from ..numerics.elementary import LOG2_E
 from ..numerics.numbers import (
     Flag,
     Joints,
@@ -42,6 +33,7 @@ from ..numerics.numbers import (
     keeps_rules,
 )
 from .loads import AbstractLoad, FollowerLoad, normal_load
+from .torque_curve import Curve, torque
 
 
 class AbstractFriction(eqx.Module):
@@ -271,15 +263,7 @@ class SmoothCoulomb(AbstractRateFriction):
 
 
 class PreparedCoulomb(AbstractRateFriction):
-    r"""A smoothed law with its constants worked out: no division is left to a stage.
-
-    In powers of two, of which a processor does the whole ones by itself:
-
-    $$T = \bigl[T_k + (T_s - T_k)\, 2^{-(f u)^2}\bigr]\,
-    \frac{2^{g u} - 1}{2^{g u} + 1}, \qquad
-    f = \frac{\sqrt{\log_2 e}}{v_{stribeck}}, \quad
-    g = \frac{2 \log_2 e}{v_{smooth}}$$
-    """
+    """A smoothed law with its constants worked out: see `torque_curve`."""
 
     kinetic: Pair
     drop: Pair | None  # from static to kinetic
@@ -295,7 +279,7 @@ class PreparedCoulomb(AbstractRateFriction):
             drop = falls = None
             if self.drop is not None:
                 drop, falls = self.drop[i], both(cast(OneOrTwo, self.falls))[i]
-            return _lever(u, Curve(self.kinetic[i], drop, falls, self.rises))
+            return torque(u, Curve(self.kinetic[i], drop, falls, self.rises))
 
         return lever(u1, 0), lever(u2, 1)
 
@@ -306,54 +290,6 @@ class PreparedCoulomb(AbstractRateFriction):
     def rate_cut(self) -> Scalar:
         """As the law it was made from."""
         return self.v_smooth
-
-
-class Curve(NamedTuple):
-    """A joint's torque over its rate: the numbers of `PreparedCoulomb`."""
-
-    kinetic: Scalar
-    drop: Scalar | None
-    falls: Scalar | None
-    rises: Scalar
-
-    def beyond(self, u: Scalar) -> Pair:
-        """The torque beyond the layer, and by how much it exceeds the kinetic one."""
-        if self.drop is None or self.falls is None:
-            return self.kinetic, 0.0
-        more = self.drop * half_to_the((u * self.falls) ** 2)
-        return self.kinetic + more, more
-
-    def torque(self, u: Scalar) -> Scalar:
-        """The torque at a rate u."""
-        return self.beyond(u)[0] * tanh2(u * self.rises)
-
-
-@jax.custom_jvp
-def _lever(u: Scalar, curve: Curve) -> Scalar:
-    """Its torque, with one division."""
-    top, bottom = tanh2_parts(u * curve.rises)
-    if curve.drop is None or curve.falls is None:
-        return curve.kinetic * top / bottom
-    part, whole = half_to_the_parts((u * curve.falls) ** 2)
-    return (curve.kinetic * whole + curve.drop * part) * top / (whole * bottom)
-
-
-@partial(_lever.defjvp, symbolic_zeros=True)
-def _lever_jvp(primals, tangents):
-    """By one slope, worked out with the torque: many tangents are multiplied by it."""
-    (u, curve), (du, dcurve) = primals, tangents
-    (peak, more), rise = curve.beyond(u), tanh2(u * curve.rises)
-    slope = peak * (1.0 - rise * rise) * (0.5 / LOG2_E * curve.rises)
-    if curve.falls is not None:
-        slope = slope - (2.0 / LOG2_E * u) * curve.falls**2 * more * rise
-    moved = jnp.zeros_like(u) if isinstance(du, SymbolicZero) else slope * du
-    if not all(isinstance(x, SymbolicZero) for x in jax.tree.leaves(dcurve)):
-        still = [
-            jnp.zeros_like(x) if isinstance(dx, SymbolicZero) else dx
-            for x, dx in zip(curve, dcurve, strict=True)
-        ]
-        moved += jax.jvp(lambda c: c.torque(u), (curve,), (Curve(*still),))[1]
-    return peak * rise, moved
 
 
 def falls_to_kinetic(mu_s: OneOrTwo, mu_k: OneOrTwo | None) -> Flag:

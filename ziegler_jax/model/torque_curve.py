@@ -1,0 +1,76 @@
+r"""A joint's torque over its rate, and its slope.
+
+The smoothed law in powers of two, of which a processor does the whole ones by itself:
+
+$$T = \bigl[T_k + (T_s - T_k)\, 2^{-(f u)^2}\bigr]\,
+\frac{2^{g u} - 1}{2^{g u} + 1}, \qquad
+f = \frac{\sqrt{\log_2 e}}{v_{stribeck}}, \quad
+g = \frac{2 \log_2 e}{v_{smooth}}$$
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+
+from ..numerics.elementary import LOG2_E, half_to_the, tanh2
+from ..numerics.numbers import Scalar
+
+
+class Curve(NamedTuple):
+    """The numbers of one joint."""
+
+    kinetic: Scalar
+    drop: Scalar | None  # from static to kinetic
+    falls: Scalar | None  # f
+    rises: Scalar  # g
+
+
+@jax.custom_jvp
+def torque(u: Scalar, curve: Curve) -> Scalar:
+    """The torque at a rate u."""
+    return _factors(u, curve).torque
+
+
+@partial(torque.defjvp, symbolic_zeros=True)
+def _torque_jvp(primals, tangents):
+    """By one slope, worked out with the torque: many tangents are multiplied by it."""
+    (u, curve), (du, dcurve) = primals, tangents
+    at = _factors(u, curve)
+    rise, ln_2 = at.rise, 1 / LOG2_E
+    slope = at.peak * (1.0 - rise * rise) * (0.5 * ln_2 * curve.rises)
+    if curve.falls is not None:
+        slope = slope - (2.0 * ln_2 * u) * curve.falls**2 * at.more * rise
+    moved = jnp.zeros_like(u) if isinstance(du, SymbolicZero) else slope * du
+    if not all(isinstance(x, SymbolicZero) for x in jax.tree.leaves(dcurve)):
+        still = [
+            jnp.zeros_like(x) if isinstance(dx, SymbolicZero) else dx
+            for x, dx in zip(curve, dcurve, strict=True)
+        ]
+        along = jax.jvp(lambda c: _factors(u, c).torque, (curve,), (Curve(*still),))
+        moved += along[1]
+    return at.torque, moved
+
+
+class _Factors(NamedTuple):
+    """What a torque is made of, with one division for all of it."""
+
+    torque: Scalar
+    peak: Scalar  # beyond the layer
+    more: Scalar  # by how much that exceeds the kinetic torque
+    rise: Scalar  # in the layer
+
+
+def _factors(u: Scalar, curve: Curve) -> _Factors:
+    top, bottom = tanh2(u * curve.rises)
+    if curve.drop is None or curve.falls is None:
+        rise = top * (1.0 / bottom)
+        return _Factors(curve.kinetic * rise, curve.kinetic, 0.0, rise)
+    part, whole = half_to_the((u * curve.falls) ** 2)
+    peak, inverse = curve.kinetic * whole + curve.drop * part, 1.0 / (whole * bottom)
+    rise, beyond = (top * whole) * inverse, bottom * inverse
+    return _Factors(
+        (peak * top) * inverse, peak * beyond, curve.drop * part * beyond, rise
+    )
