@@ -56,6 +56,37 @@ def test_at_rest_it_is_viscous_damping(static):
     np.testing.assert_allclose(slope, 0.5 * 0.24 / 0.01, rtol=1e-15)
 
 
+@pytest.mark.parametrize("v_smooth", [1e-2, 1e-6, 1e-12])
+def test_beyond_the_layer_nothing_depends_on_its_width(v_smooth):
+    def torque(u, v):
+        return law(v_smooth=v).levers(u, u)[1]
+
+    for u in (0.5, -1.0):
+        slopes = jax.hessian(torque, (0, 1))(u, v_smooth)
+        assert jax.grad(torque, 1)(u, v_smooth) == 0
+        assert slopes[0][1] == slopes[1][0] == slopes[1][1] == 0
+
+
+def test_slopes_are_those_of_the_formula():
+    def formula(u, v, w):
+        peak = 0.2 + (0.24 - 0.2) * jnp.exp(-((u / w) ** 2))
+        return peak * jnp.tanh(u / v)
+
+    def torque(u, v, w):
+        return law(v_smooth=v, v_stribeck=w).levers(u, u)[1]
+
+    at = jnp.linspace(-0.04, 0.04, 41), 0.01, 0.1
+    every = (0, 1, 2)
+    for turn in (jax.jacfwd, jax.jacrev, jax.hessian):
+        found, expected = (
+            jnp.stack(jax.tree.leaves(jax.vmap(turn(f, every), (0, None, None))(*at)))
+            for f in (torque, formula)
+        )
+        scale = jnp.abs(expected).max(1, keepdims=True)
+        # measured 3.6e-14, of a second slope
+        np.testing.assert_allclose(found / scale, expected / scale, atol=1e-13)
+
+
 def test_fast_sliding_meets_mu_k():
     # exp(-100) and 1 - tanh(100) are beyond the last digit
     # measured 1.1e-16

@@ -48,7 +48,7 @@ def near_multiples(largest_k, count, rng):
 
 
 @pytest.mark.parametrize("where", ["anywhere", "small", "near multiples of pi/2"])
-def test_error_is_below_3e_16_up_to_1e6(rng, where):
+def test_error_is_at_most_3_3e_16_up_to_1e6(rng, where):
     x = {
         "anywhere": lambda: rng.uniform(-1e6, 1e6, SIZE),
         "small": lambda: rng.choice([-1, 1], SIZE) * 10 ** rng.uniform(-12, 1, SIZE),
@@ -56,8 +56,8 @@ def test_error_is_below_3e_16_up_to_1e6(rng, where):
     }[where]()
     assert np.abs(x).max() <= 1e6
     absolute, _ = errors(x)
-    # measured 2.5e-16, next to multiples of pi/2 2.6e-16
-    assert absolute.max() <= 3e-16
+    # measured 2.8e-16; 3.2e-16 on a processor that rounds products before sums
+    assert absolute.max() <= 3.3e-16
 
 
 def test_the_sine_of_a_small_angle_loses_no_digits(rng):

@@ -40,7 +40,7 @@ def _torque_jvp(primals, tangents):
     (u, curve), (du, dcurve) = primals, tangents
     at = _factors(u, curve)
     rise, ln_2 = at.rise, 1 / LOG2_E
-    slope = at.peak * (1.0 - rise * rise) * (0.5 * ln_2 * curve.rises)
+    slope = at.peak * at.steepness * (0.5 * ln_2 * curve.rises)
     if curve.falls is not None:
         slope = slope - (2.0 * ln_2 * u) * curve.falls**2 * at.more * rise
     moved = jnp.zeros_like(u) if isinstance(du, SymbolicZero) else slope * du
@@ -61,16 +61,22 @@ class _Factors(NamedTuple):
     peak: Scalar  # beyond the layer
     more: Scalar  # by how much that exceeds the kinetic torque
     rise: Scalar  # in the layer
+    steepness: Scalar  # one less its square
 
 
 def _factors(u: Scalar, curve: Curve) -> _Factors:
-    top, bottom = tanh2(u * curve.rises)
+    top, bottom, product = tanh2(u * curve.rises)
     if curve.drop is None or curve.falls is None:
-        rise = top * (1.0 / bottom)
-        return _Factors(curve.kinetic * rise, curve.kinetic, 0.0, rise)
+        share = 1.0 / bottom
+        rise, steepness = top * share, product * share * share
+        return _Factors(curve.kinetic * rise, curve.kinetic, 0.0, rise, steepness)
     part, whole = half_to_the((u * curve.falls) ** 2)
     peak, inverse = curve.kinetic * whole + curve.drop * part, 1.0 / (whole * bottom)
-    rise, beyond = (top * whole) * inverse, bottom * inverse
+    share, beyond = whole * inverse, bottom * inverse
     return _Factors(
-        (peak * top) * inverse, peak * beyond, curve.drop * part * beyond, rise
+        torque=(peak * top) * inverse,
+        peak=peak * beyond,
+        more=curve.drop * part * beyond,
+        rise=top * share,
+        steepness=product * share * share,
     )
