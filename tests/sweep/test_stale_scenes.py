@@ -262,8 +262,10 @@ def test_what_holds_nothing_of_the_users_own_is_traced_once(
 ):
     """Its law of friction is evaluated in the first sweep alone."""
     asked = []
-    tanh = friction.tanh
-    monkeypatch.setattr(friction, "tanh", lambda x: asked.append(None) or tanh(x))
+    torque = friction.torque
+    monkeypatch.setattr(
+        friction, "torque", lambda u, curve: asked.append(None) or torque(u, curve)
+    )
 
     def scene(x):
         law = zj.SmoothCoulomb(0.3 * x, pin_radius=0.05, v_smooth=0.011)

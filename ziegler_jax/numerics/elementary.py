@@ -17,7 +17,7 @@ import numpy as np
 from jax import lax
 from jax.typing import ArrayLike
 
-from .materialise import materialise
+from .materialise import materialise, traced_once
 from .numbers import Scalar
 from .series import Series, sincos_series
 
@@ -83,8 +83,8 @@ def _sincos(x: ArrayLike) -> tuple[jax.Array, jax.Array]:
         return jnp.sin(x), jnp.cos(x)
     if isinstance(x, jax.core.Tracer):
         return _reduced(x)
-    # as one call: op by op, `debug_nans` would stop at the NaN of no digits
-    return _reduced_alone(x)
+    # as one traced call: op by op, `debug_nans` would stop at the NaN of no digits
+    return traced_once(_reduced, x)(x)
 
 
 def _reduced(x: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -92,9 +92,6 @@ def _reduced(x: jax.Array) -> tuple[jax.Array, jax.Array]:
     n = jnp.round(x * 0.3183098861837907)
     n = jnp.where(jnp.abs(x) <= 2.0**50, n, jnp.nan)
     return materialise(x, _kernels, x, n)
-
-
-_reduced_alone = jax.jit(_reduced)
 
 
 def _kernels(x: jax.Array, n: jax.Array) -> tuple[jax.Array, jax.Array]:
