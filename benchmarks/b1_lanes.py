@@ -1,9 +1,10 @@
 """Cost of a lane against the number of lanes, and against the number of threads.
 
 The scene `smooth` of `scenes.py` at 1e-6, Tsit5: 64 to a million lanes, each
-point of the curve with the program compiled; then 8192 lanes on 1 to all threads, in
-turns (`a2_scaling.py` gives the speed-up and the memory). Prints one JSON line
-a point; writes `results/b1_lanes.json` and `.png`. Two minutes with the defaults.
+point of the curve with the program compiled; then 65 536 lanes on 1 to all threads, in
+turns, and beside them the C++ kernel's, which tell what the machine gives
+(`a2_scaling.py` gives the memory). Prints one JSON line a point; writes
+`results/b1_lanes.json` and `.png`. Three minutes with the defaults.
 
     python benchmarks/b1_lanes.py [--lanes 1048576]
 """
@@ -15,7 +16,7 @@ import os
 import matplotlib
 import numpy as np
 import ours
-from measure import commit, machine, paired, rounded, save
+from measure import clock, commit, machine, paired, rounded, save
 from peers import cpp
 from scenes import SCENES, START
 
@@ -24,6 +25,7 @@ import ziegler_jax as zj
 matplotlib.use("agg")
 zj.configure_cpu()
 LOADS = 8192
+THREADED, ROUNDS = 65_536, 7
 COUNTS = (64, 256, 1024, 4096, 2**14, 2**17, 2**20)
 TOLERANCE = 1e-6
 
@@ -62,6 +64,36 @@ def draw(result, path):
     plt.close(figure)
 
 
+def by_threads(scene, cores, with_cpp):
+    """Speed-ups over one thread, of `sweep` and of the C++ kernel, in turns."""
+    q = scene.loads(THREADED)
+
+    def ours_on(n):
+        return ours.solved(
+            scene, q, START, scene.span, TOLERANCE, lanes=zj.Lanes(threads=n)
+        )[1]
+
+    def cpp_on(n):
+        begun = clock()
+        cpp.solve(q, threads=n, observe=False)
+        return clock() - begun
+
+    counts = sorted({1, *range(2, cores + 1, max(1, cores // 8)), cores})
+    runs = {"speed_up": ours_on} | ({"cpp": cpp_on} if with_cpp else {})
+    seconds = {(name, n): [] for n in counts for name in runs}
+    for _ in range(1 + ROUNDS):
+        for name, n in seconds:
+            seconds[name, n].append(runs[name](n))
+    points = []
+    for n in counts:
+        point = {"threads": n}
+        for name in runs:  # after a warm-up
+            ratio, spread = paired(seconds[name, 1][1:], seconds[name, n][1:])
+            point |= {name: ratio, f"{name}_range": spread}
+        points.append(point)
+    return points
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--lanes", type=int, default=COUNTS[-1])
@@ -90,24 +122,9 @@ def main():
             flush=True,
         )
         result["lanes"].append(point)
-    q = scene.loads(LOADS)
-
-    counts = sorted({1, *range(2, cores + 1, max(1, cores // 8)), cores})
-    seconds = {n: [] for n in counts}
-    for _ in range(1 + 3):
-        for n in counts:
-            lanes = zj.Lanes(threads=n)
-            _, one = ours.solved(scene, q, START, scene.span, TOLERANCE, lanes=lanes)
-            seconds[n].append(one)
-    seconds = {n: each[1:] for n, each in seconds.items()}  # after a warm-up
-    for n in counts:
-        ratio, spread = paired(seconds[1], seconds[n])
-        point = {"threads": n, "speed_up": ratio, "range": spread}
-        print(
-            json.dumps(rounded({"benchmark": "b1", "commit": commit(), **point})),
-            flush=True,
-        )
-        result["threads"].append(point)
+    result["threads"] = by_threads(scene, cores, "absent" not in result)
+    for point in result["threads"]:
+        print(json.dumps(rounded({"benchmark": "b1", "commit": commit(), **point})))
     draw(result, save("b1_lanes", result))
 
 
