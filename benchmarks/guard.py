@@ -2,7 +2,6 @@
 
     python benchmarks/guard.py --write FILE
     python benchmarks/guard.py --against FILE [--against FILE ...]
-    python benchmarks/guard.py --times --write FILE (or --against FILE)
 
 The first computes all lines of `guard_motions.py` and `guard_questions.py`, and the
 census of instructions of each kind of lane, and writes them with commit, versions and
@@ -15,12 +14,10 @@ to its largest number) is within the line's tolerance, 1e-12 unless the line say
 otherwise; `fewer` and `within 1 %` for counts of instructions; `new`; `not compared`
 where a census cannot be made; else `DIFFERS`, and the exit status is 1.
 
-`--only` computes and compares some sections, whose names the run prints.
-`--times` takes seconds in place of lines, medians of `--repeats`, each in a process of
-its own, one scene after the other in turn; against a file it prints ratios. Written
-into a file that exists, it leaves its lines as they are, and `--only` all others.
-Some five minutes of two quiet cores without `--times`; the table is of the package
-that Python imports.
+`--only` computes and compares some sections, whose names the run prints; written into
+a file that exists, it leaves all others as they are. Some five minutes of two quiet
+cores; the table is of the package that Python imports. `before_after.py` compares
+seconds.
 """
 
 import argparse
@@ -233,28 +230,6 @@ def compared(before, after):
     return "DIFFERS" not in found
 
 
-# ---- seconds
-
-
-def times(repeats):
-    """Medians of seconds by scene and kind, each repeat in a process of its own."""
-    rounds = {}
-    for _ in range(repeats):
-        for name in child("--time", "names"):
-            rounds.setdefault(name, []).append(child("--time", name))
-    return {
-        name: {key: float(np.median([r[key] for r in runs])) for key in runs[0]}
-        for name, runs in rounds.items()
-    }
-
-
-def print_ratios(before, after):
-    for name in before.keys() & after.keys():
-        for key, old in before[name].items():
-            new = after[name][key]
-            print(f"{name}, {key}: {old:.4g} s, {new:.4g} s, ratio {new / old:.3f}")
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--write", type=Path, metavar="FILE")
@@ -262,13 +237,10 @@ def main():
     parser.add_argument(
         "--only", nargs="+", metavar="SECTION", help="beginnings of names of sections"
     )
-    parser.add_argument("--times", action="store_true", help="seconds, not lines")
-    parser.add_argument("--repeats", type=int, default=5, help="of --times")
     parser.add_argument("--section", help=argparse.SUPPRESS)
-    parser.add_argument("--time", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.section or options.time:
-        print(json.dumps(part_of(options)))
+    if options.section:
+        print(json.dumps(part_of(options.section)))
         return 0
     if not (options.write or options.against):
         parser.error("give --write FILE or --against FILE")
@@ -287,13 +259,10 @@ def main():
     if options.write and options.only and held.get("about") != here:
         parser.error("--write with --only takes a file of this package and processor")
     only = tuple(options.only or [""])
-    found = times(options.repeats) if options.times else table(only)
+    found = table(only)
     if options.write:
-        if options.times:
-            new = {"about": here, **held, "about_times": here, "times": found}
-        else:
-            lines = held["lines"] if options.only else {}
-            new = {"about": here, "lines": {**lines, **found}}
+        lines = held["lines"] if options.only else {}
+        new = {"about": here, "lines": {**lines, **found}}
         options.write.write_text(json.dumps(new, indent=0) + "\n")
     good = True
     for path, old in stored.items():
@@ -302,29 +271,19 @@ def main():
             if about[what] != here[what]:
                 print(f"{path}: {what} was {about[what]}, is {here[what]}.")
         print(f"{path}, commit {about['commit']}, against {here['commit']}:")
-        if options.times:
-            print_ratios(old.get("times", {}), found)
-        else:
-            lines = old["lines"]
-            if options.only:
-                lines = {name: line for name, line in lines.items() if name in found}
-            good &= compared(lines, found)
+        lines = old["lines"]
+        if options.only:
+            lines = {name: line for name, line in lines.items() if name in found}
+        good &= compared(lines, found)
     return 0 if good else 1
 
 
-def part_of(options):
+def part_of(name):
     """What a child computes."""
-    if options.time:
-        zj = begun()
-        import guard_times
-
-        if options.time == "names":
-            return list(guard_times.SCENES)
-        return guard_times.measured(zj, options.time)
-    if options.section == "names":
+    if name == "names":
         begun()
         return list(sections())
-    return section(options.section)
+    return section(name)
 
 
 if __name__ == "__main__":
