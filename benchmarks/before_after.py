@@ -7,20 +7,22 @@
 
 Two living processes, one with each package, run a scene in turns, so that a clock that
 drifts bears on both; the first run of each, which compiles, and the second are not
-counted. `ratio` is the median of the pairs' quotients, this checkout over the other.
-`--compile` pairs fresh processes that trace and compile the scenes of
-`b4_first_call.py`: processor seconds.
+counted. `ratio` is the median of the pairs' quotients, this checkout over the other, of
+wall time without tracing. `--compile` pairs fresh processes that trace and compile the
+scenes of `b4_first_call.py`, without a cache: processor seconds.
 
-`--errors` compares the errors of `b0_work_precision.py` at each tolerance, against
-motions at 1e-13. They scatter: a tolerance that moves by a millionth moves a median by
-several per cent where friction is smoothed. So each tolerance is taken at many such
-shifts, and `ratio` is that of the geometric means over them, with its standard error.
+`--errors` compares the errors of `b0_work_precision.py` at each tolerance. They
+scatter: any change of the steps moves a median by several per cent where friction is
+smoothed. So each tolerance is taken many times, a hundredth apart; `medians` and `p95`
+are geometric means of the quotients, with their standard errors over those shifts. Each
+package is compared with its own motions at 1e-13 (stiff scenes 1e-11).
 Prints one JSON line a scene, or a scene and method.
 """
 
 import argparse
 import importlib
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -29,7 +31,7 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent
 Q = np.linspace(2, 4, 8192)
-SHIFT = 1e-6
+SHIFT = 0.01
 TOLERANCES = 10.0 ** -np.arange(3, 9)
 REFERENCE = 1e-13
 # what errors are asked of; stiff scenes take 512 lanes, as in b0
@@ -125,7 +127,7 @@ def errors(zj, name, shifts):
         found = []
         for tol in TOLERANCES:
             for k in range(shifts):
-                rtol = float(tol * (1 + k * SHIFT))
+                rtol = float(tol * (1 + SHIFT) ** (k - (shifts - 1) / 2))
                 states, _ = ours.run(scene, q, START, scene.span, rtol, method)
                 apart = np.abs(states - truth).max(axis=1)
                 found.append([float(np.quantile(apart, p)) for p in (0.5, 0.95)])
@@ -160,7 +162,8 @@ class Contestant:
         command = [sys.executable, str(HERE / "before_after.py"), str(tree)]
         command += ["--work", what, "--scenes", name, "--shifts", str(shifts)]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        self.process = subprocess.Popen(command, text=True, **pipes)
+        own = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+        self.process = subprocess.Popen(command, text=True, env=own, **pipes)
 
     def ask(self, request="run"):
         """Its next answer."""
@@ -177,14 +180,19 @@ class Contestant:
 
 
 def turns(contestants, pairs):
-    """Answers of each, the first of a pair taking turns; two beforehand."""
+    """Answers of each, who is first taking turns; two beforehand."""
     for one in contestants:
         one.ask()
         one.ask()
+    return in_turns(lambda i: contestants[i].ask(), pairs)
+
+
+def in_turns(answer, pairs):
+    """Answers of both, 0 and 1: each is first in every other pair."""
     answers = [[], []]
     for turn in range(pairs):
         for i in (0, 1) if turn % 2 else (1, 0):
-            answers[i].append(contestants[i].ask())
+            answers[i].append(answer(i))
     return answers
 
 
@@ -213,12 +221,11 @@ def compare_seconds(trees, name, pairs):
 
 
 def compare_compiling(trees, name, pairs):
-    rows = [
-        [json.loads(Contestant(tree, "compile", name).end()) for tree in trees]
-        for _ in range(pairs)
-    ]
+    rows = in_turns(
+        lambda i: json.loads(Contestant(trees[i], "compile", name).end()), pairs
+    )
     for key in ("trace", "compile"):
-        columns = [[row[i][key] for row in rows] for i in (0, 1)]
+        columns = [[row[key] for row in each] for each in rows]
         medians = [float(np.median(c)) for c in columns]
         yield {
             "scene": name, "what": key, **ratio_of(*columns),
@@ -229,9 +236,9 @@ def compare_compiling(trees, name, pairs):
 def compare_errors(trees, name, shifts):
     contestants = [Contestant(tree, "errors", name, shifts) for tree in trees]
     for method in ERRORS[name]:
-        logs = [np.log(one.ask(method)) for one in contestants]
-        mean = logs[1].mean(axis=1) - logs[0].mean(axis=1)
-        doubt = np.sqrt(sum(x.var(axis=1, ddof=1) / shifts for x in logs))
+        before, after = (np.log(one.ask(method)) for one in contestants)
+        mean = (after - before).mean(axis=1)
+        doubt = (after - before).std(axis=1, ddof=1) / np.sqrt(shifts)
         yield {
             "scene": name,
             "method": method,
@@ -259,6 +266,7 @@ def main():
     if options.work:
         work(trees[0], options.work, options.scenes[0], options.shifts)
         return
+    sys.path.insert(0, str(trees[1]))
     from measure import machine, rounded
 
     scenes, compare, count = SCENES, compare_seconds, options.pairs
@@ -269,7 +277,8 @@ def main():
     elif options.errors:
         scenes, compare, count = ERRORS, compare_errors, options.shifts
     git = ["git", "-C", str(trees[0]), "rev-parse", "HEAD"]
-    about = {"before": subprocess.check_output(git, text=True).strip(), **machine()}
+    about = machine() | {"before": subprocess.check_output(git, text=True).strip()}
+    del about["clock"]  # as said above
     for name in options.scenes or scenes:
         for row in compare(trees, name, count):
             line = {"benchmark": "before_after", **row}

@@ -1,5 +1,6 @@
 """What README.md shows runs as it stands, and gives what the text around it says."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -37,12 +38,17 @@ def folder(tmp_path_factory):
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", IN_ORDER],
         cwd=folder,
+        env={**os.environ, "XDG_CACHE_HOME": str(folder / "cache")},
         capture_output=True,
         text=True,
         timeout=500,
     )
     assert done.returncode == 0, done.stderr
     return folder
+
+
+def test_its_first_call_leaves_a_cache(folder):
+    assert list((folder / "cache" / "ziegler_jax").iterdir())
 
 
 def test_the_block_of_ten_lines_gives_the_dataset_that_the_text_describes(folder):
