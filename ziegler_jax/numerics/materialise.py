@@ -1,15 +1,14 @@
-"""What XLA is to compute apart, once: for speed alone, never for results.
+"""Conditionals that a whole batch decides: for speed alone, never for results.
 
 XLA on a CPU fuses a producer into each of its consumers and evaluates it once for
 each: in an unrolled Runge-Kutta step the field of stage 1, which all later stages use,
-would be computed a dozen times. A call that is not to be inlined ends a fusion;
-`lax.optimization_barrier` does not, it is dropped before.
+would be computed a dozen times. A conditional whose predicate is known only at run time
+ends a fusion; `lax.optimization_barrier` does not, it is dropped before.
 """
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from functools import partial, wraps
-from typing import TypeVar, TypeVarTuple
+from typing import TypeVar, TypeVarTuple, cast
 
 import jax
 import jax.core
@@ -18,7 +17,6 @@ import numpy as np
 from jax import lax
 from jax.core import eval_jaxpr
 from jax.custom_batching import custom_vmap
-from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import Literal
 
 from .numbers import Flag, Scalar
@@ -26,6 +24,19 @@ from .numbers import Flag, Scalar
 Inputs = TypeVarTuple("Inputs")
 Output = TypeVar("Output")
 Tree = TypeVar("Tree")  # a pytree of numbers
+
+
+@custom_vmap
+def _always(x: jax.Array) -> jax.Array:
+    """True for every number, NaN included, but the compiler cannot know."""
+    return ~(x * 0 > 1)
+
+
+@_always.def_vmap
+def _always_for_a_batch(axis_size, batched, x):
+    # one answer for all lanes: a batched predicate would become a select of both sides
+    del axis_size, batched
+    return _always(x[0]), False
 
 
 def materialise(
@@ -43,38 +54,51 @@ def materialise(
     """
     if jnp.ndim(at) or jax.default_backend() != "cpu":
         return function(*args)
-    # of numbers, too: op by op, `debug_nans` would stop at a NaN on the way
-    apart = isinstance(at, jax.core.Tracer)
-    return traced_once(function, *args, apart=apart)(*args)
+    if not isinstance(at, jax.core.Tracer):
+        # as one traced call: op by op, `debug_nans` would stop at a NaN on the way
+        return traced_once(function, *args)(*args)
+    leaves, tree = jax.tree.flatten(args)
+    results_like = []  # their tree; of each the input that it is, shape and dtype
+
+    def always(*inputs):
+        same = cast("tuple[*Inputs]", jax.tree.unflatten(tree, inputs))
+        results, structure = jax.tree.flatten(function(*same))
+        results = [jnp.asarray(x) for x in results]
+        places = {id(x): i for i, x in enumerate(inputs)}
+        about = [(places.get(id(x)), x.shape, x.dtype) for x in results]
+        results_like.append((structure, about))
+        return results
+
+    def never(*inputs):  # `lax.cond` traces it second
+        _, about = results_like[-1]
+        # what passes through both branches `lax.cond` leaves out: nothing is copied
+        return [jnp.zeros(s, d) if i is None else inputs[i] for i, s, d in about]
+
+    results = lax.cond(_always(lax.stop_gradient(at)), always, never, *leaves)
+    structure, _ = results_like[-1]
+    return jax.tree.unflatten(structure, results)
 
 
 def traced_once(
-    function: Callable[[*Inputs], Output], *args: *Inputs, apart: bool = False
+    function: Callable[[*Inputs], Output], *args: *Inputs
 ) -> Callable[[*Inputs], Output]:
     """The same function of such arguments, traced here and nowhere again.
 
     A step evaluates its field many times. As a call of one traced program each time,
-    it is a small part of what JAX has to trace, batch and lower; XLA inlines the calls,
-    but for those that are to stay `apart`.
+    it is a small part of what JAX has to trace, batch and lower; XLA inlines the calls.
     """
     closed, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
     tree, jaxpr = jax.tree.structure(shapes), closed.jaxpr
-    place = {v: i for i, v in enumerate([*jaxpr.constvars, *jaxpr.invars])}
+    call = jax.jit(lambda consts, *leaves: eval_jaxpr(jaxpr, consts, *leaves))
+    place = {v: i for i, v in enumerate(jaxpr.invars)}
     # an input that is a result, too, is known as such by the caller
     same = [None if isinstance(v, Literal) else place.get(v) for v in jaxpr.outvars]
 
-    @jax.jit
-    def call(consts, *leaves):
-        with set_xla_metadata(inlineable="true"):  # what is called in there
-            return eval_jaxpr(jaxpr, consts, *leaves)
-
     def again(*args: *Inputs) -> Output:
         leaves = jax.tree.leaves(args)
-        with set_xla_metadata(inlineable="false") if apart else nullcontext():
-            results = call(closed.consts, *leaves)
-        given = [*closed.consts, *leaves]
+        results = call(closed.consts, *leaves)
         pairs = zip(results, same, strict=True)
-        results = [x if i is None else jnp.asarray(given[i]) for x, i in pairs]
+        results = [x if i is None else jnp.asarray(leaves[i]) for x, i in pairs]
         return jax.tree.unflatten(tree, results)
 
     return again
