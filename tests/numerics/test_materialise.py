@@ -3,7 +3,6 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from ziegler_jax.numerics.materialise import materialise
 
@@ -14,7 +13,6 @@ def compiled(function):
     return jax.jit(jax.vmap(function)).lower(X).compile().as_text()
 
 
-@pytest.mark.skipif(jax.default_backend() != "cpu", reason="XLA fuses so on a CPU.")
 def test_what_is_materialised_is_evaluated_once():
     """Two results need a sine: XLA puts it into the loop of each, unless told not to.
 
