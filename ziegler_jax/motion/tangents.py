@@ -12,29 +12,21 @@ with it goes an exponent to minus infinity.
 """
 
 import abc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
-from jax.core import eval_jaxpr
-from jax.extend.core import (
-    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
-    Literal,
-)
 
 from ..model.column import Column, vector_field
 from ..model.set_valued import FrozenCoulomb
-from ..numerics.materialise import as_one_call, if_any_lane, materialise
-from ..numerics.numbers import Flag, Numbers, Pair, Scalar, Traced, Traced4
+from ..numerics.materialise import if_any_lane, materialise
+from ..numerics.numbers import Flag, Numbers, Scalar, Traced, Traced4
 from ..solvers import AbstractFold, Explicit, Step
-from ..solvers.explicit import Integrand
 from ..solvers.fold import State
 from .saltation import leaves, saltation
-from .scene import field
 
 Vectors = tuple[Traced4, ...]
 
@@ -84,98 +76,6 @@ def push(
     first = materialise(t0, field, t0, both, column)
     y1, error, last, *_ = solver.advance(terms, t0, t1, both, column, first)
     return [apart(x) for x in (first, y1, error, last)]
-
-
-def push_along(
-    solver: Explicit,
-    column: Column,
-    t0: Traced,
-    t1: Traced,
-    y0: Traced4,
-    vectors: Vectors,
-    integrand: Integrand | None = None,
-    first: Numbers | None = None,
-) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """A step from y0, and its derivative along vectors in the state alone.
-
-    **Arguments:** as `push`; `integrand`: of the state, see `Explicit.advance`;
-    `first`: the slopes of y and of each vector, where they are known.
-
-    **Returns:** y1 and the images; the error estimate; the last slopes of both; the
-    integrals.
-    """
-
-    def watched(both):
-        assert integrand is not None
-        return integrand(both[:4])
-
-    terms = dfx.ODETerm(cast(Callable[..., Numbers], tangent_field))
-    both = cast(Numbers, sum(vectors, y0))
-    if first is None:
-        first = materialise(t0, tangent_field, t0, both, column)
-    y1, error, last, integrals, _ = solver.advance(
-        terms, t0, t1, both, column, first, None if integrand is None else watched
-    )
-    return y1, error[:4], last, integrals
-
-
-def tangent_field(t: Scalar, both: Numbers, column: Column) -> Numbers:
-    """The slopes of a state, and of the vectors that stand behind its four numbers.
-
-    The field's Jacobian is worked out once, whatever the number of vectors. Each number
-    is an array of its own: one of all vectors would not have the lanes behind, and
-    steps would shuffle them (`benchmarks/README.md` counts).
-    """
-    y, vectors = apart(both)
-    (a1, a2), rows = materialise(t, accelerations_and_slopes, t, y, column)
-    slopes = [y[2], y[3], a1, a2]
-    for v in vectors:
-        slopes += [v[2], v[3], *(_dot(row, v) for row in rows)]
-    return tuple(slopes)
-
-
-@as_one_call
-def accelerations_and_slopes(
-    t: Scalar, y: Traced4, column: Column
-) -> tuple[Pair, tuple[Traced4, Traced4]]:
-    """Both accelerations, and the derivatives of each by the state's four numbers."""
-    accelerations, along = jax.linearize(lambda *y: field(t, y, column)[2:], *y)
-    linear = jax.make_jaxpr(along)(*y)
-    columns = [_along_one(linear, i, jnp.ones_like(y[0])) for i in range(4)]
-    first, second = zip(*columns, strict=True)
-    return cast(Pair, accelerations), (cast(Traced4, first), cast(Traced4, second))
-
-
-def _along_one(linear: ClosedJaxpr, place: int, one: Traced) -> Pair:
-    """A linear function of one of its arguments, the others being zero.
-
-    What they alone would move is left out: a compiler keeps products with zero. (A
-    transposed function would be as short, but is not a number where `jnp.where` leaves
-    out a branch of infinite slope, and does not pass a loop of a law's own.)
-    """
-    jaxpr = linear.jaxpr
-    moved, equations = {jaxpr.invars[place]}, []
-    still = dict.fromkeys(jaxpr.invars)  # in order: a program's text is its identity
-    still.pop(jaxpr.invars[place])
-    for equation in jaxpr.eqns:
-        read = [v for v in equation.invars if not isinstance(v, Literal)]
-        if not moved.isdisjoint(read):
-            moved.update(equation.outvars)
-        elif not still.keys().isdisjoint(read):
-            still.update(dict.fromkeys(equation.outvars))
-            continue
-        equations.append(equation)
-    zeros = [v for v in still if v not in jaxpr.invars]
-    body = jaxpr.replace(
-        invars=[*jaxpr.invars, *zeros],
-        eqns=equations,
-        debug_info=jaxpr.debug_info.with_unknown_names(),
-    )
-    values = [0.0 * one] * 4
-    values[place] = one
-    avals = (cast(jax.core.ShapedArray, v.aval) for v in zeros)
-    values += [jnp.zeros(a.shape, a.dtype) for a in avals]
-    return cast(Pair, tuple(eval_jaxpr(body, linear.consts, *values)))
 
 
 def apart(both: Numbers) -> tuple[Traced4, Vectors]:

@@ -104,6 +104,24 @@ def traced_once(
     return again
 
 
+def hoisted(
+    function: Callable[[*Inputs], Output], *args: *Inputs
+) -> tuple[Callable[..., Output], list]:
+    """The same function of such arguments, behind numbers that it only closed over.
+
+    **Returns:** the function, which closes over nothing that is traced, and the
+    numbers, its first argument.
+    """
+    closed, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
+    tree, jaxpr = jax.tree.structure(shapes), closed.jaxpr
+
+    def open_function(numbers, *args):
+        results = eval_jaxpr(jaxpr, numbers, *jax.tree.leaves(args))
+        return jax.tree.unflatten(tree, results)
+
+    return open_function, closed.consts
+
+
 def as_one_call(
     function: Callable[..., Output], inline: bool = False
 ) -> Callable[..., Output]:

@@ -19,7 +19,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
 
 from ..model.column import Column
 from ..motion.observers import joint_rates
@@ -138,10 +137,16 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
         return None, jax.jvp(forces, state, tuple(x + zero for x in direction))[1]
 
     rows = tuple(map(jnp.asarray, zip(*rows, strict=True)))
-    _, (first, second) = lax.scan(slopes, None, rows)
-    (k11, k12), (k21, k22) = first[:2], second[:2]
-    # the damping in joint 1, and in joint 2
-    ones, others = ([_between(x[2 + j :: 2]) for x in (first, second)] for j in (0, 1))
+    _, forces_along = lax.scan(slopes, None, rows)
+    along = jnp.stack(forces_along)  # by force, and by row
+    (k11, k12), (k21, k22) = along[:, :2]
+    # by force, size and joint: the slope at rest, those at the largest rates, and some
+    # from one to the other
+    rates = along[:, 2:].reshape(2, len(sizes), 2)
+    shares = jnp.reshape(jnp.asarray(SHARES), (1, -1, 1, 1))
+    between = rates[:, None, :1] + shares * (rates - rates[:, :1])[:, None]
+    damping = between.reshape(2, -1, 2)
+    ones, others = ((damping[0, :, joint], damping[1, :, joint]) for joint in (0, 1))
 
     def of_both(good, one):
         def with_other(good, other):
@@ -158,11 +163,6 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
 
     good = jnp.ones_like(rate, bool)
     return lax.scan(of_both, good, ones)[0] | (rate == 0)
-
-
-def _between(slopes: Float[Array, " n"]) -> Float[Array, " m"]:
-    """The slope at rest, those at the largest rates, and some from one to the other."""
-    return jnp.concatenate([slopes[0] + s * (slopes - slopes[0]) for s in SHARES])
 
 
 def _damped(p1: Scalar, p2: Scalar, p3: Scalar, p4: Scalar) -> Flag:

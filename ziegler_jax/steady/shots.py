@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Int
 from ..model.column import Column
 from ..motion.integrate import Motion, Run
 from ..motion.options import Method
-from ..motion.tangents import Vectors, apart, past, push_along, tangent_field
+from ..motion.tangents import Vectors, apart, past
 from ..motion.variational import events_number
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import (
@@ -45,6 +45,7 @@ from .contraction import (
     minus,
 )
 from .observation import Observation
+from .push_along import push_along, tangent_field
 
 COARSE, FINE = 0.1, 0.01  # tolerances against the motion's own
 FINEST = 1e-12

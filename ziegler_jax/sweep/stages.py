@@ -9,6 +9,7 @@ each stage that reads it, at each of its calls.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby
 from typing import NamedTuple, TypeVar, cast
 
 import jax
@@ -42,24 +43,30 @@ class Packing:
         wide = any(dtype == np.float64 for _, dtype in self.shapes)
         travels = [_held(dtype) if wide else dtype for _, dtype in self.shapes]
         self.dtypes = sorted(set(travels), key=str)
-        self.places = []  # which vector, and where in it
-        used = [0] * len(self.dtypes)
-        for (shape, _), dtype in zip(self.shapes, travels, strict=True):
-            which = self.dtypes.index(dtype)
-            first, used[which] = used[which], used[which] + int(np.prod(shape))
-            self.places.append((which, slice(first, used[which])))
-        self.used = used
+        self.places = [(0, slice(0))] * len(self.shapes)  # which array, and where in it
+        self.used = [0] * len(self.dtypes)
+        # those of a kind stand together
+        self.order = sorted(
+            range(len(self.shapes)), key=lambda i: (travels[i], str(self.shapes[i][1]))
+        )
+        for i in self.order:
+            shape, which = self.shapes[i][0], self.dtypes.index(travels[i])
+            first = self.used[which]
+            self.used[which] += int(np.prod(shape))
+            self.places[i] = which, slice(first, self.used[which])
 
     def pack(self, leaves: Sequence[jax.Array]) -> tuple[jax.Array, ...]:
         """The arrays of leaves that have their lanes behind.
 
         Rows of lanes are put one below the other: a vector for each lane would be
-        gathered number by number.
+        gathered number by number. Those of a kind change it together.
         """
         parts: list[list[jax.Array]] = [[] for _ in self.dtypes]
-        for leaf, (which, _) in zip(leaves, self.places, strict=True):
-            rows = leaf.reshape(-1, leaf.shape[-1])
-            parts[which].append(rows.astype(self.dtypes[which]))
+        for _, alike in groupby(self.order, lambda i: self.shapes[i][1]):
+            alike = list(alike)
+            rows = [leaves[i].reshape(-1, leaves[i].shape[-1]) for i in alike]
+            which = self.places[alike[0]][0]
+            parts[which].append(jnp.concatenate(rows).astype(self.dtypes[which]))
         return tuple(map(jnp.concatenate, parts))
 
     def unpack(self, packed: Sequence[Packed]) -> list[Packed]:

@@ -1,5 +1,6 @@
 """The field's Jacobian, worked out once for all tangents, is that of the field."""
 
+import diffrax as dfx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +12,14 @@ from ziegler_jax.model.column import vector_field
 from ziegler_jax.model.friction import AbstractRateFriction
 from ziegler_jax.model.set_valued import in_modes
 from ziegler_jax.motion.scene import prepared
-from ziegler_jax.motion.tangents import accelerations_and_slopes, tangent_field
+from ziegler_jax.motion.tangents import push
+from ziegler_jax.solvers import Explicit
+from ziegler_jax.solvers.tableaus import CALVO7, VERN9
+from ziegler_jax.steady.push_along import (
+    accelerations_and_slopes,
+    push_along,
+    tangent_field,
+)
 
 Y = (0.3, -0.2, -0.15, 0.25)  # joint 1 turns backwards, joint 2 forwards
 
@@ -124,3 +132,65 @@ def test_the_smoothed_curve_has_the_derivatives_of_its_formula():
             assert largest > 0
             # measured 1e-15 of the largest
             np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * largest)
+
+
+METHODS = {
+    "Tsit5": Explicit(),
+    "Dopri8": Explicit(dfx.Dopri8()),
+    "Vern9": Explicit(*VERN9),  # y1 is none of its stages
+    "Calvo7": Explicit(*CALVO7),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_step_in_turns_is_the_step_written_out(method):
+    """Alone and in a batch: end, images, error, slopes and integrals."""
+    solver = METHODS[method]
+    vectors = np.random.default_rng(4).normal(size=(3, 4))
+    vectors = tuple(tuple(map(jnp.asarray, v)) for v in vectors)
+    t0, t1, y = jnp.asarray(0.0), jnp.asarray(0.3), tuple(map(jnp.asarray, Y))
+
+    def column_at(q):
+        return prepared(zj.uniform_rods(q, friction=smooth()))
+
+    def power(y):
+        return (y[2] * y[3], y[0] ** 2)
+
+    def in_turns(q):
+        return push_along(solver, column_at(q), t0, t1, y, vectors, power)
+
+    def written_out(q):
+        column = column_at(q)
+        first, end, error, last = push(solver, column, t0, t1, y, vectors)
+        terms = dfx.ODETerm(lambda t, y, column: vector_field(t, y, column))
+        *_, integrals, _ = solver.advance(terms, t0, t1, y, column, first[0], power)
+        whole = [sum(images, y) for y, images in (end, last)]
+        return whole[0], error[0], whole[1], integrals
+
+    loads = jnp.asarray([1.5, 2.2, 3.0])
+    for q in loads:
+        for ours, theirs in zip(in_turns(q), written_out(q), strict=True):
+            assert np.abs(theirs).max() > 0
+            # measured 4e-15 of the largest, of the error 3e-16 of the state
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=3e-14)
+    batch = jax.jit(jax.vmap(in_turns))(loads)
+    alone = [jax.jit(in_turns)(q) for q in loads]
+    together = jax.tree.map(lambda *x: jnp.stack(x), *alone)
+    for a, b in zip(jax.tree.leaves(batch), jax.tree.leaves(together), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-14)
+
+
+def test_a_step_in_turns_has_the_derivative_of_its_numbers():
+    vectors = (tuple(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
+    y = tuple(map(jnp.asarray, Y))
+
+    def tip(q):
+        column_of = prepared(zj.uniform_rods(q, friction=smooth()))
+        both, *_ = push_along(Explicit(), column_of, 0.0 * q, 0.2 + 0.0 * q, y, vectors)
+        return jnp.stack(both)
+
+    q, h = jnp.asarray(2.2), 1e-5
+    central = (tip(q + h) - tip(q - h)) / (2 * h)
+    for slope in (jax.jacfwd(tip)(q), jax.vmap(jax.jacfwd(tip))(q[None])[0]):
+        # measured 2e-11
+        np.testing.assert_allclose(slope, central, atol=1e-9)
