@@ -87,6 +87,15 @@ def test_slopes_are_those_of_the_formula():
         np.testing.assert_allclose(found / scale, expected / scale, atol=1e-13)
 
 
+@pytest.mark.parametrize("v", [1e-140, 1e-150, 1e-300])
+@pytest.mark.parametrize("u", [1e-3, 1.0])
+def test_however_soon_the_static_part_ends_nothing_of_its_slope_is_left(u, v):
+    # the layer is one, of width 1: what is left is the kinetic torque's
+    slope = jax.grad(lambda u: law(v_smooth=1.0, v_stribeck=v).levers(u, u)[1])
+    # measured 2e-16
+    np.testing.assert_allclose(jax.jit(slope)(u), 0.2 / np.cosh(u) ** 2, rtol=1e-15)
+
+
 def test_fast_sliding_meets_mu_k():
     # exp(-100) and 1 - tanh(100) are beyond the last digit
     # measured 1.1e-16

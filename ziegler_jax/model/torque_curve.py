@@ -42,7 +42,10 @@ def _torque_jvp(primals, tangents):
     rise, ln_2 = at.rise, 1 / LOG2_E
     slope = at.peak * at.steepness * (0.5 * ln_2 * curve.rises)
     if curve.falls is not None:
-        slope = slope - (2.0 * ln_2 * u) * curve.falls**2 * at.more * rise
+        fallen = u * curve.falls
+        # where 2^-x is no longer followed, f^2 would make much of what is left of it
+        fall = (2.0 * ln_2 * fallen) * (curve.falls * at.more) * rise
+        slope = slope - jnp.where(fallen * fallen > 1000.0, 0.0, fall)
     moved = jnp.zeros_like(u) if isinstance(du, SymbolicZero) else slope * du
     if not all(isinstance(x, SymbolicZero) for x in jax.tree.leaves(dcurve)):
         still = [
