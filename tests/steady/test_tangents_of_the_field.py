@@ -168,16 +168,38 @@ def test_a_step_in_turns_is_the_step_written_out(method):
         return whole[0], error[0], whole[1], integrals
 
     loads = jnp.asarray([1.5, 2.2, 3.0])
+    one, other = jax.jit(in_turns), jax.jit(written_out)
     for q in loads:
-        for ours, theirs in zip(in_turns(q), written_out(q), strict=True):
+        for ours, theirs in zip(one(q), other(q), strict=True):
             assert np.abs(theirs).max() > 0
             # measured 4e-15 of the largest, of the error 3e-16 of the state
             np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=3e-14)
     batch = jax.jit(jax.vmap(in_turns))(loads)
-    alone = [jax.jit(in_turns)(q) for q in loads]
+    alone = [one(q) for q in loads]
     together = jax.tree.map(lambda *x: jnp.stack(x), *alone)
     for a, b in zip(jax.tree.leaves(batch), jax.tree.leaves(together), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-14)
+
+
+def test_an_integrand_of_an_array_keeps_its_lane():
+    """Three numbers of three lanes: no shape tells them apart."""
+    vectors = (tuple(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
+    y = tuple(map(jnp.asarray, Y))
+
+    def together(y):
+        return (jnp.stack(y[1:]),)
+
+    def integrals(q):
+        column = prepared(zj.uniform_rods(q, friction=smooth()))
+        t0, t1 = 0.0 * q, 0.3 + 0.0 * q
+        step = push_along(Explicit(), column, t0, t1, y, vectors, together)
+        return step[-1]
+
+    loads = jnp.asarray([1.5, 2.2, 3.0])
+    batch = jax.jit(jax.vmap(integrals))(loads)
+    alone = jax.tree.map(lambda *x: jnp.stack(x), *map(jax.jit(integrals), loads))
+    assert np.ptp(alone[0], axis=0).max() > 1e-4
+    np.testing.assert_allclose(batch, alone, rtol=1e-12)
 
 
 def test_a_step_in_turns_has_the_derivative_of_its_numbers():

@@ -83,13 +83,15 @@ def push_along(
     def _of_a_batch(size, batched, numbers, *own):
         # one step, too, of longer arrays: lanes stand behind
         axes = jax.tree.map(lambda moves: 0 if moves else None, batched[0])
-        stages = jax.vmap(stage, in_axes=(axes, 0, 0))
+        stages = jax.vmap(stage, in_axes=(axes, 0, 0), out_axes=-1)
 
-        def broadcast(x, moves):
-            return x if moves else jnp.broadcast_to(x, (size, *x.shape))
+        def behind(x, moves):
+            x = x if moves else jnp.broadcast_to(x, (size, *x.shape))
+            return jnp.moveaxis(x, 0, -1)
 
-        own = jax.tree.map(broadcast, own, tuple(batched[1:]))
+        own = jax.tree.map(behind, own, tuple(batched[1:]))
         done = _turn_by_turn(solver, partial(stages, numbers), *own)
+        done = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), done)
         return done, jax.tree.map(lambda _: True, done)
 
     # JAX derives no batch of which some numbers move and others do not
@@ -148,7 +150,7 @@ def _turn_by_turn(
     own = stages[:, :, 0]
     errors = h[None] * h[None] * _combined(b_error @ rows, own)
     errors = *errors, *(h[None] * _combined(b_error, own))
-    integrals = tuple(h * s for s in sums)
+    integrals = tuple(lax.broadcast_to_rank(h, jnp.ndim(s)) * s for s in sums)
     return _one_by_one(x, w), errors, _one_by_one(w, stages[-1]), integrals
 
 
@@ -171,7 +173,9 @@ def _tableau(solver: Explicit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _combined(row: np.ndarray, stages: jax.Array) -> jax.Array:
     """What a row weighs; zeros are left out."""
     pairs = zip(row.tolist(), stages, strict=True)
-    return cast(jax.Array, sum(w * stage for w, stage in pairs if w != 0.0))
+    weighed = [w * stage for w, stage in pairs if w != 0.0]
+    total = sum(weighed) if weighed else jnp.zeros_like(stages[0])
+    return cast(jax.Array, total)
 
 
 def _put(
