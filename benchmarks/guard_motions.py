@@ -156,7 +156,7 @@ def main_map(watch, certify=False):
     run = functools.partial(zj.sweep, cell, i=np.arange(2000.0), progress=False)
     if not certify:
         return map_lines("main map", watch("smoothed", run))
-    ds = run()  # of a step whose stages are a loop there is no census
+    ds = watch("shots", run)
     closed = ds.outcome.values == zj.OUTCOME.cycle
     return map_lines("certified map", ds) | {
         "certified map, period": array(ds.period, 1e-6, closed),
