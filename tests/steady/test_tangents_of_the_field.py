@@ -202,6 +202,23 @@ def test_an_integrand_of_an_array_keeps_its_lane():
     np.testing.assert_allclose(batch, alone, rtol=1e-12)
 
 
+def test_a_tableau_without_an_error_estimate_finds_none():
+    """Of four numbers, not of the two that its rows of zeros would leave."""
+    below = [[0.5], [0.0, 0.5], [0.0, 0.0, 1.0]]
+    classic = dfx.ButcherTableau(
+        a_lower=tuple(map(np.asarray, below)),
+        b_sol=np.asarray([1 / 6, 1 / 3, 1 / 3, 1 / 6]),
+        b_error=np.zeros(4),
+        c=np.asarray([0.5, 0.5, 1.0]),
+    )
+    vectors = (tuple(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
+    y, column = tuple(map(jnp.asarray, Y)), prepared(zj.uniform_rods(2.2))
+    step = push_along(
+        Explicit(classic, 4), column, jnp.asarray(0.0), jnp.asarray(0.1), y, vectors
+    )
+    np.testing.assert_array_equal(step[1], np.zeros(4))
+
+
 def test_a_step_in_turns_has_the_derivative_of_its_numbers():
     vectors = (tuple(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
     y = tuple(map(jnp.asarray, Y))
