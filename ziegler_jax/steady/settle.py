@@ -91,7 +91,7 @@ def settle(
     length * max_windows` (`undecided` says of which kind it is). What observers give
     is, of a cycle, of exactly one turn of the orbit (of half a turn where the cycle is
     its own mirror image, and all observers say that this is enough); at rest, of the
-    next 2 time units (set-valued: of `length`); else of the last `length`. Of 20 166
+    next 2 time units (set-valued: of `length`); else of the last `length`. Of 20 178
     such cycles of the main job's map none was false, followed on by another code
     (`benchmarks/a5_certificates.py`); 3.8 % of the map stay undecided.
 
