@@ -4,9 +4,10 @@ Of the largest function in XLA's largest object file it finds the loop over step
 the loops over lanes inside it (natural loops of the control flow, trip counts from
 their compare), and counts the instructions for one vector of lanes and one step. A loop
 with a table of jumps in it is that over a step's stages, and takes each arm once. Arms
-that are rare (a window's end: much masking, little arithmetic) are left out. It is an
-estimate of work, not of time: where measured, a program with 27 % fewer instructions
-took 22 % less time.
+that are rare (a window's end: much masking, little arithmetic) are left out; what a
+loop over lanes does for a few of them counts as if for all, and in programs of
+`periodic_orbit` (`tangents` in the guard) that is most. It is an estimate of work, not
+of time: where measured, a program with 27 % fewer instructions took 22 % less time.
 
 Needs `objdump`, and a jaxlib that makes one kernel of a loop. Counts of processors with
 vectors of another width are not comparable.

@@ -8,8 +8,8 @@ the right-hand side at their errors: `CALVO7` from 1e-5 to 1e-8, `VERN9` below 1
 `CALVO7` is not for thin friction layers. Its two formulas give the last stage the same
 weight, so that its error estimate does not see it: a step is accepted of which that
 stage alone falls into the layer, whatever the step errs. In `benchmarks/c0_extreme.py`,
-at a tolerance of 1e-8, it ends 1300 tolerances off with `v_smooth` = 1e-4 and 3e5 with
-1e-5 (Tsit5 12 and 36, `VERN9` 1.5 and 4). `Rosenbrock()` is for these.
+at a tolerance of 1e-8, it ends 790 tolerances off with `v_smooth` = 1e-4 (Tsit5 14,
+`VERN9` 1.6); which motions have such a step is chance. `Rosenbrock()` is for these.
 """
 
 from typing import NamedTuple
