@@ -93,7 +93,8 @@ class Flow:
     def __init__(self, code, targets=()):
         """Cut `code` at its jumps; `targets`: of the one that reads a table."""
         at = {a: i for i, (a, _, _) in enumerate(code)}
-        jump, heads = {}, {0, *(at[a] for a in targets)}
+        targets = [at[a] for a in targets if a in at]  # others are other functions'
+        jump, heads = {}, {0, *targets}
         for i, (_, op, args) in enumerate(code):
             if op.startswith("j"):
                 m = re.match(r"([0-9a-f]+)", args)
@@ -113,7 +114,7 @@ class Flow:
             _, op, args = code[end - 1]
             if op == "jmp" and args.startswith("*") and targets:
                 self.switches.append(k)
-                self.next[k] += dict.fromkeys(index[at[a]] for a in targets)
+                self.next[k] += dict.fromkeys(index[i] for i in targets)
             if end - 1 in jump:
                 self.next[k].append(index[jump[end - 1]])
             falls = op != "jmp" and not op.startswith("ret") and k + 1 < len(bounds)

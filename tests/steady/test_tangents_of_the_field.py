@@ -199,7 +199,7 @@ def test_an_integrand_of_an_array_keeps_its_lane():
     batch = jax.jit(jax.vmap(integrals))(loads)
     alone = jax.tree.map(lambda *x: jnp.stack(x), *map(jax.jit(integrals), loads))
     assert np.ptp(alone[0], axis=0).max() > 1e-4
-    np.testing.assert_allclose(batch, alone, rtol=1e-12)
+    np.testing.assert_allclose(batch, alone, rtol=1e-12)  # measured 2e-15
 
 
 def test_a_tableau_without_an_error_estimate_finds_none():
