@@ -27,12 +27,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.core import AbstractValue
 from jax.extend.core import Jaxpr, Primitive, get_opaque_trace_state
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from .numerics.materialise import if_any_lane, replaced
+from .numerics.numbers import Count
 from .own_values import own_values
-from .runtime import own_flags
+from .runtime import compiles_whole_loops, own_flags
 
 
 class Context(NamedTuple):
@@ -117,9 +120,9 @@ resumable_loop.multiple_results = True
 
 @resumable_loop.def_abstract_eval
 def _state_again(
-    *operands: AbstractValue, bodies: tuple[Jaxpr, ...], **params: object
+    *operands: AbstractValue, bodies: "tuple[Body, ...]"
 ) -> list[AbstractValue]:
-    return [v.aval for v in bodies[0].outvars[:-2]]
+    return [v.aval for v in bodies[0].parts[0].invars[1:]]
 
 
 class Cuts:
@@ -158,11 +161,63 @@ class Phase(NamedTuple, Generic[State]):
     """One of the ways in which a loop goes on, a program of its own.
 
     `advance`: the state at most so many steps later; `cost`: about that of a step
-    against one of a motion alone.
+    against one of a motion alone; `stop`: where lanes are looked at on their way.
     """
 
     advance: Callable[[State, Int[Array, ""]], State]
     cost: float = 1.0
+    stop: "Stop[State] | None" = None
+
+    def led(self, state: State, max_steps: Int[Array, ""]) -> State:
+        """The state at most so many steps later, decided where it asked on the way."""
+        if self.stop is None:
+            return self.advance(state, max_steps)
+        asks, decide, every = self.stop
+
+        def turn(number: Int[Array, ""], state: State) -> State:
+            state = self.advance(state, steps_of_turn(number, every))
+            asked = asks(state)
+            return if_any_lane(
+                asked, lambda state: replaced(asked, decide(state), state), state
+            )
+
+        return lax.fori_loop(0, turns(max_steps, every), turn, state)
+
+
+class Stop(NamedTuple, Generic[State]):
+    """What is decided on the way, for few lanes at a time.
+
+    `asks`: whether a lane waits for it; `decide`: its state after that; `every`: how
+    many steps all lanes go before it is looked for. In a sweep lanes are decided one by
+    one, where XLA makes one kernel of the loop.
+    """
+
+    asks: Callable[[State], Bool[Array, ""]]
+    decide: Callable[[State], State]
+    every: int
+
+
+def turns(max_steps: Count, every: int) -> Count:
+    """How many times lanes are looked at: first they are as they came."""
+    return (jnp.asarray(max_steps, jnp.int32) - 1) // every + 2
+
+
+def steps_of_turn(number: Count, every: int) -> Int[Array, ""]:
+    """How many steps are taken before: none for the first."""
+    return jnp.where(number == 0, 0, every).astype(jnp.int32)
+
+
+class Body(NamedTuple):
+    """A phase as it was traced.
+
+    `parts`: one, the state after some steps and its status; of a phase whose lanes are
+    decided one by one four, `advance`, `asks`, `decide` and the status. Each takes a
+    number of steps and the state.
+    """
+
+    parts: tuple[Jaxpr, ...]
+    cost: float
+    every: int | None
 
 
 def resumable(
@@ -191,25 +246,50 @@ def resumable(
         cuts.refused = True
         return None
     leaves, tree = jax.tree.flatten(state)
-    leaves = [jnp.asarray(leaf) for leaf in leaves]
+    leaves = [jnp.asarray(leaf, jnp.result_type(leaf)) for leaf in leaves]
 
-    def body(
-        phase: Phase[State], max_steps: Int[Array, ""], *leaves: Shaped[Array, "..."]
-    ) -> tuple:
-        after = phase.advance(tree.unflatten(leaves), max_steps)
+    def flat(
+        function: Callable[[State, Int[Array, ""]], State],
+        max_steps: Int[Array, ""],
+        *leaves: Shaped[Array, "..."],
+    ) -> list[Array]:
+        after = function(tree.unflatten(leaves), max_steps)
         pairs = zip(jax.tree.leaves(after), leaves, strict=True)
-        return *(jnp.asarray(new, old.dtype) for new, old in pairs), *status(after)
+        return [b if a is b else jnp.asarray(a, b.dtype) for a, b in pairs]
+
+    def whole(phase: Phase[State], *numbers: Shaped[Array, "..."]) -> tuple:
+        after = flat(phase.led, *numbers)
+        return *after, *status(tree.unflatten(after))
+
+    def parts(phase: Phase[State]) -> list[Callable[..., tuple | list]]:
+        stop = phase.stop
+        # single numbers are only fast where they are parts of one kernel
+        one_by_one = jax.default_backend() == "cpu" and compiles_whole_loops()
+        if stop is None or not one_by_one:
+            return [partial(whole, phase)]
+        return [
+            partial(flat, phase.advance),
+            lambda _, *leaves: [stop.asks(tree.unflatten(leaves))],
+            partial(flat, lambda state, _: stop.decide(state)),
+            lambda _, *leaves: status(tree.unflatten(leaves)),
+        ]
 
     with may_cut(None):  # a loop within is a part of this one
         closed = [
-            jax.make_jaxpr(partial(body, phase))(np.int32(1), *leaves)
+            [jax.make_jaxpr(part)(np.int32(1), *leaves) for part in parts(phase)]
             for phase in phases
         ]
     last = resumable_loop.bind(
-        *(x for each in closed for x in each.consts),
+        *(x for each in closed for part in each for x in part.consts),
         *leaves,
-        bodies=tuple(each.jaxpr for each in closed),
-        costs=tuple(phase.cost for phase in phases),
+        bodies=tuple(
+            Body(
+                parts=tuple(part.jaxpr for part in each),
+                cost=phase.cost,
+                every=phase.stop.every if phase.stop and len(each) > 1 else None,
+            )
+            for each, phase in zip(closed, phases, strict=True)
+        ),
     )
     return tree.unflatten(last)
 

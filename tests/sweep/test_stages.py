@@ -2,6 +2,7 @@
 
 import threading
 import time
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -75,7 +76,57 @@ def within(x, y):
     return {"far": loop(y * 100, grown.sum())[0]}
 
 
-SCENES = {one: 1, three: 3, unread: 1, never: 1, within: 1}
+class Cut(NamedTuple):
+    """What grows until it is cut down, and what is remembered of that."""
+
+    far: jax.Array
+    steps: jax.Array
+    cuts: jax.Array
+    seen: jax.Array  # how far it was at the last four
+    high: jax.Array  # whether one ever was
+    ever: jax.Array  # known before anything is computed
+
+
+def decided(x, y):
+    """Lanes ask now and then, each at its own times, and are decided one by one."""
+    table = jnp.cos(jnp.asarray(TABLE, x.dtype))
+
+    def goes(s):
+        return (s.far < 50 * y) & (s.steps < 60)
+
+    def advance(s, max_steps):
+        most = s.steps + max_steps
+
+        def grown(s):
+            return s._replace(far=s.far * (1 + 0.1 * x), steps=s.steps + 1)
+
+        return lax.while_loop(lambda s: goes(s) & (s.steps < most), grown, s)
+
+    def asks(s):
+        return s.far >= 50 * y
+
+    def decide(s):
+        seen = jnp.concatenate([s.far[None], s.seen[:-1]])
+        far = s.far / (3 + table[s.cuts]) + x
+        high = s.high | (s.far > 55 * y)
+        return Cut(far, s.steps, s.cuts + 1, seen, high, jnp.asarray(True))
+
+    none, no = jnp.zeros((), jnp.int32), jnp.asarray(False)
+    first = Cut(x, none, none, jnp.zeros(4, x.dtype), no, no)
+    phase = context.Phase(advance, stop=context.Stop(asks, decide, 5))
+    last = context.resumable(
+        first, [phase], lambda s: (context.place_of(goes(s) | asks(s)), s.steps)
+    )
+    if last is None:
+        last = lax.while_loop(
+            lambda s: goes(s) | asks(s), lambda s: phase.led(s, jnp.int32(16)), first
+        )
+    seen = {f"seen_{i}": far for i, far in enumerate(last.seen)}
+    flags = {"high": last.high, "ever": last.ever}
+    return {"cuts": last.cuts, "far": last.far, **flags, **seen}
+
+
+SCENES = {one: 1, three: 3, unread: 1, never: 1, within: 1, decided: 1}
 
 
 def numbers(ds):
@@ -115,8 +166,17 @@ def test_what_varies_with_no_lane_is_not_taken_along():
     assert max(rows) <= 8, rows
 
 
-def test_places_mates_threads_and_chunks_change_no_bit(monkeypatch):
-    whole = numbers(sweep(three))
+def test_lanes_are_decided_as_often_as_each_asks():
+    cuts = sweep(decided)["cuts"].values
+    # so many at least that the table is read at other places
+    assert np.unique(cuts).size > 10 and cuts.min() == 0, cuts
+    narrow = sweep(decided, lanes=zj.Lanes(8, precision="float32"))
+    np.testing.assert_array_equal(narrow["cuts"], cuts)
+
+
+@pytest.mark.parametrize("scene", [three, decided])
+def test_places_mates_threads_and_chunks_change_no_bit(monkeypatch, scene):
+    whole = numbers(sweep(scene))
     monkeypatch.setattr(scheduler, "FIRST_CHUNK", 7)
     monkeypatch.setattr(scheduler, "SHORTEST_CHUNK", 3)
     monkeypatch.setattr(scheduler, "AHEAD", 1)
@@ -127,7 +187,7 @@ def test_places_mates_threads_and_chunks_change_no_bit(monkeypatch):
         {"x": X[::-1].copy()},
         {"x": X[5:9]},
     ):
-        part = sweep(three, **options).sel(x=options.get("x", X))
+        part = sweep(scene, **options).sel(x=options.get("x", X))
         for name, values in numbers(part).items():
             rows = np.searchsorted(X, options.get("x", X))
             assert values.tobytes() == whole[name][rows].tobytes(), (name, options)
@@ -274,7 +334,9 @@ def test_no_thread_ends_while_lanes_are_led_to_a_loop(monkeypatch):
 def test_a_scene_that_has_not_changed_is_not_lowered_again(monkeypatch):
     calls = []
     lowered = program._lowered
-    monkeypatch.setattr(program, "_lowered", lambda s: calls.append(s) or lowered(s))
+    monkeypatch.setattr(
+        program, "_lowered", lambda s, **own: calls.append(s) or lowered(s, **own)
+    )
     held = {"factor": 3.0}
 
     def scene(x):

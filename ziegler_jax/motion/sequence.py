@@ -110,7 +110,7 @@ def run_in_sequence(
         if number == 0:
             run, fresh = replaced(fresh, present.begin(), run), jnp.zeros_like(fresh)
         before = run.steps
-        run = present.phases[number].advance(run, max_steps)
+        run = present.phases[number].led(run, max_steps)
         steps = now.steps + (run.steps - before).astype(jnp.int32)
         ended = ~run.running & running(now.state) & ~fresh
         state = if_any_lane(
@@ -132,7 +132,7 @@ def run_in_sequence(
 
         def turn(now: _Sequence[State]) -> _Sequence[State]:
             for phase in phases:
-                now = phase.advance(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
+                now = phase.led(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
             return now
 
         last = lax.while_loop(lambda now: running(now.state), turn, first)

@@ -21,9 +21,9 @@ from typing import cast
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
-from ..context import Phase
+from ..context import Phase, Stop
 from ..model.column import Column, State
 from ..motion.integrate import Motion
 from ..motion.observers import AbstractObserver
@@ -38,7 +38,7 @@ from ..motion.scene import (
     valid_scene,
     with_amplitude,
 )
-from ..numerics.materialise import if_any_lane, replaced, tree_where
+from ..numerics.materialise import if_any_lane, materialise, replaced, tree_where
 from ..numerics.numbers import (
     Count,
     Flag,
@@ -181,81 +181,73 @@ class CertifiedMotion:
     @property
     def phases(self) -> list[Phase[Certifying]]:
         """The two programs; each decides where a lane goes that has ended there."""
-        return [Phase(self.march_on), Phase(self.shoot_on, COST)]
+        marches = Stop(self._march_asks, self._after_steps, self.at_once)
+        shoots = Stop(self._shot_asks, self._after_shot, self.at_once)
+        return [
+            Phase(self.march_on, stop=marches),
+            Phase(self.shoot_on, COST, shoots),
+        ]
 
     def to_the_end(self, now: Certifying) -> Certifying:
         """The last state."""
 
         def turn(now: Certifying) -> Certifying:
             for phase in self.phases:
-                now = phase.advance(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
+                now = phase.led(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
             return now
 
         return lax.while_loop(lambda now: now.running, turn, now)
 
     def march_on(self, now: Certifying, max_steps: Count) -> Certifying:
-        """The motion itself, until it asks for something."""
-        motion = self._march(now.spent)
+        """The motion itself."""
+        run = self._march(now.spent).advance(now.march, max_steps)
+        return now._replace(march=run)
 
-        def turn(_, place):
-            run, returns = place
-            run = motion.advance(run, self.at_once)
-            waits = run.folded.waits > 0
+    def _march_asks(self, now: Certifying) -> Bool[Array, ""]:
+        waits = (now.march.folded.waits > 0) | ~now.march.running
+        return now.running & ~now.shoots & waits
 
-            def look(place):
-                run, returns = place
-                after = with_return(
-                    returns, run.folded, self.odd, now.candidate, not self.watches
-                )
-                lookout = run.folded._replace(waits=0.0 * run.time)
-                run = run.paused(after.asks != NOTHING, lookout)
-                return replaced(waits, (run, after), place)
-
-            return if_any_lane(waits, look, (run, returns))
-
-        run, returns = lax.fori_loop(
-            0, self._turns(max_steps), turn, (now.march, now.returns)
+    def _after_steps(self, now: Certifying) -> Certifying:
+        """After a return that waits, or at the motion's end."""
+        run, lookout = now.march, now.march.folded
+        after = with_return(
+            now.returns, lookout, self.odd, now.candidate, not self.watches
         )
+        lookout = lookout._replace(waits=0.0 * run.time)
+        looked = run.paused(after.asks != NOTHING, lookout), after
+        waits = run.folded.waits > 0
+        run, returns = replaced(waits, looked, (run, now.returns))
         now = now._replace(march=run, returns=returns)
-        return self._decided(now, ~now.shoots & ~run.running, self._after_march)
+        return self._decided(now, ~run.running, self._after_march)
 
     def shoot_on(self, now: Certifying, max_steps: Count) -> Certifying:
-        """Shots one after the other."""
+        """A shot."""
+        shot = self._shot(self.y0, now.attempt, self._left(now))
+        return now._replace(shot=shot.advance(now.shot, max_steps))
 
-        def turn(number, place):
-            run, attempt, spent = place
-            now_left = self._left(now._replace(spent=spent))
-            begins = run.steps < 0
-            waits = jnp.where(begins, OUTCOME.complete, run.outcome)
-            run = run._replace(outcome=waits.astype(run.outcome.dtype))
-            before = run.running & (now.observing == OUTCOME.not_computed)
-            steps = jnp.where(number == 0, 0, self.at_once)  # at first shots only begin
-            run = self._shot(self.y0, attempt, now_left).advance(run, steps)
-            tried = before & ~run.running
+    def _shot_asks(self, now: Certifying) -> Bool[Array, ""]:
+        return now.running & now.shoots & ((now.shot.steps < 0) | ~now.shot.running)
 
-            def shoot(place):
-                run, attempt, spent = place
-                after, again = after_shot(attempt, run)
-                after = tree_where(tried, after, attempt)
-                again = begins | (tried & again)
-                used = jnp.where(again & tried, run.steps, 0)
-                spent = spent + used.astype(spent.dtype)
-                left = self._left(now._replace(spent=spent))
-                observes = now.observing != OUTCOME.not_computed
-                y0 = tree_where(observes, now.march.y, start_of(after.x))
-                fresh = self._shot(y0, after, left).begin()
-                return replaced(again, fresh, run), after, spent
+    def _after_shot(self, now: Certifying) -> Certifying:
+        """The next shot, or what they have found."""
+        run, observes = now.shot, now.observing != OUTCOME.not_computed
+        begins = run.steps < 0
 
-            return if_any_lane(tried | begins, shoot, (run, attempt, spent))
+        def tried():
+            """Once: each number of the next shot asks for it."""
+            counts = ~begins & ~observes
+            attempt, goes_on = after_shot(now.attempt, run)
+            attempt = tree_where(counts, attempt, now.attempt)
+            return attempt, counts & goes_on
 
-        place = now.shot, now.attempt, now.spent
-        place = lax.fori_loop(0, 1 + self._turns(max_steps), turn, place)
-        run, attempt, spent = place
-        now = now._replace(shot=run, attempt=attempt, spent=spent)
-        return self._decided(now, now.shoots & ~run.running, self._after_shots)
-
-    def _turns(self, max_steps: Count) -> Count:
-        return (jnp.asarray(max_steps, jnp.int32) - 1) // self.at_once + 1
+        attempt, goes_on = materialise(run.time, tried)
+        used = jnp.where(goes_on, run.steps, 0).astype(now.spent.dtype)
+        now = now._replace(attempt=attempt, spent=now.spent + used)
+        y0 = tree_where(observes, now.march.y, start_of(attempt.x))
+        fresh = self._shot(y0, attempt, self._left(now)).begin()
+        again = begins | goes_on
+        now = now._replace(shot=replaced(again, fresh, run))
+        return self._decided(now, ~again, self._after_shots)
 
     def _march(self, spent: Count) -> Motion[Lookout]:
         carrier = cast(Explicit, self.method.solver) if self.grows else None
@@ -280,8 +272,7 @@ class CertifiedMotion:
         self, now: Certifying, ended: Flag, decide: Callable[[Certifying], Certifying]
     ) -> Certifying:
         """Where a lane goes whose motion or shot has come to its end."""
-        asked = now.running & ended
-        return if_any_lane(asked, lambda now: replaced(asked, decide(now), now), now)
+        return if_any_lane(ended, lambda now: replaced(ended, decide(now), now), now)
 
     def _after_shots(self, now: Certifying) -> Certifying:
         """What shots have found, or what the last one has observed."""

@@ -1,5 +1,7 @@
 """Whether the mirror image of each motion is a motion: f(-y) = -f(y)."""
 
+from collections.abc import Sequence
+from functools import reduce
 from typing import cast
 
 import jax
@@ -11,7 +13,7 @@ from jaxtyping import Array, Float
 from ..model.column import Column
 from ..model.set_valued import in_modes
 from ..motion.scene import field, prepared
-from ..numerics.numbers import Flag, Pair, Traced4
+from ..numerics.numbers import Flag, Pair, Traced, Traced4
 
 SAMPLES = 24
 MODES = ((1.0, 1.0), (1.0, -1.0), (0.0, 1.0))  # of joints with set-valued friction
@@ -28,16 +30,24 @@ def is_odd(column: Column) -> Flag:
     samples = source.uniform(-1, 1, (4, SAMPLES)) * scale
     modes = np.array(MODES if column.sticks else MODES[:1])
     each = np.repeat(np.arange(len(modes)), SAMPLES)
-    half = np.concatenate([np.tile(samples, len(modes)), modes[each].T])
-    # XLA would compute with known numbers while it compiles, for minutes
-    rows = lax.optimization_barrier(jnp.asarray(np.hstack([half, -half]), dtype))
-    whole = prepared(column)
+    rows = np.concatenate([np.tile(samples, len(modes)), modes[each].T])
+    whole, zero = prepared(column), jnp.zeros((), dtype)
 
-    def slope(row: Float[Array, " 6"]) -> Float[Array, " 4"]:
+    def slope(row: Float[Array, " 6"]) -> Traced4:
         y4, sliding = cast(Traced4, tuple(row[:4])), cast(Pair, tuple(row[4:]))
         turned = in_modes(whole, sliding) if column.sticks else whole
-        return jnp.stack(field(jnp.zeros((), dtype), y4, turned))
+        return cast(Traced4, field(zero, y4, turned))
 
-    one, other = jnp.split(jax.vmap(slope, 1)(rows), 2)
-    apart, size = jnp.abs(one + other).sum(-1), 1 + jnp.abs(one).sum(-1)
-    return ~jnp.any(apart > ROUNDING * size)
+    def turn(odd: Flag, row: Float[Array, " 6"]) -> tuple[Flag, None]:
+        both = jax.vmap(slope)(jnp.stack([row, -row]))
+        # number by number: XLA hands an array's sum to a library
+        apart = [jnp.abs(one + other) for one, other in both]
+        size = [jnp.abs(one) for one, _ in both]
+        return odd & ~(_sum(apart) > ROUNDING * (1 + _sum(size))), None
+
+    # sample by sample: with all at once XLA would compute while it compiles
+    return lax.scan(turn, jnp.asarray(True), jnp.asarray(rows.T, dtype))[0]
+
+
+def _sum(numbers: Sequence[Traced]) -> Traced:
+    return reduce(jnp.add, numbers)

@@ -290,7 +290,8 @@ def with_return(
     )
     trend = after.trend.after(largest(point), after.times[0] > after.due)
     after = after._replace(trend=trend)
-    after = _with_request(state, _drawn_near(after, orbit), orbit)
+    after = materialise(here.time, _drawn_near, after, orbit)
+    after = materialise(here.time, _with_request, state, after, orbit)
     if not until_it_endures:
         return after
     over = trend.endures & (after.asks == NOTHING)

@@ -23,7 +23,7 @@ from ..motion.integrate import Motion, Run
 from ..motion.options import Method
 from ..motion.tangents import Vectors, apart, past
 from ..motion.variational import events_number
-from ..numerics.materialise import tree_where
+from ..numerics.materialise import materialise, tree_where
 from ..numerics.numbers import (
     Count,
     Flag,
@@ -99,7 +99,7 @@ class Shot(AbstractFold[ShotState]):
         if column.sticks:
             return ShotState(tangents, (), record, 0.0 * y0[0])
         both = cast(Numbers, sum(tangents, y0))
-        _, slopes = apart(tangent_field(t0, both, column))
+        _, slopes = apart(materialise(y0[0], tangent_field, t0, both, column))
         return ShotState(tangents, slopes, record, ())
 
     def integrand(self, column):
@@ -159,7 +159,7 @@ def shot_motion(
 
 def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
     """Newton's step after a shot, and whether another one is worth it."""
-    back = return_of(run, attempt)
+    back = materialise(attempt.span, return_of, run, attempt)
     size = largest(back.move) / jnp.maximum(largest(attempt.x), TINY)
     first, count = attempt.shots == 0, attempt.shots + 1
     arrived = run.outcome == OUTCOME.complete
@@ -207,6 +207,7 @@ def return_of(run: Run[ShotState], attempt: Attempt) -> Return:
     reached = cast(Vector3, tuple(a[i] + late * f[i] for i in (1, 2, 3)))
     rows = ([x - f[i] * y for x, y in zip(v[i], first, strict=True)] for i in (1, 2, 3))
     slope = cast(Matrix3, tuple(map(tuple, rows)))
+    slope = materialise(attempt.span, lambda: slope)
     move = fixed_point_move(slope, minus(reached, attempt.x))
     return Return(reached, slope, move, late - dot(first, move))
 

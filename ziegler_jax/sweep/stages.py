@@ -16,6 +16,8 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
+from jax.core import eval_jaxpr
 from jax.extend.core import (
     ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
     Jaxpr,
@@ -25,7 +27,9 @@ from jax.extend.core import (
     jaxpr_as_fun,
 )
 
-from ..context import resumable_loop
+from ..context import resumable_loop, steps_of_turn, turns
+from ..numerics.materialise import materialise
+from ..numerics.numbers import Count
 
 Packed = TypeVar("Packed", jax.Array, np.ndarray)
 
@@ -69,6 +73,35 @@ class Packing:
             parts[which].append(jnp.concatenate(rows).astype(self.dtypes[which]))
         return tuple(map(jnp.concatenate, parts))
 
+    def put(
+        self,
+        packed: Sequence[jax.Array],
+        leaves: Sequence[jax.Array | None],
+        lane: jax.Array | None = None,
+    ) -> tuple[jax.Array, ...]:
+        """The arrays with new leaves, of all lanes or of one; None: as they were.
+
+        New rows that stand together are put there together: each on its own is one loop
+        more to be compiled.
+        """
+        arrays, first = list(packed), np.int32(0) if lane is None else lane
+        new = {i: x for i, x in enumerate(leaves) if x is not None}
+        for (which, is_new), alike in groupby(
+            self.order, lambda i: (self.places[i][0], i in new)
+        ):
+            if is_new:
+                alike = list(alike)
+                begin = np.int32(self.places[alike[0]][1].start)
+                rows = [
+                    new[i].reshape(-1, new[i].shape[-1] if lane is None else 1)
+                    for i in alike
+                ]
+                block = jnp.concatenate([x.astype(self.dtypes[which]) for x in rows])
+                arrays[which] = lax.dynamic_update_slice(
+                    arrays[which], block, (begin, first)
+                )
+        return tuple(arrays)
+
     def unpack(self, packed: Sequence[Packed]) -> list[Packed]:
         """The leaves again; lanes stand behind, and stay there."""
         pairs = zip(self.shapes, self.places, strict=True)
@@ -87,6 +120,14 @@ def _held(dtype: np.dtype) -> np.dtype:
     """float64 where it holds every number of a dtype, else that dtype."""
     fits = dtype.itemsize <= 4 and np.can_cast(dtype, np.float64)
     return np.dtype(np.float64) if fits else dtype
+
+
+def some_number(arrays: Iterable[jax.Array]) -> jax.Array | None:
+    """One of the floats of packed arrays; None if they hold none."""
+    for array in arrays:
+        if jnp.issubdtype(array.dtype, jnp.floating) and array.size:
+            return array[(0,) * array.ndim]
+    return None
 
 
 class Stage(NamedTuple):
@@ -135,14 +176,21 @@ def stages(whole: ClosedJaxpr) -> list[Stage]:
         function, layouts = segment(cut, after, begun)
         results = Packing(_avals(after)), Packing(_avals(begun))
         parts.append(Stage(_between(function, layouts, results), *layouts))
-        bodies, costs = loop.params["bodies"], loop.params["costs"]
+        bodies = loop.params["bodies"]
         ways = tuple(len(parts) + i for i in range(len(bodies) + 1))
-        for body, cost in zip(bodies, costs, strict=True):
-            count = len(body.constvars)
-            mine, constants = constants[:count], constants[count:]
-            values = _function(whole, free(cut), after, mine)
-            function = _loop(body, values, results)
-            parts.append(Stage(function, *results, ways, cost))
+        for body in bodies:
+            traced = []
+            for jaxpr_of in body.parts:
+                count = len(jaxpr_of.constvars)
+                mine, constants = constants[:count], constants[count:]
+                numbers = _function(whole, free(cut), after, mine)
+                moves = tuple(isinstance(v, Var) and v in varies for v in mine)
+                traced.append(_Part(jaxpr_of, numbers, moves))
+            if body.every is None:
+                function = _loop(traced[0], results)
+            else:
+                function = _with_stops(traced, body.every, results)
+            parts.append(Stage(function, *results, ways, body.cost))
         fixed, state, begin = after, list(loop.outvars), cut + 1
     function, layouts = segment(len(jaxpr.eqns), [], jaxpr.outvars)
     results = Packing(_avals(jaxpr.outvars))
@@ -170,19 +218,93 @@ def _last(function, layouts, results):
     return segment
 
 
-def _loop(body, constants, layouts):
+class _Part(NamedTuple):
+    """A part of a loop's body, as a function of some steps and the state."""
+
+    jaxpr: Jaxpr
+    numbers: Callable[..., list]  # that it only reads, of what is taken along
+    moves: tuple[bool, ...]  # which of them belong to the lane
+
+    def of_batch(self, values: list, leaves: list, max_steps: Count = 0) -> list:
+        """What it makes of all lanes, which stand behind."""
+
+        def of_a_lane(numbers, leaves):
+            return eval_jaxpr(self.jaxpr, numbers, jnp.int32(max_steps), *leaves)
+
+        axes = [-1 if moves else None for moves in self.moves]
+        lanes = jax.vmap(of_a_lane, in_axes=(axes, -1), out_axes=-1)
+        return lanes(self.numbers(*values), leaves)
+
+    def of_lane(self, values: list, leaves: list, lane: jax.Array) -> list:
+        """What it makes of one lane of a batch, whose leaves these are."""
+        pairs = zip(self.numbers(*values), self.moves, strict=True)
+        numbers = [_of_lane(x, lane) if moves else x for x, moves in pairs]
+        after = eval_jaxpr(self.jaxpr, numbers, jnp.int32(0), *leaves)
+        return [jnp.asarray(x) for x in after]  # what is known now is Python's own
+
+    def changed(self, leaves: list) -> list:
+        """Those that it did not hand through, None for the others."""
+        pairs = zip(self.jaxpr.outvars, self.jaxpr.invars[1:], leaves, strict=False)
+        return [None if new is old else leaf for new, old, leaf in pairs]
+
+
+def _of_lane(array: jax.Array, lane: jax.Array) -> jax.Array:
+    return lax.dynamic_index_in_dim(array, lane, -1, keepdims=False)
+
+
+def _loop(part: _Part, layouts):
     fixed, state = layouts
 
-    def lane(max_steps, values, begun):
-        closed = ClosedJaxpr(body, constants(*values))
-        return jaxpr_as_fun(closed)(max_steps, *begun)
+    def loop(max_steps, packed, begun):
+        leaves = part.of_batch(fixed.unpack(packed), state.unpack(begun), max_steps)
+        *leaves, phase, steps = leaves
+        return state.pack(leaves), jnp.stack([phase, steps])
 
-    lanes = jax.vmap(lane, in_axes=(None, -1, -1), out_axes=-1)
+    return loop
+
+
+def _with_stops(parts: Sequence[_Part], every: int, layouts):
+    """A phase in which lanes are decided on their way, one by one.
+
+    Few are at a time, and of many numbers: for all lanes at once each of these would be
+    a loop, and half of what has to be compiled. One lane's are a column of the state.
+    """
+    fixed, state = layouts
+    advance, asks, decide, status = parts
 
     def loop(max_steps, packed, begun):
-        values, begun = fixed.unpack(packed), state.unpack(begun)
-        *leaves, phase, steps = lanes(max_steps, values, begun)
-        return state.pack(leaves), jnp.stack([phase, steps])
+        values = fixed.unpack(packed)
+
+        def turn(number, rows):
+            steps = steps_of_turn(number, every)
+            leaves = advance.of_batch(values, state.unpack(rows), steps)
+            rows = state.put(rows, advance.changed(leaves))
+            (asked,) = asks.of_batch(values, state.unpack(rows))
+            return one_by_one(asked, rows)
+
+        def one_by_one(asked, rows):
+            lanes = lax.iota(np.int32, len(asked))
+
+            def following(lane):
+                return jnp.min(jnp.where(asked & (lanes > lane), lanes, len(asked)))
+
+            def decided(now):
+                lane, rows = now
+
+                def column():  # read before any of it is overwritten
+                    return tuple(_of_lane(array, lane) for array in rows)
+
+                number = some_number(rows)
+                one = column() if number is None else materialise(number, column)
+                leaves = state.unpack(one)
+                leaves = decide.of_lane(values, leaves, lane)
+                return following(lane), state.put(rows, decide.changed(leaves), lane)
+
+            first = following(jnp.int32(-1)), rows
+            return lax.while_loop(lambda now: now[0] < len(asked), decided, first)[1]
+
+        rows = lax.fori_loop(0, turns(max_steps, every), turn, begun)
+        return rows, jnp.stack(status.of_batch(values, state.unpack(rows)))
 
     return loop
 
@@ -237,7 +359,8 @@ def _read_behind(jaxpr: Jaxpr, cut: int) -> list[Var]:
 
 def _operands(loop: JaxprEqn) -> tuple[list, list]:
     """What a loop's bodies read besides its state, and the state's first values."""
-    count = sum(len(body.constvars) for body in loop.params["bodies"])
+    bodies = loop.params["bodies"]
+    count = sum(len(part.constvars) for body in bodies for part in body.parts)
     return list(loop.invars[:count]), list(loop.invars[count:])
 
 
