@@ -27,13 +27,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jax.core import AbstractValue
 from jax.extend.core import Jaxpr, Primitive, get_opaque_trace_state
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from .numerics.materialise import if_any_lane, replaced
-from .numerics.numbers import Count
 from .own_values import own_values
 from .runtime import compiles_whole_loops, own_flags
 
@@ -157,52 +154,39 @@ def place_of(running: Bool[Array, ""]) -> Int[Array, ""]:
     return jnp.where(running, 0, ENDED).astype(jnp.int32)
 
 
-class Phase(NamedTuple, Generic[State]):
-    """One of the ways in which a loop goes on, a program of its own.
-
-    `advance`: the state at most so many steps later; `cost`: about that of a step
-    against one of a motion alone; `stop`: where lanes are looked at on their way.
-    """
-
-    advance: Callable[[State, Int[Array, ""]], State]
-    cost: float = 1.0
-    stop: "Stop[State] | None" = None
-
-    def led(self, state: State, max_steps: Int[Array, ""]) -> State:
-        """The state at most so many steps later, decided where it asked on the way."""
-        if self.stop is None:
-            return self.advance(state, max_steps)
-        asks, decide, every = self.stop
-
-        def turn(number: Int[Array, ""], state: State) -> State:
-            state = self.advance(state, steps_of_turn(number, every))
-            asked = asks(state)
-            return if_any_lane(
-                asked, lambda state: replaced(asked, decide(state), state), state
-            )
-
-        return lax.fori_loop(0, turns(max_steps, every), turn, state)
-
-
 class Stop(NamedTuple, Generic[State]):
-    """What is decided on the way, for few lanes at a time.
+    """Where lanes are looked at on their way, and few of them decided.
 
-    `asks`: whether a lane waits for it; `decide`: its state after that; `every`: how
-    many steps all lanes go before it is looked for. In a sweep lanes are decided one by
-    one, where XLA makes one kernel of the loop.
+    `steps`: the state at most so many steps later; `asks`: whether it waits for a
+    decision; `decide`: the state after that; `every`: how many steps are taken before
+    lanes are looked at.
     """
 
+    steps: Callable[[State, Int[Array, ""]], State]
     asks: Callable[[State], Bool[Array, ""]]
     decide: Callable[[State], State]
     every: int
 
 
-def turns(max_steps: Count, every: int) -> Count:
+class Phase(NamedTuple, Generic[State]):
+    """One of the ways in which a loop goes on, a program of its own.
+
+    `advance`: the state at most so many steps later; `cost`: about that of a step
+    against one of a motion alone; `stop`: the same advance in its parts, with which a
+    sweep decides lanes one by one, where XLA makes one kernel of the loop.
+    """
+
+    advance: Callable[[State, Int[Array, ""]], State]
+    cost: float = 1.0
+    stop: Stop[State] | None = None
+
+
+def turns(max_steps: Int[Array, ""], every: int) -> Int[Array, ""]:
     """How many times lanes are looked at: first they are as they came."""
     return (jnp.asarray(max_steps, jnp.int32) - 1) // every + 2
 
 
-def steps_of_turn(number: Count, every: int) -> Int[Array, ""]:
+def steps_of_turn(number: Int[Array, ""], every: int) -> Int[Array, ""]:
     """How many steps are taken before: none for the first."""
     return jnp.where(number == 0, 0, every).astype(jnp.int32)
 
@@ -211,7 +195,7 @@ class Body(NamedTuple):
     """A phase as it was traced.
 
     `parts`: one, the state after some steps and its status; of a phase whose lanes are
-    decided one by one four, `advance`, `asks`, `decide` and the status. Each takes a
+    decided one by one four, `steps`, `asks`, `decide` and the status. Each takes a
     number of steps and the state.
     """
 
@@ -258,7 +242,7 @@ def resumable(
         return [b if a is b else jnp.asarray(a, b.dtype) for a, b in pairs]
 
     def whole(phase: Phase[State], *numbers: Shaped[Array, "..."]) -> tuple:
-        after = flat(phase.led, *numbers)
+        after = flat(phase.advance, *numbers)
         return *after, *status(tree.unflatten(after))
 
     def parts(phase: Phase[State]) -> list[Callable[..., tuple | list]]:
@@ -268,7 +252,7 @@ def resumable(
         if stop is None or not one_by_one:
             return [partial(whole, phase)]
         return [
-            partial(flat, phase.advance),
+            partial(flat, stop.steps),
             lambda _, *leaves: [stop.asks(tree.unflatten(leaves))],
             partial(flat, lambda state, _: stop.decide(state)),
             lambda _, *leaves: status(tree.unflatten(leaves)),

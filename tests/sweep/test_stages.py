@@ -14,6 +14,7 @@ from jax.extend.core import jaxpr_as_fun
 
 import ziegler_jax as zj
 from ziegler_jax import context
+from ziegler_jax.motion.sequence import phase_of
 from ziegler_jax.numerics.traced_key import traced_key
 from ziegler_jax.sweep import program, scheduler
 
@@ -113,13 +114,15 @@ def decided(x, y):
 
     none, no = jnp.zeros((), jnp.int32), jnp.asarray(False)
     first = Cut(x, none, none, jnp.zeros(4, x.dtype), no, no)
-    phase = context.Phase(advance, stop=context.Stop(asks, decide, 5))
+    phase = phase_of(context.Stop(advance, asks, decide, 5))
     last = context.resumable(
         first, [phase], lambda s: (context.place_of(goes(s) | asks(s)), s.steps)
     )
     if last is None:
         last = lax.while_loop(
-            lambda s: goes(s) | asks(s), lambda s: phase.led(s, jnp.int32(16)), first
+            lambda s: goes(s) | asks(s),
+            lambda s: phase.advance(s, jnp.int32(16)),
+            first,
         )
     seen = {f"seen_{i}": far for i, far in enumerate(last.seen)}
     flags = {"high": last.high, "ever": last.ever}

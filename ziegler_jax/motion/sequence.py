@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from ..context import ENDED, Phase, resumable
+from ..context import ENDED, Phase, Stop, resumable, steps_of_turn, turns
 from ..numerics.materialise import if_any_lane, replaced
 
 # The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
@@ -57,6 +57,25 @@ class Followed(Protocol[Where]):
 
 
 State = TypeVar("State")  # what the motions so far amount to
+Lane = TypeVar("Lane")
+
+
+def phase_of(stop: Stop[Lane], cost: float = 1.0) -> Phase[Lane]:
+    """The phase in which lanes are decided on their way, those of a batch together."""
+
+    def turn(number: Int[Array, ""], lane: Lane) -> Lane:
+        lane = stop.steps(lane, steps_of_turn(number, stop.every))
+        asked = stop.asks(lane)
+        return if_any_lane(
+            asked, lambda lane: replaced(asked, stop.decide(lane), lane), lane
+        )
+
+    def advance(lane: Lane, max_steps: Int[Array, ""]) -> Lane:
+        return lax.fori_loop(0, turns(max_steps, stop.every), turn, lane)
+
+    return Phase(advance, cost, stop)
+
+
 Next = TypeVar("Next", bound=Followed)
 
 
@@ -110,7 +129,7 @@ def run_in_sequence(
         if number == 0:
             run, fresh = replaced(fresh, present.begin(), run), jnp.zeros_like(fresh)
         before = run.steps
-        run = present.phases[number].led(run, max_steps)
+        run = present.phases[number].advance(run, max_steps)
         steps = now.steps + (run.steps - before).astype(jnp.int32)
         ended = ~run.running & running(now.state) & ~fresh
         state = if_any_lane(
@@ -132,7 +151,7 @@ def run_in_sequence(
 
         def turn(now: _Sequence[State]) -> _Sequence[State]:
             for phase in phases:
-                now = phase.led(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
+                now = phase.advance(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
             return now
 
         last = lax.while_loop(lambda now: running(now.state), turn, first)

@@ -38,6 +38,7 @@ from ..motion.scene import (
     valid_scene,
     with_amplitude,
 )
+from ..motion.sequence import phase_of
 from ..numerics.materialise import if_any_lane, materialise, replaced, tree_where
 from ..numerics.numbers import (
     Count,
@@ -181,19 +182,17 @@ class CertifiedMotion:
     @property
     def phases(self) -> list[Phase[Certifying]]:
         """The two programs; each decides where a lane goes that has ended there."""
-        marches = Stop(self._march_asks, self._after_steps, self.at_once)
-        shoots = Stop(self._shot_asks, self._after_shot, self.at_once)
-        return [
-            Phase(self.march_on, stop=marches),
-            Phase(self.shoot_on, COST, shoots),
-        ]
+        every = self.at_once
+        marches = Stop(self.march_on, self._march_asks, self._after_steps, every)
+        shoots = Stop(self.shoot_on, self._shot_asks, self._after_shot, every)
+        return [phase_of(marches), phase_of(shoots, COST)]
 
     def to_the_end(self, now: Certifying) -> Certifying:
         """The last state."""
 
         def turn(now: Certifying) -> Certifying:
             for phase in self.phases:
-                now = phase.led(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
+                now = phase.advance(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
             return now
 
         return lax.while_loop(lambda now: now.running, turn, now)
