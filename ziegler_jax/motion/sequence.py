@@ -57,6 +57,7 @@ class Followed(Protocol[Where]):
 
 
 State = TypeVar("State")  # what the motions so far amount to
+Next = TypeVar("Next", bound=Followed)
 Lane = TypeVar("Lane")
 
 
@@ -74,9 +75,6 @@ def phase_of(stop: Stop[Lane], cost: float = 1.0) -> Phase[Lane]:
         return lax.fori_loop(0, turns(max_steps, stop.every), turn, lane)
 
     return Phase(advance, cost, stop)
-
-
-Next = TypeVar("Next", bound=Followed)
 
 
 class _Sequence(NamedTuple, Generic[State]):

@@ -57,9 +57,9 @@ LOWERED_SCENES = 16
 WHOLE_VECTORS = 32
 SEGMENTS = 8  # batches of lanes that a segment between loops takes at once
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512. LLVM's
-# expensive passes are a tenth of compiling, and a step is the same without: 1774, 2898,
-# 4108, 4537 and 6938 instructions for 1807, 2898, 4148, 4537 and 6890 with them
-# (`benchmarks/guard.py`, lanes as in tests/test_census.py).
+# expensive passes are about a tenth of compiling (0.67 of before for 0.74 with them, by
+# hand), and a step is the same without: 1774, 2898, 4108, 4537 and 6938 instructions
+# for 1807, 2898, 4148, 4537 and 6890 (`benchmarks/guard.py`, lanes of test_census.py).
 _CPU_OPTIONS = {
     "xla_cpu_prefer_vector_width": 512,
     "xla_llvm_disable_expensive_passes": True,
