@@ -270,15 +270,15 @@ def _with_stops(parts: Sequence[_Part], every: int, layouts):
     a loop, and half of what has to be compiled. One lane's are a column of the state.
     """
     fixed, state = layouts
-    advance, asks, decide, status = parts
+    takes, asks, decide, status = parts
 
     def loop(max_steps, packed, begun):
         values = fixed.unpack(packed)
 
         def turn(number, rows):
             steps = steps_of_turn(number, every)
-            leaves = advance.of_batch(values, state.unpack(rows), steps)
-            rows = state.put(rows, advance.changed(leaves))
+            leaves = takes.of_batch(values, state.unpack(rows), steps)
+            rows = state.put(rows, takes.changed(leaves))
             (asked,) = asks.of_batch(values, state.unpack(rows))
             return one_by_one(asked, rows)
 
