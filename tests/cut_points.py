@@ -107,7 +107,8 @@ def decided(x, y):
 
     none, no = jnp.zeros((), jnp.int32), jnp.asarray(False)
     first = Cut(x, none, none, jnp.zeros(4, x.dtype), no, no)
-    phase = phase_of(context.Stop(advance, asks, decide, 5))
+    decisions = [context.Decision(asks, decide)]
+    phase = phase_of(context.Stop(advance, decisions, 5))
     last = context.resumable(
         first, [phase], lambda s: (context.place_of(goes(s) | asks(s)), s.steps)
     )

@@ -154,17 +154,23 @@ def place_of(running: Bool[Array, ""]) -> Int[Array, ""]:
     return jnp.where(running, 0, ENDED).astype(jnp.int32)
 
 
+class Decision(NamedTuple, Generic[State]):
+    """What few lanes wait for: whether one does, and its state after that."""
+
+    asks: Callable[[State], Bool[Array, ""]]
+    decide: Callable[[State], State]
+
+
 class Stop(NamedTuple, Generic[State]):
     """Where lanes are looked at on their way, and few of them decided.
 
-    `steps`: the state at most so many steps later; `asks`: whether it waits for a
-    decision; `decide`: the state after that; `every`: how many steps are taken before
-    lanes are looked at.
+    `steps`: the state at most so many steps later; `decisions`: one after the other,
+    each for the lanes that ask for it when its turn has come; `every`: how many steps
+    are taken before lanes are looked at.
     """
 
     steps: Callable[[State, Int[Array, ""]], State]
-    asks: Callable[[State], Bool[Array, ""]]
-    decide: Callable[[State], State]
+    decisions: Sequence[Decision[State]]
     every: int
 
 
@@ -195,8 +201,8 @@ class Body(NamedTuple):
     """A phase as it was traced.
 
     `parts`: one, the state after some steps and its status; of a phase whose lanes are
-    decided one by one four, `steps`, `asks`, `decide` and the status. Each takes a
-    number of steps and the state.
+    decided one by one `steps`, `asks` and `decide` of each decision, and the status.
+    Each takes a number of steps and the state.
     """
 
     parts: tuple[Jaxpr, ...]
@@ -245,18 +251,22 @@ def resumable(
         after = flat(phase.advance, *numbers)
         return *after, *status(tree.unflatten(after))
 
+    def says(function: Callable[[State], object], _, *leaves: Array) -> list:
+        return jax.tree.leaves(function(tree.unflatten(leaves)))
+
+    def after(decide: Callable[[State], State], *numbers: Array) -> list[Array]:
+        return flat(lambda state, _: decide(state), *numbers)
+
     def parts(phase: Phase[State]) -> list[Callable[..., tuple | list]]:
         stop = phase.stop
         # single numbers are only fast where they are parts of one kernel
         one_by_one = jax.default_backend() == "cpu" and compiles_whole_loops()
         if stop is None or not one_by_one:
             return [partial(whole, phase)]
-        return [
-            partial(flat, stop.steps),
-            lambda _, *leaves: [stop.asks(tree.unflatten(leaves))],
-            partial(flat, lambda state, _: stop.decide(state)),
-            lambda _, *leaves: status(tree.unflatten(leaves)),
-        ]
+        decisions: list[Callable[..., tuple | list]] = []
+        for asks, decide in stop.decisions:
+            decisions += [partial(says, asks), partial(after, decide)]
+        return [partial(flat, stop.steps), *decisions, partial(says, status)]
 
     with may_cut(None):  # a loop within is a part of this one
         closed = [

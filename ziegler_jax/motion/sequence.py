@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from ..context import ENDED, Phase, Stop, resumable, steps_of_turn, turns
+from ..context import ENDED, Decision, Phase, Stop, resumable, steps_of_turn, turns
 from ..numerics.materialise import if_any_lane, replaced
 
 # The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
@@ -66,9 +66,14 @@ def phase_of(stop: Stop[Lane], cost: float = 1.0) -> Phase[Lane]:
 
     def turn(number: Int[Array, ""], lane: Lane) -> Lane:
         lane = stop.steps(lane, steps_of_turn(number, stop.every))
-        asked = stop.asks(lane)
+        for decision in stop.decisions:
+            lane = after(decision, lane)
+        return lane
+
+    def after(decision: Decision[Lane], lane: Lane) -> Lane:
+        asked = decision.asks(lane)
         return if_any_lane(
-            asked, lambda lane: replaced(asked, stop.decide(lane), lane), lane
+            asked, lambda lane: replaced(asked, decision.decide(lane), lane), lane
         )
 
     def advance(lane: Lane, max_steps: Int[Array, ""]) -> Lane:

@@ -75,6 +75,10 @@ class AbstractFold(eqx.Module, Generic[State]):
     def init(self, column: Column, t0: Traced, y0: Traced4) -> State:
         """The running numbers at the start."""
 
+    def with_slope(self, solver, terms, t0, y0, column) -> tuple[Traced4, State]:
+        """The right-hand side at the start, and the running numbers."""
+        return solver.init(terms, t0, t0, y0, column), self.init(column, t0, y0)
+
     @abc.abstractmethod
     def step(
         self, column: Column, state: State, step: Step
@@ -210,8 +214,9 @@ class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
         self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
     ) -> ObservedState:
         """The solver's first stage and the fold's start."""
-        first = self.solver.init(terms, t0, t1, y0, args)
-        return ObservedState(y0, first[2:], self.fold.init(args, t0, y0))
+        del t1
+        first, folded = self.fold.with_slope(self.solver, terms, t0, y0, args)
+        return ObservedState(y0, first[2:], folded)
 
     def try_step(self, terms, t0, t1, y0, args, solver_state, judge=None):
         """One step, seen by the fold."""

@@ -15,7 +15,7 @@ without, are programs of their own: phases of one loop, between which a lane goe
 fro at its own pace.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import cast
 
 import jax
@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from ..context import Phase, Stop
+from ..context import Decision, Phase, Stop
 from ..model.column import Column, State
 from ..motion.integrate import Motion
 from ..motion.observers import AbstractObserver
@@ -39,7 +39,7 @@ from ..motion.scene import (
     with_amplitude,
 )
 from ..motion.sequence import phase_of
-from ..numerics.materialise import if_any_lane, materialise, replaced, tree_where
+from ..numerics.materialise import replaced, tree_where
 from ..numerics.numbers import (
     Count,
     Flag,
@@ -182,10 +182,23 @@ class CertifiedMotion:
     @property
     def phases(self) -> list[Phase[Certifying]]:
         """The two programs; each decides where a lane goes that has ended there."""
+        march = [
+            Decision(self._has_returned, self._after_return),
+            Decision(self._march_is_over, self._after_march),
+        ]
+        shots = [
+            Decision(self._has_shot, self._after_shot),  # the next one runs already
+            Decision(self._has_shot, self._judged),
+            Decision(self._has_observed, self._after_observation),
+            Decision(self._is_to_begin, self._next_shot),
+        ]
+        if not self.watches:
+            del shots[2]
         every = self.at_once
-        marches = Stop(self.march_on, self._march_asks, self._after_steps, every)
-        shoots = Stop(self.shoot_on, self._shot_asks, self._after_shot, every)
-        return [phase_of(marches), phase_of(shoots, COST)]
+        return [
+            phase_of(Stop(self.march_on, march, every)),
+            phase_of(Stop(self.shoot_on, shots, every), COST),
+        ]
 
     def to_the_end(self, now: Certifying) -> Certifying:
         """The last state."""
@@ -202,51 +215,51 @@ class CertifiedMotion:
         run = self._march(now.spent).advance(now.march, max_steps)
         return now._replace(march=run)
 
-    def _march_asks(self, now: Certifying) -> Bool[Array, ""]:
-        waits = (now.march.folded.waits > 0) | ~now.march.running
-        return now.running & ~now.shoots & waits
+    def _has_returned(self, now: Certifying) -> Bool[Array, ""]:
+        return now.running & ~now.shoots & (now.march.folded.waits > 0)
 
-    def _after_steps(self, now: Certifying) -> Certifying:
-        """After a return that waits, or at the motion's end."""
+    def _after_return(self, now: Certifying) -> Certifying:
+        """What the return that waits tells."""
         run, lookout = now.march, now.march.folded
         after = with_return(
             now.returns, lookout, self.odd, now.candidate, not self.watches
         )
         lookout = lookout._replace(waits=0.0 * run.time)
-        looked = run.paused(after.asks != NOTHING, lookout), after
-        waits = run.folded.waits > 0
-        run, returns = replaced(waits, looked, (run, now.returns))
-        now = now._replace(march=run, returns=returns)
-        return self._decided(now, ~run.running, self._after_march)
+        run = run.paused(after.asks != NOTHING, lookout)
+        return now._replace(march=run, returns=after)
+
+    def _march_is_over(self, now: Certifying) -> Bool[Array, ""]:
+        return now.running & ~now.shoots & ~now.march.running
 
     def shoot_on(self, now: Certifying, max_steps: Count) -> Certifying:
         """A shot."""
         shot = self._shot(self.y0, now.attempt, self._left(now))
         return now._replace(shot=shot.advance(now.shot, max_steps))
 
-    def _shot_asks(self, now: Certifying) -> Bool[Array, ""]:
-        return now.running & now.shoots & ((now.shot.steps < 0) | ~now.shot.running)
+    def _shot_is_over(self, now: Certifying) -> Bool[Array, ""]:
+        return now.running & now.shoots & ~now.shot.running
+
+    def _has_shot(self, now: Certifying) -> Bool[Array, ""]:
+        return self._shot_is_over(now) & (now.observing == OUTCOME.not_computed)
+
+    def _has_observed(self, now: Certifying) -> Bool[Array, ""]:
+        return self._shot_is_over(now) & (now.observing != OUTCOME.not_computed)
+
+    def _is_to_begin(self, now: Certifying) -> Bool[Array, ""]:
+        return now.running & now.shoots & (now.shot.steps < 0)
 
     def _after_shot(self, now: Certifying) -> Certifying:
-        """The next shot, or what they have found."""
-        run, observes = now.shot, now.observing != OUTCOME.not_computed
-        begins = run.steps < 0
+        """Newton's step; the next shot begins if it is worth it."""
+        attempt, goes_on = after_shot(now.attempt, now.shot)
+        spent = (now.spent + now.shot.steps).astype(jnp.int32)
+        shot = tree_where(goes_on, to_be_begun(now.shot), now.shot)
+        return now._replace(attempt=attempt, spent=spent, shot=shot)
 
-        def tried():
-            """Once: each number of the next shot asks for it."""
-            counts = ~begins & ~observes
-            attempt, goes_on = after_shot(now.attempt, run)
-            attempt = tree_where(counts, attempt, now.attempt)
-            return attempt, counts & goes_on
-
-        attempt, goes_on = materialise(run.time, tried)
-        used = jnp.where(goes_on, run.steps, 0).astype(now.spent.dtype)
-        now = now._replace(attempt=attempt, spent=now.spent + used)
-        y0 = tree_where(observes, now.march.y, start_of(attempt.x))
-        fresh = self._shot(y0, attempt, self._left(now)).begin()
-        again = begins | goes_on
-        now = now._replace(shot=replaced(again, fresh, run))
-        return self._decided(now, ~again, self._after_shots)
+    def _next_shot(self, now: Certifying) -> Certifying:
+        """A shot before its first step."""
+        observes = now.observing != OUTCOME.not_computed
+        y0 = tree_where(observes, now.march.y, start_of(now.attempt.x))
+        return now._replace(shot=self._shot(y0, now.attempt, self._left(now)).begin())
 
     def _march(self, spent: Count) -> Motion[Lookout]:
         carrier = cast(Explicit, self.method.solver) if self.grows else None
@@ -266,21 +279,6 @@ class CertifiedMotion:
         return cast(Count, self.method.max_steps) - now.march.steps - now.spent
 
     # ---- at the end of a phase
-
-    def _decided(
-        self, now: Certifying, ended: Flag, decide: Callable[[Certifying], Certifying]
-    ) -> Certifying:
-        """Where a lane goes whose motion or shot has come to its end."""
-        return if_any_lane(ended, lambda now: replaced(ended, decide(now), now), now)
-
-    def _after_shots(self, now: Certifying) -> Certifying:
-        """What shots have found, or what the last one has observed."""
-        now = now._replace(spent=(now.spent + now.shot.steps).astype(jnp.int32))
-        judged = self._judged(now)
-        if not self.watches:
-            return judged
-        observed = now.observing != OUTCOME.not_computed
-        return replaced(observed, self._after_observation(now), judged)
 
     def _after_march(self, now: Certifying) -> Certifying:
         """What the motion asks for, or how it has failed."""
@@ -324,6 +322,7 @@ class CertifiedMotion:
         outcome = jnp.where(well, now.observing, run.outcome)
         return now._replace(
             orbit=Orbit(run.y, span, span + jnp.nan, record),
+            spent=(now.spent + run.steps).astype(jnp.int32),
             outcome=outcome.astype(jnp.int32),
         )
 

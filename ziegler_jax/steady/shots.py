@@ -96,11 +96,15 @@ class Shot(AbstractFold[ShotState]):
         tangents = tuple(tuple(zero + x for x in row) for row in unit)
         tangents = cast(Vectors, tangents)
         record = self.observation.init(column, t0, y0)
-        if column.sticks:
-            return ShotState(tangents, (), record, 0.0 * y0[0])
-        both = cast(Numbers, sum(tangents, y0))
-        _, slopes = apart(materialise(y0[0], tangent_field, t0, both, column))
-        return ShotState(tangents, slopes, record, ())
+        return ShotState(tangents, (), record, 0.0 * y0[0] if column.sticks else ())
+
+    def with_slope(self, solver, terms, t0, y0, column):
+        """All slopes by one evaluation."""
+        del solver, terms
+        state = self.init(column, t0, y0)
+        both = cast(Numbers, sum(state.tangents, y0))
+        first, slopes = apart(materialise(y0[0], tangent_field, t0, both, column))
+        return first, state._replace(slopes=slopes)
 
     def integrand(self, column):
         """The observers'."""

@@ -32,6 +32,7 @@ from jax.stages import Lowered
 
 from ..context import Cuts, may_cut, of_its_own, within
 from ..numerics.lowered_digest import lowered_digest
+from ..numerics.packing import Packing, some_number
 from ..numerics.traced_key import traced_key
 from ..results import DIMENSIONS, Variable
 from ..runtime import (
@@ -43,7 +44,7 @@ from ..runtime import (
     quiet_compiler,
 )
 from .axes import Returned, empty, labelled
-from .stages import Packing, Stage, some_number, stages
+from .stages import Stage, stages
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.

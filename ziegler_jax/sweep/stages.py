@@ -8,9 +8,8 @@ stage reads. What depends on no value of the lane is not taken along but compute
 each stage that reads it, at each of its calls.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from itertools import groupby
-from typing import NamedTuple, TypeVar, cast
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, cast
 
 import jax
 import jax.core
@@ -30,104 +29,7 @@ from jax.extend.core import (
 from ..context import resumable_loop, steps_of_turn, turns
 from ..numerics.materialise import materialise
 from ..numerics.numbers import Count
-
-Packed = TypeVar("Packed", jax.Array, np.ndarray)
-
-
-class Packing:
-    """Many small arrays a lane as one array: a call then has few arguments.
-
-    Flags and whole numbers of up to 32 bits travel as float64, which holds them, where
-    there is one; what is left stands in an array a dtype.
-    """
-
-    def __init__(self, shapes: Iterable[jax.ShapeDtypeStruct | jax.core.ShapedArray]):
-        """Lay out leaves of these shapes and dtypes."""
-        self.shapes = [(tuple(s.shape), np.dtype(s.dtype)) for s in shapes]
-        wide = any(dtype == np.float64 for _, dtype in self.shapes)
-        travels = [_held(dtype) if wide else dtype for _, dtype in self.shapes]
-        self.dtypes = sorted(set(travels), key=str)
-        self.places = [(0, slice(0))] * len(self.shapes)  # which array, and where in it
-        self.used = [0] * len(self.dtypes)
-        # those of a kind stand together
-        self.order = sorted(
-            range(len(self.shapes)), key=lambda i: (travels[i], str(self.shapes[i][1]))
-        )
-        for i in self.order:
-            shape, which = self.shapes[i][0], self.dtypes.index(travels[i])
-            first = self.used[which]
-            self.used[which] += int(np.prod(shape))
-            self.places[i] = which, slice(first, self.used[which])
-
-    def pack(self, leaves: Sequence[jax.Array]) -> tuple[jax.Array, ...]:
-        """The arrays of leaves that have their lanes behind.
-
-        Rows of lanes are put one below the other: a vector for each lane would be
-        gathered number by number. Those of a kind change it together.
-        """
-        parts: list[list[jax.Array]] = [[] for _ in self.dtypes]
-        for _, alike in groupby(self.order, lambda i: self.shapes[i][1]):
-            alike = list(alike)
-            rows = [leaves[i].reshape(-1, leaves[i].shape[-1]) for i in alike]
-            which = self.places[alike[0]][0]
-            parts[which].append(jnp.concatenate(rows).astype(self.dtypes[which]))
-        return tuple(map(jnp.concatenate, parts))
-
-    def put(
-        self,
-        packed: Sequence[jax.Array],
-        leaves: Sequence[jax.Array | None],
-        lane: jax.Array | None = None,
-    ) -> tuple[jax.Array, ...]:
-        """The arrays with new leaves, of all lanes or of one; None: as they were.
-
-        New rows that stand together are put there together: each on its own is one loop
-        more to be compiled.
-        """
-        arrays, first = list(packed), np.int32(0) if lane is None else lane
-        new = {i: x for i, x in enumerate(leaves) if x is not None}
-        for (which, is_new), alike in groupby(
-            self.order, lambda i: (self.places[i][0], i in new)
-        ):
-            if is_new:
-                alike = list(alike)
-                begin = np.int32(self.places[alike[0]][1].start)
-                rows = [
-                    new[i].reshape(-1, new[i].shape[-1] if lane is None else 1)
-                    for i in alike
-                ]
-                block = jnp.concatenate([x.astype(self.dtypes[which]) for x in rows])
-                arrays[which] = lax.dynamic_update_slice(
-                    arrays[which], block, (begin, first)
-                )
-        return tuple(arrays)
-
-    def unpack(self, packed: Sequence[Packed]) -> list[Packed]:
-        """The leaves again; lanes stand behind, and stay there."""
-        pairs = zip(self.shapes, self.places, strict=True)
-        return [
-            packed[which][place].reshape(shape + packed[which].shape[1:]).astype(dtype)
-            for (shape, dtype), (which, place) in pairs
-        ]
-
-    def empty(self, lanes: int) -> tuple[np.ndarray, ...]:
-        """Zeros for so many lanes."""
-        pairs = zip(self.used, self.dtypes, strict=True)
-        return tuple(np.zeros((used, lanes), dtype) for used, dtype in pairs)
-
-
-def _held(dtype: np.dtype) -> np.dtype:
-    """float64 where it holds every number of a dtype, else that dtype."""
-    fits = dtype.itemsize <= 4 and np.can_cast(dtype, np.float64)
-    return np.dtype(np.float64) if fits else dtype
-
-
-def some_number(arrays: Iterable[jax.Array]) -> jax.Array | None:
-    """One of the floats of packed arrays; None if they hold none."""
-    for array in arrays:
-        if jnp.issubdtype(array.dtype, jnp.floating) and array.size:
-            return array[(0,) * array.ndim]
-    return None
+from ..numerics.packing import Packing, some_number
 
 
 class Stage(NamedTuple):
@@ -185,7 +87,7 @@ def stages(whole: ClosedJaxpr) -> list[Stage]:
                 mine, constants = constants[:count], constants[count:]
                 numbers = _function(whole, free(cut), after, mine)
                 moves = tuple(isinstance(v, Var) and v in varies for v in mine)
-                traced.append(_Part(jaxpr_of, numbers, moves))
+                traced.append(_Part(jaxpr_of, results[1], numbers, moves))
             if body.every is None:
                 function = _loop(traced[0], results)
             else:
@@ -219,33 +121,58 @@ def _last(function, layouts, results):
 
 
 class _Part(NamedTuple):
-    """A part of a loop's body, as a function of some steps and the state."""
+    """A part of a loop's body, as a function of some steps and the state.
+
+    What it does not read is not unpacked for it.
+    """
 
     jaxpr: Jaxpr
+    state: Packing
     numbers: Callable[..., list]  # that it only reads, of what is taken along
     moves: tuple[bool, ...]  # which of them belong to the lane
 
-    def of_batch(self, values: list, leaves: list, max_steps: Count = 0) -> list:
+    def of_batch(self, values: list, rows: Sequence, max_steps: Count = 0) -> list:
         """What it makes of all lanes, which stand behind."""
+        leaves = self._read(rows, self.jaxpr.outvars)
+        return self._of_lanes(values, leaves, rows[0].shape[-1], max_steps)
 
+    def changes(self, values: list, rows: Sequence, max_steps: Count) -> list:
+        """The leaves that it changes in all lanes, None for the others."""
+        leaves, lanes = self._needed(rows), rows[0].shape[-1]
+        return self._new(self._of_lanes(values, leaves, lanes, max_steps))
+
+    def changes_of_lane(self, values: list, rows: Sequence, lane: jax.Array) -> list:
+        """The same in one lane of a batch, whose rows these are."""
+        pairs = zip(self.numbers(*values), self.moves, strict=True)
+        numbers = [_of_lane(x, lane) if moves else x for x, moves in pairs]
+        after = eval_jaxpr(self.jaxpr, numbers, jnp.int32(0), *self._needed(rows))
+        # what is known now is Python's own
+        return [None if x is None else jnp.asarray(x) for x in self._new(after)]
+
+    def _of_lanes(
+        self, values: list, leaves: list, count: int, max_steps: Count
+    ) -> list:
         def of_a_lane(numbers, leaves):
             return eval_jaxpr(self.jaxpr, numbers, jnp.int32(max_steps), *leaves)
 
         axes = [-1 if moves else None for moves in self.moves]
-        lanes = jax.vmap(of_a_lane, in_axes=(axes, -1), out_axes=-1)
+        lanes = jax.vmap(of_a_lane, (axes, -1), -1, axis_size=count)
         return lanes(self.numbers(*values), leaves)
 
-    def of_lane(self, values: list, leaves: list, lane: jax.Array) -> list:
-        """What it makes of one lane of a batch, whose leaves these are."""
-        pairs = zip(self.numbers(*values), self.moves, strict=True)
-        numbers = [_of_lane(x, lane) if moves else x for x, moves in pairs]
-        after = eval_jaxpr(self.jaxpr, numbers, jnp.int32(0), *leaves)
-        return [jnp.asarray(x) for x in after]  # what is known now is Python's own
+    def _needed(self, rows: Sequence) -> list:
+        return self._read(rows, self._new(self.jaxpr.outvars))
 
-    def changed(self, leaves: list) -> list:
-        """Those that it did not hand through, None for the others."""
-        pairs = zip(self.jaxpr.outvars, self.jaxpr.invars[1:], leaves, strict=False)
-        return [None if new is old else leaf for new, old, leaf in pairs]
+    def _read(self, rows: Sequence, results: list) -> list:
+        """The leaves that results are made of, None for the others."""
+        read = {v for e in self.jaxpr.eqns for v in _variables(e.invars)}
+        read.update(_variables(v for v in results if v is not None))
+        places = enumerate(self.jaxpr.invars[1:])
+        return [self.state.leaf(rows, i) if v in read else None for i, v in places]
+
+    def _new(self, results: list) -> list:
+        """Those that it does not hand through, None for the others."""
+        pairs = zip(self.jaxpr.outvars, self.jaxpr.invars[1:], results, strict=True)
+        return [None if new is old else result for new, old, result in pairs]
 
 
 def _of_lane(array: jax.Array, lane: jax.Array) -> jax.Array:
@@ -256,8 +183,7 @@ def _loop(part: _Part, layouts):
     fixed, state = layouts
 
     def loop(max_steps, packed, begun):
-        leaves = part.of_batch(fixed.unpack(packed), state.unpack(begun), max_steps)
-        *leaves, phase, steps = leaves
+        *leaves, phase, steps = part.of_batch(fixed.unpack(packed), begun, max_steps)
         return state.pack(leaves), jnp.stack([phase, steps])
 
     return loop
@@ -270,25 +196,27 @@ def _with_stops(parts: Sequence[_Part], every: int, layouts):
     a loop, and half of what has to be compiled. One lane's are a column of the state.
     """
     fixed, state = layouts
-    takes, asks, decide, status = parts
+    advance, *decisions, status = parts
+    decisions = list(zip(decisions[::2], decisions[1::2], strict=True))
 
     def loop(max_steps, packed, begun):
         values = fixed.unpack(packed)
 
         def turn(number, rows):
-            steps = steps_of_turn(number, every)
-            leaves = takes.of_batch(values, state.unpack(rows), steps)
-            rows = state.put(rows, takes.changed(leaves))
-            (asked,) = asks.of_batch(values, state.unpack(rows))
-            return one_by_one(asked, rows)
+            changes = advance.changes(values, rows, steps_of_turn(number, every))
+            rows = state.put(rows, changes)
+            for asks, decide in decisions:
+                (asked,) = asks.of_batch(values, rows)
+                rows = one_by_one(asked, decide, rows)
+            return rows
 
-        def one_by_one(asked, rows):
+        def one_by_one(asked, decide, rows):
             lanes = lax.iota(np.int32, len(asked))
 
             def following(lane):
                 return jnp.min(jnp.where(asked & (lanes > lane), lanes, len(asked)))
 
-            def decided(now):
+            def with_decision(now):
                 lane, rows = now
 
                 def column():  # read before any of it is overwritten
@@ -296,15 +224,17 @@ def _with_stops(parts: Sequence[_Part], every: int, layouts):
 
                 number = some_number(rows)
                 one = column() if number is None else materialise(number, column)
-                leaves = state.unpack(one)
-                leaves = decide.of_lane(values, leaves, lane)
-                return following(lane), state.put(rows, decide.changed(leaves), lane)
+                changes = decide.changes_of_lane(values, one, lane)
+                return following(lane), state.put(rows, changes, lane)
+
+            def asks_on(now):
+                return now[0] < len(asked)
 
             first = following(jnp.int32(-1)), rows
-            return lax.while_loop(lambda now: now[0] < len(asked), decided, first)[1]
+            return lax.while_loop(asks_on, with_decision, first)[1]
 
         rows = lax.fori_loop(0, turns(max_steps, every), turn, begun)
-        return rows, jnp.stack(status.of_batch(values, state.unpack(rows)))
+        return rows, jnp.stack(status.of_batch(values, rows))
 
     return loop
 
