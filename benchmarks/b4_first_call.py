@@ -1,7 +1,8 @@
 """What a first call costs: tracing and compiling, scene by scene, and a small sweep.
 
 Each of a few processes traces a scene and compiles its programs one after the other:
-processor seconds, medians. Then one first call of `sweep`, of four points, with JAX's
+processor seconds, medians, beside those of a loop in Python, as they follow the hour of
+a machine that others use. Then one first call of `sweep`, of four points, with JAX's
 cache empty, and one of the next process, which finds there what took more than half a
 second to compile. Last, for two of the scenes, the microseconds of a lane in sweeps of
 64 that were compiled before, with tracing and without. Imports are not timed. Prints
@@ -61,16 +62,26 @@ SCENES = {
 SMALL = ("one_window", "certified_map")
 
 
+def python_loop():
+    """Processor seconds of ten million additions: a measure of the machine's hour."""
+    start, total = time.process_time(), 0
+    for i in range(10_000_000):
+        total += i
+    return time.process_time() - start
+
+
 def compiling(scene):
     """Processor seconds to trace it, and to compile all its programs."""
     zj.configure_cpu()
+    loop = python_loop()
     start = time.process_time()
     lowered = traced(SCENES[scene], NAMES, True, None)
     middle = time.process_time()
     with own_flags(), jax.enable_x64(True):
         for stage in lowered.stages:
             stage.lowered.compile()
-    return {"trace": middle - start, "compile": time.process_time() - middle}
+    seconds = {"trace": middle - start, "compile": time.process_time() - middle}
+    return {**seconds, "python_loop": (loop + python_loop()) / 2}
 
 
 def first_call(scene):

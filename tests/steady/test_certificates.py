@@ -7,8 +7,9 @@ import pytest
 from models import floquet
 
 import ziegler_jax as zj
-from ziegler_jax.__main__ import KICK
+from ziegler_jax.__main__ import KICK, point
 from ziegler_jax.steady import contraction
+from ziegler_jax.steady.certified import CertifiedMotion
 from ziegler_jax.steady.oddness import is_odd
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -178,3 +179,22 @@ def test_the_algebra_of_return_maps_is_numpys(seed):
     assert size <= bound * (1 + 1e-9) and bound < 1
     assert contraction.contracts(rows(p), rows(a))
     assert not contraction.contracts(rows(p), rows(a / size * 1.01))
+
+
+def test_every_attempt_begins_with_a_shot_of_its_own(monkeypatch):
+    """The one before has left its shot at its end: that is none of the next."""
+    spent, attempts = [0], 0
+
+    def watched(motion, now):
+        nonlocal attempts
+        advance = [jax.jit(phase.advance) for phase in motion.phases]
+        while now.running:
+            attempts += bool(now.shoots & (now.shot.steps < 0))
+            now = advance[int(now.shoots)](now, jnp.int32(256))
+            spent.append(int(now.spent))
+        return now
+
+    monkeypatch.setattr(CertifiedMotion, "to_the_end", watched)
+    found = point(1.6206896551724137, 0.16, 0.16)
+    assert found.outcome == zj.OUTCOME.cycle and attempts > 1
+    assert (np.diff(spent) >= 0).all(), spent

@@ -237,7 +237,9 @@ class CertifiedMotion:
         return now._replace(shot=shot.advance(now.shot, max_steps))
 
     def _shot_is_over(self, now: Certifying) -> Bool[Array, ""]:
-        return now.running & now.shoots & ~now.shot.running
+        # one to be begun stands where the last has ended: it is over only in name
+        over = ~now.shot.running & (now.shot.steps >= 0)
+        return now.running & now.shoots & over
 
     def _has_shot(self, now: Certifying) -> Bool[Array, ""]:
         return self._shot_is_over(now) & (now.observing == OUTCOME.not_computed)
