@@ -254,7 +254,7 @@ def resumable(
     def says(function: Callable[[State], object], _, *leaves: Array) -> list:
         return jax.tree.leaves(function(tree.unflatten(leaves)))
 
-    def after(decide: Callable[[State], State], *numbers: Array) -> list[Array]:
+    def decides(decide: Callable[[State], State], *numbers: Array) -> list[Array]:
         return flat(lambda state, _: decide(state), *numbers)
 
     def parts(phase: Phase[State]) -> list[Callable[..., tuple | list]]:
@@ -265,7 +265,7 @@ def resumable(
             return [partial(whole, phase)]
         decisions: list[Callable[..., tuple | list]] = []
         for asks, decide in stop.decisions:
-            decisions += [partial(says, asks), partial(after, decide)]
+            decisions += [partial(says, asks), partial(decides, decide)]
         return [partial(flat, stop.steps), *decisions, partial(says, status)]
 
     with may_cut(None):  # a loop within is a part of this one

@@ -76,7 +76,10 @@ class AbstractFold(eqx.Module, Generic[State]):
         """The running numbers at the start."""
 
     def with_slope(self, solver, terms, t0, y0, column) -> tuple[Traced4, State]:
-        """The right-hand side at the start, and the running numbers."""
+        """The right-hand side at the start, and the running numbers there.
+
+        A fold that works out both at once does so here.
+        """
         return solver.init(terms, t0, t0, y0, column), self.init(column, t0, y0)
 
     @abc.abstractmethod

@@ -186,14 +186,14 @@ class CertifiedMotion:
             Decision(self._has_returned, self._after_return),
             Decision(self._march_is_over, self._after_march),
         ]
+        observed = [Decision(self._has_observed, self._after_observation)]
         shots = [
-            Decision(self._has_shot, self._after_shot),  # the next one runs already
+            Decision(self._has_shot, self._after_shot),
+            # a lane that is to shoot again has no shot now, and is not judged
             Decision(self._has_shot, self._judged),
-            Decision(self._has_observed, self._after_observation),
+            *(observed if self.watches else []),
             Decision(self._is_to_begin, self._next_shot),
         ]
-        if not self.watches:
-            del shots[2]
         every = self.at_once
         return [
             phase_of(Stop(self.march_on, march, every)),

@@ -10,8 +10,8 @@ for $|A v|_P^2 = |v|_P^2 - |v|^2$. Sums and products only: a batch needs no LAPA
 
 Vectors and matrices are tuples of numbers, a matrix one of its rows: in a batch each of
 these is an array of lanes. What is seldom asked for, powers of a matrix and what they
-sum up to, is worked out with arrays of nine: as single numbers they are a tenth of the
-instructions of a shot's program.
+sum up to, is worked out with arrays of nine: as single numbers it would be many more
+instructions to compile.
 """
 
 from collections.abc import Sequence
@@ -60,7 +60,7 @@ def as_numbers(a: Float[Array, "3 3"]) -> Matrix3:
 
 
 def times(a: Float[Array, "3 3"], b: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """The product A B, without the libraries that `@` would call."""
+    """The product A B."""
     return jnp.sum(a[:, :, None] * b[None], axis=1)
 
 

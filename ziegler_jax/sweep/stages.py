@@ -138,14 +138,14 @@ class _Part(NamedTuple):
 
     def changes(self, values: list, rows: Sequence, max_steps: Count) -> list:
         """The leaves that it changes in all lanes, None for the others."""
-        leaves, lanes = self._needed(rows), rows[0].shape[-1]
+        leaves, lanes = self._for_changes(rows), rows[0].shape[-1]
         return self._new(self._of_lanes(values, leaves, lanes, max_steps))
 
     def changes_of_lane(self, values: list, rows: Sequence, lane: jax.Array) -> list:
         """The same in one lane of a batch, whose rows these are."""
         pairs = zip(self.numbers(*values), self.moves, strict=True)
         numbers = [_of_lane(x, lane) if moves else x for x, moves in pairs]
-        after = eval_jaxpr(self.jaxpr, numbers, jnp.int32(0), *self._needed(rows))
+        after = eval_jaxpr(self.jaxpr, numbers, jnp.int32(0), *self._for_changes(rows))
         # what is known now is Python's own
         return [None if x is None else jnp.asarray(x) for x in self._new(after)]
 
@@ -159,13 +159,12 @@ class _Part(NamedTuple):
         lanes = jax.vmap(of_a_lane, (axes, -1), -1, axis_size=count)
         return lanes(self.numbers(*values), leaves)
 
-    def _needed(self, rows: Sequence) -> list:
+    def _for_changes(self, rows: Sequence) -> list:
         return self._read(rows, self._new(self.jaxpr.outvars))
 
     def _read(self, rows: Sequence, results: list) -> list:
         """The leaves that results are made of, None for the others."""
-        read = {v for e in self.jaxpr.eqns for v in _variables(e.invars)}
-        read.update(_variables(v for v in results if v is not None))
+        read = _read_by(self.jaxpr.eqns, [v for v in results if v is not None])
         places = enumerate(self.jaxpr.invars[1:])
         return [self.state.leaf(rows, i) if v in read else None for i, v in places]
 
@@ -247,7 +246,7 @@ def of_lanes(function: Callable) -> Callable:
 def _function(whole, equations, inputs, outputs):
     """The outputs as a function of the inputs, by those equations that they need."""
     equations = _needed(equations, outputs)
-    read = {v for e in equations for v in _variables(e.invars)} | {*_variables(outputs)}
+    read = _read_by(equations, outputs)
     pairs = zip(whole.jaxpr.constvars, whole.consts, strict=True)
     constants = [(v, value) for v, value in pairs if v in read]
     jaxpr = whole.jaxpr.replace(
@@ -258,6 +257,11 @@ def _function(whole, equations, inputs, outputs):
         debug_info=whole.jaxpr.debug_info.with_unknown_names(),
     )
     return jaxpr_as_fun(ClosedJaxpr(jaxpr, [value for _, value in constants]))
+
+
+def _read_by(equations: list[JaxprEqn], outputs: list) -> set[Var]:
+    """What they read, and the outputs."""
+    return {v for e in equations for v in _variables(e.invars)} | {*_variables(outputs)}
 
 
 def _needed(equations: list[JaxprEqn], outputs: list) -> list[JaxprEqn]:
