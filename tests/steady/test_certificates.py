@@ -153,11 +153,6 @@ def test_what_cannot_be_certified_is_refused():
 # ---- the algebra of three numbers
 
 
-def rows(matrix):
-    """A matrix as the package has it: a tuple of tuples of numbers."""
-    return tuple(tuple(map(jnp.asarray, row)) for row in matrix)
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_the_algebra_of_return_maps_is_numpys(seed):
     source = np.random.default_rng(seed)
@@ -168,17 +163,19 @@ def test_the_algebra_of_return_maps_is_numpys(seed):
         a *= 0.5 / np.abs(np.linalg.eigvals(a)).max()
     radius = np.abs(np.linalg.eigvals(a)).max()
     # a power's constant remains: 2^-24 of its logarithm
-    assert contraction.spectral_radius(rows(a)) == pytest.approx(radius, rel=2e-6)
+    assert contraction.spectral_radius(jnp.asarray(a)) == pytest.approx(
+        radius, rel=2e-6
+    )
     r = source.normal(size=3)
-    move = contraction.fixed_point_move(rows(a), tuple(map(jnp.asarray, r)))
+    move = contraction.fixed_point_move(jnp.asarray(a), jnp.asarray(r))
     np.testing.assert_allclose(move, np.linalg.solve(np.eye(3) - a, r), rtol=1e-9)
-    p = np.asarray(contraction.contraction_norm(rows(a), radius))
+    p = np.asarray(contraction.contraction_norm(jnp.asarray(a), radius))
     root = np.linalg.cholesky(p).T
     size = np.linalg.norm(root @ a @ np.linalg.inv(root), 2)
-    bound = float(contraction.contraction_rate(rows(p), radius))
+    bound = float(contraction.contraction_rate(jnp.asarray(p), radius))
     assert size <= bound * (1 + 1e-9) and bound < 1
-    assert contraction.contracts(rows(p), rows(a))
-    assert not contraction.contracts(rows(p), rows(a / size * 1.01))
+    assert contraction.contracts(jnp.asarray(p), jnp.asarray(a))
+    assert not contraction.contracts(jnp.asarray(p), jnp.asarray(a / size * 1.01))
 
 
 def test_every_attempt_begins_with_a_shot_of_its_own(monkeypatch):

@@ -42,18 +42,13 @@ def passing(point, time):
     return Lookout(ends, jnp.asarray(1.0), (), jnp.asarray(NOTHING))
 
 
-def rows(matrix):
-    """A matrix as the package has it: a tuple of tuples of numbers."""
-    return tuple(tuple(map(jnp.asarray, row)) for row in matrix)
-
-
 def asks_of(distances, slope):
     """What a motion asks for whose returns lie so far from an orbit with this map."""
-    slope, one = rows(slope), jnp.asarray(1, jnp.int32)
+    slope, one = jnp.asarray(slope), jnp.asarray(1, jnp.int32)
     radius = spectral_radius(slope)
     norm = contraction_norm(slope, radius)
     there = jnp.asarray(True)
-    orbit = Candidate(there, one, tuple(map(jnp.asarray, ORBIT)), slope, norm, radius)
+    orbit = Candidate(there, one, jnp.asarray(ORBIT), slope, norm, radius)
     state, asks = no_returns(jnp.asarray(0.0)), NOTHING
     for i, distance in enumerate(distances):
         state = with_return(state, passing(ORBIT + distance, 3.0 * i), False, orbit)
@@ -110,7 +105,7 @@ def test_the_largest_return_since_the_last_time_counts():
 
 
 def test_shots_go_on_being_asked_for_at_times_that_grow():
-    point, eye = tuple(map(jnp.asarray, ORBIT)), rows(np.eye(3))
+    point, eye = jnp.asarray(ORBIT), jnp.eye(3)
     none = Candidate(jnp.asarray(False), jnp.asarray(0), point, eye, eye, point[0])
     state, due = no_returns(jnp.asarray(0.0)), []
     again = jax.jit(

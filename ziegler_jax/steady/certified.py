@@ -52,12 +52,10 @@ from ..numerics.numbers import (
 from ..results import OUTCOME, UNDECIDED
 from ..solvers import Explicit
 from .contraction import (
-    TINY,
     contraction_norm,
     contracts,
-    largest,
     length,
-    minus,
+    size_of,
     spectral_radius,
 )
 from .growth import Growth
@@ -154,8 +152,8 @@ class CertifiedMotion:
     def begin(self) -> Certifying:
         """Before the first step."""
         zero, none = 0.0 * self.y0[0], jnp.zeros((), jnp.int32)
-        no, point = jnp.asarray(False), (zero, zero, zero)
-        matrix = (point, point, point)
+        no, point = jnp.asarray(False), jnp.zeros(3, zero.dtype) + zero
+        matrix = jnp.zeros((3, 3), zero.dtype) + zero
         blank = Candidate(no, none, point, matrix, matrix, zero)
         attempt = blank_attempt(zero)
         march = self._march(none).begin()
@@ -343,11 +341,10 @@ class CertifiedMotion:
         unstable = verified & (radius > 1 + margin)
         norm = contraction_norm(attempt.slope, radius)
         orbit = Candidate(stable, state.returns, attempt.x, attempt.slope, norm, radius)
-        was, became = (minus(y, attempt.x) for y in (attempt.start, attempt.image))
-        scale = jnp.maximum(largest(attempt.x), TINY)
+        was, became = attempt.start - attempt.x, attempt.image - attempt.x
         at_once = stable & contracts(norm, attempt.first_slope)
         at_once &= follows(orbit, was, became, 0.0)
-        at_once &= length(norm, was) < ARRIVED * scale
+        at_once &= length(norm, was) < ARRIVED * size_of(attempt.x)
         record = Record(run.folded.record, attempt.span, run.y)
         y = start_of(attempt.x)
         closed = Orbit(y, attempt.span, attempt.size, record)

@@ -145,24 +145,16 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     rates = along[:, 2:].reshape(2, len(sizes), 2)
     shares = jnp.reshape(jnp.asarray(SHARES), (1, -1, 1, 1))
     between = rates[:, None, :1] + shares * (rates - rates[:, :1])[:, None]
-    damping = between.reshape(2, -1, 2)
-    ones, others = ((damping[0, :, joint], damping[1, :, joint]) for joint in (0, 1))
-
-    def of_both(good, one):
-        def with_other(good, other):
-            (c11, c21), (c12, c22) = one, other
-            damped = _damped(
-                c11 + c22,
-                c11 * c22 - c12 * c21 + k11 + k22,
-                c11 * k22 + c22 * k11 - c12 * k21 - c21 * k12,
-                k11 * k22 - k12 * k21,
-            )
-            return good & damped, None
-
-        return lax.scan(with_other, good, others)[0], None
-
-    good = jnp.ones_like(rate, bool)
-    return lax.scan(of_both, good, ones)[0] | (rate == 0)
+    damping = between.reshape(2, -1, 2)  # by force, and by joint
+    # each damping of one joint with each of the other
+    (c11, c21), (c12, c22) = damping[:, :, None, 0], damping[:, None, :, 1]
+    damped = _damped(
+        c11 + c22,
+        c11 * c22 - c12 * c21 + k11 + k22,
+        c11 * k22 + c22 * k11 - c12 * k21 - c21 * k12,
+        k11 * k22 - k12 * k21,
+    )
+    return jnp.all(damped) | (rate == 0)
 
 
 def _damped(p1: Scalar, p2: Scalar, p3: Scalar, p4: Scalar) -> Flag:

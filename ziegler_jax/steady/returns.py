@@ -15,11 +15,11 @@ beside the orbit, on a torus round it say, does not.
 """
 
 from collections.abc import Sequence
-from functools import reduce
 from typing import NamedTuple, cast
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from ..motion.section import SectionPlane, passage
 from ..motion.spans import may_turn_over, turns_over
@@ -30,21 +30,20 @@ from ..numerics.numbers import Count, Flag, Flags, Pair, Scalar, Traced, Traced4
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit, Step
 from .contraction import (
-    TINY,
     Matrix3,
     Vector3,
     contraction_rate,
     image,
     largest,
     length,
-    minus,
-    trace,
+    size_of,
 )
 from .growth import Grown, grown, kick_tangent
 from .rest import Rest, fastest
 from .trend import Trend, no_trend
 
 RETURNS = (1, 2, 3, 4, 6)  # how many close an orbit
+COUNTS = np.arange(1, max(RETURNS) + 1, dtype=np.int32)
 # A shot is asked for where a d_n passes the next of these, or at these times where it
 # is small; where it is large again, the first level counts once more.
 LEVELS = (6e-4, 2e-4, 7e-5)
@@ -216,10 +215,10 @@ def _longer(calm: Calm, step: Step, rate: Scalar) -> Calm:
 class Returns(NamedTuple):
     """What the returns have told."""
 
-    points: tuple[Vector3, ...]  # the last ones, newest first
-    times: tuple[Traced, ...]
+    points: Float[Array, "7 3"]  # the last ones, newest first
+    times: Float[Array, "7"]
     passages: Traced
-    last: tuple[Traced, ...]  # d_n at the newest, for each of the counts
+    last: Float[Array, "6"]  # d_n at the newest; infinity where n closes no orbit
     nearest: Traced  # about the smallest of the last d_n
     level: Traced  # how many of them have been used up
     due: Traced  # the next of the times
@@ -233,12 +232,13 @@ class Returns(NamedTuple):
 
 def no_returns(zero: Traced) -> Returns:
     """Before the first."""
-    places, none = 1 + max(RETURNS), jnp.zeros((), jnp.int32)
+    none = jnp.zeros((), jnp.int32)
+    counts = len(COUNTS)
     return Returns(
-        points=((zero, zero, zero),) * places,
-        times=(zero,) * places,
+        points=jnp.zeros((1 + counts, 3), zero.dtype) + zero,
+        times=jnp.zeros(1 + counts, zero.dtype) + zero,
         passages=zero,
-        last=(zero + jnp.inf,) * len(RETURNS),
+        last=jnp.full(counts, jnp.inf, zero.dtype) + zero,
         nearest=zero + jnp.inf,
         level=zero,
         due=zero + TIMES[0],
@@ -264,29 +264,31 @@ def with_return(
     motion that does is over.
     """
     ends = lookout.passed
-    sign = jnp.where(odd & (ends.y1[0] < ends.y0[0]), -1.0, 1.0)
+
+    def side():
+        return jnp.where(odd & (ends.y1[0] < ends.y0[0]), -1.0, 1.0)
+
+    sign = materialise(ends.t0, side)  # once for all numbers
     y0, y1, a0, a1 = (
         tuple(sign * x for x in part) for part in (ends.y0, ends.y1, ends.a0, ends.a1)
     )
     slopes = cast(Traced4, (*y0[2:], *a0)), cast(Traced4, (*y1[2:], *a1))
     step = Step(ends.t0, ends.t1, cast(Traced4, y0), cast(Traced4, y1), *slopes, ())
     here = passage(SectionPlane(), step)
-    point = cast(Vector3, here.y[1:])
-    points = (point, *state.points[:-1])
-    times = (cast(Traced, here.time), *state.times[:-1])
+    point = jnp.stack(here.y[1:])
+    points = jnp.concatenate([point[None], state.points[:-1]])
+    times = jnp.concatenate([jnp.stack([here.time]), state.times[:-1]])
     # where two came at once one is lost: what was before says nothing of what follows
     count = jnp.where(lookout.waits > 1, 1.0, state.passages + 1)
-    size = jnp.maximum(largest(point), TINY)
-    apart = tuple(
-        jnp.where(count > n, largest(minus(points[n], point)) / size, jnp.inf)
-        for n in RETURNS
-    )
+    apart = jnp.max(jnp.abs(points[1:] - point[None]), axis=1) / size_of(point)
+    closes = count > jnp.asarray(COUNTS, count.dtype)
+    apart = jnp.where(np.isin(COUNTS, RETURNS) & closes, apart, jnp.inf)
     after = state._replace(
         points=points,
         times=times,
         passages=count,
         last=apart,
-        nearest=jnp.minimum(LEAK * state.nearest, _least(apart)),
+        nearest=jnp.minimum(LEAK * state.nearest, jnp.min(apart)),
     )
     trend = after.trend.after(largest(point), after.times[0] > after.due)
     after = after._replace(trend=trend)
@@ -300,24 +302,21 @@ def with_return(
 
 def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
     """Whether it is time for a shot, and of how many returns."""
-    t, least = now.times[0], _least(now.last)
+    t, least = now.times[0], jnp.min(now.last)
     level = jnp.where(least > LARGE, 0.0, now.level)
     bound = _nth((*LEVELS, 0.0), level)
-    passed = jnp.zeros_like(t, bool)
-    for d, was in zip(now.last, before.last, strict=True):
-        passed |= (d < bound) & (d < was)
-    passed &= t > EARLIEST
+    passed = jnp.any((now.last < bound) & (now.last < before.last)) & (t > EARLIEST)
     timed = t > now.due
-    following = _least([jnp.where(now.due < x, x, jnp.inf) for x in TIMES])
+    times, levels = (jnp.asarray(x, t.dtype) for x in (TIMES, LEVELS))
+    following = jnp.min(jnp.where(now.due < times, times, jnp.inf))
     following = jnp.where(now.due < TIMES[-1], following, LATER * now.due)
     asks = passed | (timed & (least < SMALL))
     # no shot at an orbit that is known, and that the motion has not left
     asks &= ~orbit.there | now.lost
     asks &= now.asks == NOTHING
     enough = ALIKE * jnp.maximum(jnp.where(passed, bound, 0.0), least)
-    pairs = zip(RETURNS, now.last, strict=True)
-    first = _least([jnp.where(d < enough, n, RETURNS[-1]) for n, d in pairs])
-    below = sum((jnp.where(least < x, 1.0, 0.0) for x in LEVELS), jnp.zeros_like(t))
+    first = jnp.min(jnp.where(now.last < enough, COUNTS, COUNTS[-1]))
+    below = jnp.sum(jnp.where(least < levels, 1.0, 0.0))
     return now._replace(
         level=jnp.where(passed, jnp.maximum(level, below), level),
         due=jnp.where(timed, following, now.due),
@@ -333,11 +332,8 @@ def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
     # whole numbers, far below those whose quotients would be rounded
     mine = own - returns * jnp.floor((own + 0.5) / returns) == 0
     mine &= orbit.there & ~now.lost
-    places = [now.points[n] for n in RETURNS]
-    earlier = (_chosen(orbit.returns, x) for x in zip(*places, strict=True))
-    distance = minus(now.points[0], orbit.x)
-    size = jnp.maximum(largest(orbit.x), TINY)
-    was = minus(cast(Vector3, tuple(earlier)), orbit.x)
+    distance, size = now.points[0] - orbit.x, size_of(orbit.x)
+    was = now.points[orbit.returns] - orbit.x
     good = follows(orbit, was, distance, NOISE * size)
     good &= largest(distance) < NEAR * size
     row = jnp.where(mine, jnp.where(good, now.follows + 1, 0.0), now.follows)
@@ -356,10 +352,10 @@ def follows(
 ) -> Bool[Array, ""]:
     """Whether distances from an orbit go on as its linear map says, and do not grow."""
     rate = contraction_rate(orbit.norm, orbit.radius)
-    rest = length(orbit.norm, minus(after, image(orbit.slope, before)))
+    rest = length(orbit.norm, after - image(orbit.slope, before))
     was, now = length(orbit.norm, before), length(orbit.norm, after)
     # the norm stretches noise by the root of its trace at most
-    noise = noise * jnp.sqrt(trace(orbit.norm))
+    noise = noise * jnp.sqrt(jnp.trace(orbit.norm))
     return (rest <= (1 - rate) / 2 * was + noise) & (now <= was + noise)
 
 
@@ -376,14 +372,7 @@ def with_candidate(state: Returns) -> Returns:
 
 def span_of(state: Returns, returns: Count) -> Traced:
     """The time that the last so many returns took."""
-    return _chosen(returns, [state.times[0] - state.times[n] for n in RETURNS])
-
-
-def _chosen(returns: Count, numbers: Sequence[Traced]) -> Traced:
-    """That number of each of the counts which belongs to so many returns."""
-    pairs = zip(RETURNS, numbers, strict=True)
-    none = jnp.zeros_like(numbers[0])
-    return sum((jnp.where(returns == n, x, none) for n, x in pairs), none)
+    return state.times[0] - state.times[returns]
 
 
 def _nth(numbers: Sequence[Scalar], place: Traced) -> Traced:
@@ -391,8 +380,3 @@ def _nth(numbers: Sequence[Scalar], place: Traced) -> Traced:
     pairs = enumerate(numbers)
     none = jnp.zeros_like(place)
     return sum((jnp.where(place == i, x, 0.0) for i, x in pairs), none)
-
-
-def _least(numbers: Sequence[Traced]) -> Traced:
-    """The smallest."""
-    return reduce(jnp.minimum, numbers)

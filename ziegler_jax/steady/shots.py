@@ -36,13 +36,11 @@ from ..numerics.numbers import (
 from ..results import OUTCOME
 from ..solvers import AbstractFold, Explicit
 from .contraction import (
-    TINY,
     Matrix3,
     Vector3,
-    dot,
     fixed_point_move,
     largest,
-    minus,
+    size_of,
 )
 from .observation import Observation
 from .push_along import push_along, tangent_field
@@ -164,7 +162,7 @@ def shot_motion(
 def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
     """Newton's step after a shot, and whether another one is worth it."""
     back = materialise(attempt.span, return_of, run, attempt)
-    size = largest(back.move) / jnp.maximum(largest(attempt.x), TINY)
+    size = largest(back.move) / size_of(attempt.x)
     first, count = attempt.shots == 0, attempt.shots + 1
     arrived = run.outcome == OUTCOME.complete
     verified = arrived & attempt.fine & (size < VERIFIED)
@@ -175,7 +173,7 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
     good = arrived & (size < TOO_FAR) & (first | (size < FALL * attempt.size))
     span = attempt.span + back.longer
     after = Attempt(
-        x=cast(Vector3, tuple(map(jnp.add, attempt.x, back.move))),
+        x=attempt.x + back.move,
         # the orbit is the one that the last shot ran
         span=jnp.where(verified, attempt.span, span),
         sign=attempt.sign,
@@ -203,17 +201,15 @@ class Return(NamedTuple):
 
 def return_of(run: Run[ShotState], attempt: Attempt) -> Return:
     """The return that a shot has come to."""
-    sign = attempt.sign
-    a, f = ([sign * x for x in four] for four in (run.y, run.solver.slope))
-    v = [[sign * v[i] for v in run.folded.tangents] for i in range(4)]
+    columns = run.y, run.solver.slope, *run.folded.tangents
+    rows = attempt.sign * jnp.stack([jnp.stack(column) for column in columns], axis=1)
+    a, f, v = rows[:, 0], rows[:, 1], rows[:, 2:]
     speed = jnp.where(f[0] == 0, jnp.nan, f[0])
-    late, first = -a[0] / speed, cast(Vector3, tuple(x / speed for x in v[0]))
-    reached = cast(Vector3, tuple(a[i] + late * f[i] for i in (1, 2, 3)))
-    rows = ([x - f[i] * y for x, y in zip(v[i], first, strict=True)] for i in (1, 2, 3))
-    slope = cast(Matrix3, tuple(map(tuple, rows)))
+    late, first = -a[0] / speed, v[0] / speed
+    reached, slope = a[1:] + late * f[1:], v[1:] - f[1:, None] * first[None]
     slope = materialise(attempt.span, lambda: slope)
-    move = fixed_point_move(slope, minus(reached, attempt.x))
-    return Return(reached, slope, move, late - dot(first, move))
+    move = fixed_point_move(slope, reached - attempt.x)
+    return Return(reached, slope, move, late - jnp.sum(first * move))
 
 
 def to_be_begun(run: Run[ShotState]) -> Run[ShotState]:
@@ -231,8 +227,8 @@ def start_of(x: Vector3) -> Traced4:
 
 def blank_attempt(zero: Traced) -> Attempt:
     """None yet."""
-    point, no = (zero, zero, zero), jnp.asarray(False)
-    matrix = (point, point, point)
+    point, no = jnp.zeros(3, zero.dtype) + zero, jnp.asarray(False)
+    matrix = jnp.zeros((3, 3), zero.dtype) + zero
     return Attempt(
         x=point,
         span=zero,
