@@ -6,6 +6,7 @@ import numpy as np
 
 from ziegler_jax.steady.contraction import contraction_norm, spectral_radius
 from ziegler_jax.steady.returns import (
+    A_SHOT,
     ACCEPTANCE,
     LATER,
     NOTHING,
@@ -14,6 +15,7 @@ from ziegler_jax.steady.returns import (
     Ends,
     Lookout,
     no_returns,
+    span_of,
     with_return,
 )
 from ziegler_jax.steady.trend import no_trend
@@ -102,6 +104,25 @@ def test_the_largest_return_since_the_last_time_counts():
         trend = trend.after(jnp.asarray(size), timed)
     assert float(trend.before) == np.float64(1.3)
     assert float(trend.peak) == np.float64(1.4)
+
+
+def test_a_shot_is_of_as_many_returns_as_close_and_five_close_none():
+    point, eye = jnp.asarray(ORBIT), jnp.eye(3)
+    none = Candidate(jnp.asarray(False), jnp.asarray(0), point, eye, eye, point[0])
+    again = jax.jit(
+        lambda state, x, time: with_return(state, passing(x, time), False, none)
+    )
+    asked = {}
+    for count in (1, 2, 3, 4, 5, 6):
+        state = no_returns(jnp.asarray(0.0))
+        for i in range(10):
+            # the places of a cycle lie farther apart than a shot is asked for
+            state = again(state, ORBIT + 0.05 * (i % count), 20.0 * i)
+        span = float(span_of(state, state.returns))
+        asked[count] = int(state.asks), int(state.returns), span
+    assert asked.pop(5)[:2] == (NOTHING, 0)
+    # times are halves and wholes: nothing is rounded
+    assert asked == {n: (A_SHOT, n, 20.0 * n) for n in asked}
 
 
 def test_shots_go_on_being_asked_for_at_times_that_grow():

@@ -30,7 +30,7 @@ UNIT = np.eye(3)
 
 
 def times(a: Matrix3, b: Matrix3) -> Matrix3:
-    """The product A B."""
+    """The product A B, without the libraries that `@` would call."""
     return jnp.sum(a[:, :, None] * b[None], axis=1)
 
 

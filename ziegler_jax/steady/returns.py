@@ -43,7 +43,7 @@ from .rest import Rest, fastest
 from .trend import Trend, no_trend
 
 RETURNS = (1, 2, 3, 4, 6)  # how many close an orbit
-COUNTS = np.arange(1, max(RETURNS) + 1, dtype=np.int32)
+COUNTS = np.arange(1, max(RETURNS) + 1, dtype=np.int32)  # with those that close none
 # A shot is asked for where a d_n passes the next of these, or at these times where it
 # is small; where it is large again, the first level counts once more.
 LEVELS = (6e-4, 2e-4, 7e-5)
