@@ -213,7 +213,11 @@ def return_of(run: Run[ShotState], attempt: Attempt) -> Return:
 
 
 def to_be_begun(run: Run[ShotState]) -> Run[ShotState]:
-    """A shot that is over, marked so that the next one begins where shots run."""
+    """A shot that is over, marked so that the next one begins where shots run.
+
+    There lanes are looked at before their first step (`steps_of_turn`), so that this
+    one takes none.
+    """
     return run._replace(
         steps=jnp.full_like(run.steps, -1),
         outcome=jnp.full_like(run.outcome, OUTCOME.not_computed),

@@ -59,8 +59,7 @@ WHOLE_VECTORS = 32
 SEGMENTS = 8  # batches of lanes that a segment between loops takes at once
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512. LLVM's
 # expensive passes are about a tenth of compiling (0.67 of before for 0.74 with them, by
-# hand), and a step is the same without: 1774, 2898, 4108, 4537 and 6938 instructions
-# for 1807, 2898, 4148, 4537 and 6890 (`benchmarks/guard.py`, lanes of test_census.py).
+# hand), and a step has as many instructions without (`benchmarks/README.md`).
 _CPU_OPTIONS = {
     "xla_cpu_prefer_vector_width": 512,
     "xla_llvm_disable_expensive_passes": True,
@@ -252,7 +251,8 @@ def _one_kernel(stage: Stage) -> Callable:
 
     That runs faster, and compiles in half the time of a kernel for each of its parts.
     """
-    batched, nothing = stage.function, _nothing(stage)
+    # traced once, for its shapes and for the turn
+    batched, nothing = jax.jit(stage.function), _nothing(stage)
     shapes = jax.eval_shape(batched, *nothing)
     if not stage.is_loop and some_number(jax.tree.leaves(nothing)) is None:
         return batched
