@@ -14,6 +14,8 @@ import numpy as np
 from jax import lax
 
 Packed = TypeVar("Packed", jax.Array, np.ndarray)
+Run = tuple[int, slice]  # rows of one of the arrays
+GAP = 4  # rows between two leaves that are read with them sooner than apart
 
 
 class Packing:
@@ -84,15 +86,33 @@ class Packing:
                 )
         return tuple(arrays)
 
+    def runs(self, places: Iterable[int]) -> list[Run]:
+        """Where these leaves stand, with few rows between them."""
+        runs: list[Run] = []
+        mine = [self.places[i] for i in places]
+        for which, first, end in sorted((i, x.start, x.stop) for i, x in mine):
+            if runs and runs[-1][0] == which and first <= runs[-1][1].stop + GAP:
+                first = runs.pop()[1].start
+            runs.append((which, slice(first, end)))
+        return runs
+
     def unpack(self, packed: Sequence[Packed]) -> list[Packed]:
         """The leaves again; lanes stand behind, and stay there."""
         return [self.leaf(packed, place) for place in range(len(self.shapes))]
 
-    def leaf(self, packed: Sequence[Packed], place: int) -> Packed:
-        """One of them."""
+    def leaf(
+        self, packed: Sequence[Packed], place: int, runs: Sequence[Run] = ()
+    ) -> Packed:
+        """One of them; `runs`: what `packed` holds, where that is not all."""
         (shape, dtype), (which, rows) = self.shapes[place], self.places[place]
-        array = packed[which]
-        return array[rows].reshape(shape + array.shape[1:]).astype(dtype)
+        whole = [(i, slice(0, used)) for i, used in enumerate(self.used)]
+        first, array = next(
+            (run.start, array)
+            for (here, run), array in zip(runs or whole, packed, strict=True)
+            if here == which and run.start <= rows.start and rows.stop <= run.stop
+        )
+        array = array[rows.start - first : rows.stop - first]
+        return array.reshape(shape + array.shape[1:]).astype(dtype)
 
     def empty(self, lanes: int) -> tuple[np.ndarray, ...]:
         """Zeros for so many lanes."""

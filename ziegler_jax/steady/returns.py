@@ -292,7 +292,10 @@ def with_return(
     )
     trend = after.trend.after(largest(point), after.times[0] > after.due)
     after = after._replace(trend=trend)
-    after = materialise(here.time, _drawn_near, after, orbit)
+    after = after._replace(own=after.own + 1)
+    after = if_any_lane(
+        orbit.there & ~after.lost, lambda now: _drawn_near(now, orbit), after
+    )
     after = materialise(here.time, _with_request, state, after, orbit)
     if not until_it_endures:
         return after
@@ -327,7 +330,7 @@ def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
 
 def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
     """Whether the motion follows the candidate's linear map, return by return."""
-    own = now.own + 1
+    own = now.own
     returns = jnp.maximum(orbit.returns, 1).astype(own.dtype)
     # whole numbers, far below those whose quotients would be rounded
     mine = own - returns * jnp.floor((own + 0.5) / returns) == 0
@@ -340,7 +343,6 @@ def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
     arrived = mine & (row >= OWN) & (length(orbit.norm, distance) < ARRIVED * size)
     asks = jnp.where(arrived, ACCEPTANCE, now.asks)
     return now._replace(
-        own=own,
         follows=row,
         lost=now.lost | (mine & (largest(distance) > LOST * size)),
         asks=asks.astype(jnp.int32),

@@ -14,7 +14,6 @@ from typing import NamedTuple, cast
 import jax
 import jax.core
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jax.core import eval_jaxpr
 from jax.extend.core import (
@@ -29,7 +28,7 @@ from jax.extend.core import (
 from ..context import resumable_loop, steps_of_turn, turns
 from ..numerics.materialise import materialise
 from ..numerics.numbers import Count
-from ..numerics.packing import Packing, some_number
+from ..numerics.packing import Packing, Run, some_number
 
 
 class Stage(NamedTuple):
@@ -133,19 +132,28 @@ class _Part(NamedTuple):
 
     def of_batch(self, values: list, rows: Sequence, max_steps: Count = 0) -> list:
         """What it makes of all lanes, which stand behind."""
-        leaves = self._read(rows, self.jaxpr.outvars)
+        leaves = self._leaves(rows, self.jaxpr.outvars)
         return self._of_lanes(values, leaves, rows[0].shape[-1], max_steps)
 
     def changes(self, values: list, rows: Sequence, max_steps: Count) -> list:
         """The leaves that it changes in all lanes, None for the others."""
-        leaves, lanes = self._for_changes(rows), rows[0].shape[-1]
-        return self._new(self._of_lanes(values, leaves, lanes, max_steps))
+        leaves = self._leaves(rows, self._new(self.jaxpr.outvars))
+        return self._new(self._of_lanes(values, leaves, rows[0].shape[-1], max_steps))
 
     def changes_of_lane(self, values: list, rows: Sequence, lane: jax.Array) -> list:
-        """The same in one lane of a batch, whose rows these are."""
+        """The same in one lane of a batch."""
         pairs = zip(self.numbers(*values), self.moves, strict=True)
         numbers = [_of_lane(x, lane) if moves else x for x, moves in pairs]
-        after = eval_jaxpr(self.jaxpr, numbers, jnp.int32(0), *self._for_changes(rows))
+        results = self._new(self.jaxpr.outvars)
+        runs = self.state.runs(self._read_for(results))
+
+        def column():  # before any of it is overwritten
+            return [_of_lane(rows[which][run], lane) for which, run in runs]
+
+        number = some_number(rows)
+        parts = column() if number is None else materialise(number, column)
+        leaves = self._leaves(parts, results, runs)
+        after = eval_jaxpr(self.jaxpr, numbers, jnp.int32(0), *leaves)
         # what is known now is Python's own
         return [None if x is None else jnp.asarray(x) for x in self._new(after)]
 
@@ -159,14 +167,16 @@ class _Part(NamedTuple):
         lanes = jax.vmap(of_a_lane, (axes, -1), -1, axis_size=count)
         return lanes(self.numbers(*values), leaves)
 
-    def _for_changes(self, rows: Sequence) -> list:
-        return self._read(rows, self._new(self.jaxpr.outvars))
-
-    def _read(self, rows: Sequence, results: list) -> list:
+    def _leaves(self, rows: Sequence, results: list, runs: Sequence[Run] = ()) -> list:
         """The leaves that results are made of, None for the others."""
+        read, leaf = self._read_for(results), self.state.leaf
+        places = range(len(self.state.shapes))
+        return [leaf(rows, i, runs) if i in read else None for i in places]
+
+    def _read_for(self, results: list) -> list[int]:
+        """The places of the leaves that results are made of."""
         read = _read_by(self.jaxpr.eqns, [v for v in results if v is not None])
-        places = enumerate(self.jaxpr.invars[1:])
-        return [self.state.leaf(rows, i) if v in read else None for i, v in places]
+        return [i for i, v in enumerate(self.jaxpr.invars[1:]) if v in read]
 
     def _new(self, results: list) -> list:
         """Those that it does not hand through, None for the others."""
@@ -210,20 +220,15 @@ def _with_stops(parts: Sequence[_Part], every: int, layouts):
             return rows
 
         def one_by_one(asked, decide, rows):
-            lanes = lax.iota(np.int32, len(asked))
+            def passed(lane):
+                return (lane < len(asked)) & ~_of_lane(asked, lane)
 
-            def following(lane):
-                return jnp.min(jnp.where(asked & (lanes > lane), lanes, len(asked)))
+            def following(lane):  # number by number: most of them are near
+                return lax.while_loop(passed, lambda lane: lane + 1, lane + 1)
 
             def with_decision(now):
                 lane, rows = now
-
-                def column():  # read before any of it is overwritten
-                    return tuple(_of_lane(array, lane) for array in rows)
-
-                number = some_number(rows)
-                one = column() if number is None else materialise(number, column)
-                changes = decide.changes_of_lane(values, one, lane)
+                changes = decide.changes_of_lane(values, rows, lane)
                 return following(lane), state.put(rows, changes, lane)
 
             def asks_on(now):
