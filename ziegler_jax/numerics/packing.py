@@ -15,7 +15,7 @@ from jax import lax
 
 Packed = TypeVar("Packed", jax.Array, np.ndarray)
 Run = tuple[int, slice]  # rows of one of the arrays
-GAP = 4  # rows between two leaves that are read with them sooner than apart
+GAP = 4  # so few rows between two leaves are read with them
 
 
 class Packing:

@@ -329,7 +329,10 @@ def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
 
 
 def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
-    """Whether the motion follows the candidate's linear map, return by return."""
+    """Whether the motion follows the candidate's linear map, return by return.
+
+    Where it has none, or has left it, all stays as it was: batch mates come here too.
+    """
     own = now.own
     returns = jnp.maximum(orbit.returns, 1).astype(own.dtype)
     # whole numbers, far below those whose quotients would be rounded
