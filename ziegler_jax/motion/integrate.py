@@ -17,10 +17,9 @@ from ..numerics.numbers import Count, Flag, Scalar, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import (
     AbstractFold,
-    AsManyTurns,
     ControlState,
     Explicit,
-    Lane,
+    LaneLoop,
     Observed,
     Reached,
     StepControl,
@@ -28,12 +27,9 @@ from ..solvers import (
     StickSlipState,
     Taylor,
     TaylorSlip,
-    Turns,
-    UntilNoneMoves,
 )
 from ..solvers.fold import AbstractObserved, ObservedState
 from ..solvers.taylor import TaylorState
-from ..solvers.turns import HALTED, MOVES, VANISHED
 from .options import Method
 from .scene import field, layer_of, outcome_of, prepared
 
@@ -148,25 +144,25 @@ class Motion(Generic[Folded]):
         left = left if max_steps is None else jnp.minimum(left, max_steps)
         left = left.astype(jnp.int32)
         # a motion that has ended does not move
-        moves = run.running & (run.control.t < self.end) & (left > 0)
-        halt = jnp.where(moves, MOVES, HALTED).astype(jnp.result_type(run.control.t))
-        control = run.control._replace(left=left)
+        left = jnp.where(run.running & (run.control.t < self.end), left, 0)
         solution = dfx.diffeqsolve(
             self.terms,
-            Turns(self.solver, self.control),
-            t0=0.0,
+            self.solver,
+            t0=0.0,  # each lane has its own times, in its control's state
             t1=jnp.inf,
-            dt0=None,
+            dt0=FIRST_STEP,
             y0=run.solver.y,
             args=self.args,
-            stepsize_controller=UntilNoneMoves(),
-            solver_state=Lane(run.solver, control, halt),
-            saveat=dfx.SaveAt(solver_state=True),
+            stepsize_controller=self.control,
+            solver_state=run.solver,
+            controller_state=run.control._replace(left=left),
+            saveat=dfx.SaveAt(solver_state=True, controller_state=True),
             max_steps=None,  # each lane counts its own
             throw=False,
-            adjoint=AsManyTurns(),
+            adjoint=LaneLoop(),
         )
-        after, where, halt = cast(Lane[Where[Folded]], solution.solver_state)
+        after = cast(Where[Folded], solution.solver_state)
+        where = cast(ControlState, solution.controller_state)
         steps = run.steps + left - where.left
         ended = self.fold.outcome(after.folded)
         over = (ended == OUTCOME.not_computed) & (where.t >= self.end)
@@ -176,7 +172,8 @@ class Motion(Generic[Folded]):
         )
         ended = jnp.where(spent, OUTCOME.budget_spent, ended)
         ended = jnp.where(self.solver.chatters(after), OUTCOME.chattering, ended)
-        ended = outcome_of(halt == VANISHED, after.slope, ended)
+        vanished = solution.result == dfx.RESULTS.dt_min_reached
+        ended = outcome_of(vanished, after.slope, ended)
         outcome = jnp.where(run.running, ended, run.outcome)
         return Run(after, where, steps, outcome)
 

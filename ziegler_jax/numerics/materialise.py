@@ -127,8 +127,7 @@ def as_one_call(
 ) -> Callable[..., Output]:
     """The same function as a call of a program that JAX traces once for such arguments.
 
-    diffrax's loop traces a step three times, and a scene its field ten times. Numbers
-    of Python's own stay known to it.
+    A scene asks for its field ten times. Numbers of Python's own stay known to it.
 
     **Arguments:** `inline`: whether its equations stand in the caller's own program.
     """

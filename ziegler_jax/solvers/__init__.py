@@ -3,17 +3,16 @@
 from .control import ControlState, Signals, StepControl, Verdict
 from .explicit import Explicit
 from .fold import AbstractFold, Observed, Step
+from .loop import LaneLoop
 from .rosenbrock import Rosenbrock
 from .stickslip import StickSlip, StickSlipState
 from .taylor import Reached, Taylor, TaylorSlip
-from .turns import AsManyTurns, Lane, Turns, UntilNoneMoves
 
 __all__ = [
     "AbstractFold",
-    "AsManyTurns",
     "ControlState",
     "Explicit",
-    "Lane",
+    "LaneLoop",
     "Observed",
     "Reached",
     "Rosenbrock",
@@ -24,7 +23,5 @@ __all__ = [
     "StickSlipState",
     "Taylor",
     "TaylorSlip",
-    "Turns",
-    "UntilNoneMoves",
     "Verdict",
 ]

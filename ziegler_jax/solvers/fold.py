@@ -206,8 +206,9 @@ class AbstractObserved(dfx.AbstractSolver[Where], Generic[Where, Inner]):
 class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
     """A one-step method with a fold over its accepted steps.
 
-    `Turns` runs it. diffrax can, too, with `StepControl`, which understands its
-    `Signals`: then read its `ObservedState` back with `SaveAt(solver_state=True)`.
+    diffrax runs it with `StepControl`, which understands its `Signals`: read its
+    `ObservedState` back with `SaveAt(solver_state=True)`. Under `vmap`, `LaneLoop` runs
+    the same faster.
     """
 
     solver: Explicit | Rosenbrock
