@@ -37,13 +37,45 @@ class LaneLoop(dfx.AbstractAdjoint):
     `diffeqsolve` must be given `solver_state` and `controller_state`: a motion is
     handed over where it is, with its time, its end and the steps that it has left (0
     for one that does not move). Both stand in the solution if `saveat` asks for them,
-    and its result is `dt_min_reached` where a step has vanished. Nothing else is saved.
-    Derivatives are forward ones.
+    and its result is `dt_min_reached` where a step has vanished. `t0`, `t1` and `dt0`
+    say nothing. Derivatives are forward ones.
+
+    **Raises:** `ValueError` if it is asked for more: states saved on the way, an event,
+    a number of steps that all lanes share.
     """
 
-    def loop(self, *, solver, stepsize_controller, terms, args, init_state, **rest):
+    def loop(
+        self,
+        *,
+        solver,
+        stepsize_controller,
+        terms,
+        args,
+        init_state,
+        saveat,
+        event,
+        max_steps,
+        passed_solver_state,
+        passed_controller_state,
+        **rest,
+    ):
         """Turns, while a lane moves."""
         del rest
+        if not (passed_solver_state and passed_controller_state):
+            raise ValueError(
+                "Arguments `solver_state` and `controller_state` must be given with "
+                "`LaneLoop`, but one is None."
+            )
+        if saveat.subs is not None or saveat.dense:
+            raise ValueError(
+                "Argument `saveat` must ask for `solver_state` and `controller_state` "
+                f"alone with `LaneLoop`, but is {saveat}."
+            )
+        if event is not None or max_steps is not None:
+            raise ValueError(
+                "Arguments `event` and `max_steps` must be None with `LaneLoop`, but "
+                f"are {event} and {max_steps}."
+            )
         state, control = init_state.solver_state, init_state.controller_state
         moves = control.left > 0
         halt = jnp.where(moves, MOVES, HALTED).astype(jnp.result_type(control.t))
