@@ -265,18 +265,18 @@ def test_steps_end_on_the_asked_times_and_the_lane_ends_when_done():
     assert int(solution.stats["num_rejected_steps"]) > 0
 
 
-def solve_from(lane, left, adjoint):
-    """Where a lane is after `left` more attempts: its solver and its control."""
+def solve_from(lane, left, adjoint, rtol=1e-6):
+    """After `left` more attempts: the solver's state, the controller's, the result."""
     solver_state, control_state = lane
     y0 = tuple(jnp.asarray(x) for x in START)
     solution = dfx.diffeqsolve(
         TERMS, Observed(zj.Explicit(), Stops()), 0.0, jnp.inf, 0.01, y0, COLUMN,
-        stepsize_controller=StepControl(1e-6, 1e-6), solver_state=solver_state,
+        stepsize_controller=StepControl(rtol, rtol), solver_state=solver_state,
         controller_state=control_state._replace(left=jnp.asarray(left, jnp.int32)),
         saveat=dfx.SaveAt(solver_state=True, controller_state=True),
         max_steps=None, throw=False, adjoint=adjoint,
     )  # fmt: skip
-    return solution.solver_state, solution.controller_state
+    return solution.solver_state, solution.controller_state, solution.result
 
 
 def a_begin():
@@ -288,12 +288,22 @@ def a_begin():
 
 def test_the_loop_takes_the_steps_of_that_of_diffrax():
     for left in (1, 16, 10_000):  # the last ends by its fold
-        here = solve_from(a_begin(), left, LaneLoop())
-        there = solve_from(a_begin(), left, dfx.ForwardMode())
+        here = solve_from(a_begin(), left, LaneLoop())[:2]
+        there = solve_from(a_begin(), left, dfx.ForwardMode())[:2]
         for a, b in zip(jax.tree.leaves(here), jax.tree.leaves(there), strict=True):
-            np.testing.assert_allclose(
-                a, b, rtol=1e-8
-            )  # measured: 3e-10, a step that an error allows
+            # measured: 3e-10, the length that an error allows
+            np.testing.assert_allclose(a, b, rtol=1e-8)
+
+
+def test_a_lane_ends_whose_step_vanishes_and_its_batch_mates_go_on():
+    def solve(rtol):
+        _, control, result = solve_from(a_begin(), 1000, LaneLoop(), rtol)
+        return control.t, result == dfx.RESULTS.dt_min_reached
+
+    times, vanished = jax.vmap(solve)(jnp.asarray([1e-100, 1e-6, 1e-100]))
+    assert vanished.tolist() == [True, False, True]
+    # the fold ends it; 20 additions round
+    np.testing.assert_allclose(times, [0.0, 2 * np.pi, 0.0], rtol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -323,7 +333,7 @@ def test_a_loop_ends_where_no_lane_moves_and_goes_on_as_it_left_off():
     """What motions in chunks lean on; lanes of a batch halt each for itself."""
 
     def solve(lane, left):
-        return solve_from(lane, left, LaneLoop())
+        return solve_from(lane, left, LaneLoop())[:2]
 
     begin = solve(a_begin(), 0)  # as the loop gives numbers: weak ones round otherwise
     whole, parts = solve(begin, 23), solve(solve(begin, 16), 7)

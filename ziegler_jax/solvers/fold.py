@@ -208,7 +208,7 @@ class Observed(AbstractObserved[ObservedState, Explicit | Rosenbrock]):
 
     diffrax runs it with `StepControl`, which understands its `Signals`: read its
     `ObservedState` back with `SaveAt(solver_state=True)`. Under `vmap`, `LaneLoop` runs
-    the same faster.
+    the same faster, from a given state to the controller's `end`.
     """
 
     solver: Explicit | Rosenbrock

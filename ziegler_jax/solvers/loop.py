@@ -32,7 +32,7 @@ class Lane(NamedTuple, Generic[Where]):
 
 
 class LaneLoop(dfx.AbstractAdjoint):
-    """diffrax's loop, for an observing solver and `StepControl` under `vmap`.
+    """In place of diffrax's loop, for an observing solver and `StepControl`.
 
     `diffeqsolve` must be given `solver_state` and `controller_state`: a motion is
     handed over where it is, with its time, its end and the steps that it has left (0
@@ -59,7 +59,7 @@ class LaneLoop(dfx.AbstractAdjoint):
         passed_controller_state,
         **rest,
     ):
-        """Turns, while a lane moves."""
+        """Turn after turn, while a lane moves."""
         del rest
         if not (passed_solver_state and passed_controller_state):
             raise ValueError(
