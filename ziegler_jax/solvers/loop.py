@@ -44,38 +44,9 @@ class LaneLoop(dfx.AbstractAdjoint):
     a number of steps that all lanes share.
     """
 
-    def loop(
-        self,
-        *,
-        solver,
-        stepsize_controller,
-        terms,
-        args,
-        init_state,
-        saveat,
-        event,
-        max_steps,
-        passed_solver_state,
-        passed_controller_state,
-        **rest,
-    ):
+    def loop(self, *, solver, stepsize_controller, terms, args, init_state, **asked):
         """Turn after turn, while a lane moves."""
-        del rest
-        if not (passed_solver_state and passed_controller_state):
-            raise ValueError(
-                "Arguments `solver_state` and `controller_state` must be given with "
-                "`LaneLoop`, but one is None."
-            )
-        if saveat.subs is not None or saveat.dense:
-            raise ValueError(
-                "Argument `saveat` must ask for `solver_state` and `controller_state` "
-                f"alone with `LaneLoop`, but is {saveat}."
-            )
-        if event is not None or max_steps is not None:
-            raise ValueError(
-                "Arguments `event` and `max_steps` must be None with `LaneLoop`, but "
-                f"are {event} and {max_steps}."
-            )
+        _check_asked(asked)
         state, control = init_state.solver_state, init_state.controller_state
         moves = control.left > 0
         halt = jnp.where(moves, MOVES, HALTED).astype(jnp.result_type(control.t))
@@ -97,6 +68,26 @@ class LaneLoop(dfx.AbstractAdjoint):
             (last.solver, last.control, result),
         )
         return final, {}
+
+
+def _check_asked(asked: dict) -> None:
+    """Refuse what the loop would not do, of `diffeqsolve`'s arguments."""
+    if not (asked["passed_solver_state"] and asked["passed_controller_state"]):
+        raise ValueError(
+            "Arguments `solver_state` and `controller_state` must be given with "
+            "`LaneLoop`, but one is None."
+        )
+    saveat, event, max_steps = asked["saveat"], asked["event"], asked["max_steps"]
+    if saveat.subs is not None or saveat.dense:
+        raise ValueError(
+            "Argument `saveat` must ask for `solver_state` and `controller_state` "
+            f"alone with `LaneLoop`, but is {saveat}."
+        )
+    if event is not None or max_steps is not None:
+        raise ValueError(
+            "Arguments `event` and `max_steps` must be None with `LaneLoop`, but "
+            f"are {event} and {max_steps}."
+        )
 
 
 def turned(
