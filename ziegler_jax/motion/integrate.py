@@ -150,7 +150,7 @@ class Motion(Generic[Folded]):
             self.solver,
             t0=0.0,  # each lane has its own times, in its control's state
             t1=jnp.inf,
-            dt0=FIRST_STEP,
+            dt0=FIRST_STEP,  # of Python's: a traced one is checked on the host
             y0=run.solver.y,
             args=self.args,
             stepsize_controller=self.control,
