@@ -10,6 +10,8 @@ from hypothesis import HealthCheck, Phase, settings
 
 from ziegler_jax.sweep import partition, program
 
+pytest_plugins = ["costs"]
+
 jax.config.update("jax_enable_x64", True)
 # no silent change of dtype or rank anywhere in the package
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -28,6 +30,7 @@ def pytest_addoption(parser):
     """How hard stores are attacked: see test_stores_under_attack."""
     parser.addoption("--faults", choices=("few", "all"), default="few")
     parser.addoption("--optimised", action="store_true", help="see `unoptimised`")
+    parser.addoption("--costs", metavar="FILE", help="a table of what each test costs")
 
 
 def pytest_collection_finish():
