@@ -1,6 +1,7 @@
-"""What all tests share: 64 bits, strict promotion, and a few helpers."""
+"""What all tests share: 64 bits, strict promotion, how XLA compiles, and helpers."""
 
 import gc
+import os
 from pathlib import Path
 
 import jax
@@ -11,6 +12,20 @@ from hypothesis import HealthCheck, Phase, settings
 from ziegler_jax.sweep import partition, program
 
 pytest_plugins = ["costs"]
+
+# Nearly all of the suite's time is XLA's. It compiles in a third of it without its most
+# costly passes and, on jaxlib 0.10, with the emitter that later versions have alone (a
+# curve of folds: 30 s, 22 s and 11 s of processor time). An option that a jaxlib does
+# not know does nothing here. Processes that tests start compile as a user's do.
+_FLAGS = os.environ.get("XLA_FLAGS")
+if "xla_backend_extra_options" not in (_FLAGS or ""):
+    _SOONER = "--xla_backend_extra_options=xla_cpu_disable_new_fusion_emitters=true"
+    os.environ["XLA_FLAGS"] = f"{_FLAGS or ''} {_SOONER}".strip()
+    jax.devices()  # reads them
+    del os.environ["XLA_FLAGS"]
+    if _FLAGS is not None:
+        os.environ["XLA_FLAGS"] = _FLAGS
+jax.config.update("jax_disable_most_optimizations", True)
 
 jax.config.update("jax_enable_x64", True)
 # no silent change of dtype or rank anywhere in the package
@@ -29,7 +44,6 @@ settings.load_profile("few")
 def pytest_addoption(parser):
     """How hard stores are attacked: see test_stores_under_attack."""
     parser.addoption("--faults", choices=("few", "all"), default="few")
-    parser.addoption("--optimised", action="store_true", help="see `unoptimised`")
     parser.addoption("--costs", metavar="FILE", help="a table of what each test costs")
 
 
@@ -49,23 +63,20 @@ def all_faults(request):
 
 
 @pytest.fixture(scope="module")
-def unoptimised(request):
-    """XLA compiles in half the time what then runs slower; `--optimised`: as ever.
+def optimised():
+    """XLA compiles as for users: for long runs, and for claims about their bits.
 
-    For refusals and for physics whose tolerances are far above rounding, not for claims
-    about bits. What was compiled before is not used, nor is it by other tests.
+    What was compiled before is not used, nor is it by other tests.
     """
-    if request.config.getoption("--optimised"):
-        yield
-        return
-    forget = program._cache.clear, jax.clear_caches
-    for step in forget:
-        step()
-    jax.config.update("jax_disable_most_optimizations", True)
+    _compile_as_users(True)
     yield
-    jax.config.update("jax_disable_most_optimizations", False)
-    for step in forget:
-        step()
+    _compile_as_users(False)
+
+
+def _compile_as_users(do):
+    program._cache.clear()
+    jax.clear_caches()
+    jax.config.update("jax_disable_most_optimizations", not do)
 
 
 REFERENCE = Path(__file__).parent / "reference"

@@ -239,7 +239,6 @@ def test_no_block_is_left_out():
         for n in CASES
     ],
 )
-@pytest.mark.usefixtures("unoptimised")
 def test_a_block_runs_as_it_stands(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given, check = CASES[name]

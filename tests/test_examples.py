@@ -35,7 +35,6 @@ def test_each_of_twelve_tasks_is_a_script_of_at_most_25_lines():
         assert sum(map(bool, script.read_text().splitlines())) <= 25
 
 
-@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_a_task_runs_as_it_stands(script, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -16,8 +16,6 @@ from ziegler_jax.motion.observers import AbstractObserver
 from ziegler_jax.results import AbstractResult, Variable
 from ziegler_jax.sweep.axes import labelled
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 KICK = zj.State(omega=(0.0, 0.2))
 COLUMN = zj.uniform_rods(2.0)
 SLIDING = zj.uniform_rods(

@@ -9,8 +9,6 @@ import pytest
 
 import ziegler_jax as zj
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 KICK = zj.State(omega=(0.0, 0.3))
 SHORT = zj.Windows(transient=5.0, length=5.0, max_windows=1)
 UNIT = zj.ConstantLoad(1.0)

@@ -10,8 +10,6 @@ from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 matplotlib.use("Agg")
 UNITS = zj.SI(m=0.3, l=0.7, k=4.0)
 KICK = zj.State(omega=(0.0, 0.4))

@@ -14,7 +14,6 @@ from scipy.optimize import brentq
 import ziegler_jax as zj
 
 STUDIES = Path(__file__).parents[1] / "examples" / "studies"
-pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
 @pytest.fixture(scope="module")
@@ -130,17 +129,6 @@ def test_the_onset_load_of_the_study_can_be_traced_with_its_derivatives(distribu
     point = distribution.onset_of(distribution.COARSE)
     shapes = jax.eval_shape(lambda z: point(*z)["slopes"].value, jnp.zeros(3))
     assert shapes.shape == (3,)
-
-
-@pytest.fixture
-def optimised(request, history, unoptimised):
-    """As users compile: jax 0.10 without optimisations lands late in 7 % of these."""
-    before = not request.config.getoption("--optimised")
-    jax.config.update("jax_disable_most_optimizations", False)
-    history.measured.clear_cache()
-    yield
-    jax.config.update("jax_disable_most_optimizations", before)
-    history.measured.clear_cache()
 
 
 @pytest.mark.usefixtures("optimised")

@@ -63,7 +63,7 @@ def map_of(y, period, q, apart=1e-5):
 
 
 @pytest.fixture(scope="module")
-def branch(unoptimised):
+def branch():
     """From the load 2.4 down to the fold and up again, as (points, special, ...)."""
     start = on_the_cycle()
 

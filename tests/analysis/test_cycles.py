@@ -10,8 +10,6 @@ from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 UNIFORM, ZIEGLER = models.UNIFORM, (3.0, 1.0, 1.0)
 KICK = zj.State(omega=(0.0, 0.3))
 

@@ -12,8 +12,6 @@ import ziegler_jax as zj
 from ziegler_jax import OUTCOME
 from ziegler_jax.motion.tangents import HADAMARD
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 # Smooth columns: q, tau, v_smooth, c1, c2, start (4), transient, length --------------
 
 BLOCKS = 12

@@ -12,8 +12,6 @@ from moreau import motion
 import ziegler_jax as zj
 from ziegler_jax.results import AbstractResult, Settings, quantity
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 LOADS = np.array([1.1, 1.2, 1.4, 1.7, 2.1, 2.5])
 
 

@@ -12,8 +12,6 @@ from scipy.optimize import minimize
 import ziegler_jax as zj
 from ziegler_jax.analysis.kick_search import Plan, Rays, sphere
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 
 def sliding(tau1, tau2):
     """Set-valued friction with constant torques."""

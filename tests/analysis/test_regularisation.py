@@ -6,8 +6,6 @@ import pytest
 
 import ziegler_jax as zj
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 
 def scene(q, tau, kick, v_smooth):
     friction = zj.SetValuedCoulomb(tau, pin_radius=1.0, load=zj.ConstantLoad(1.0))

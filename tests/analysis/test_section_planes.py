@@ -10,8 +10,6 @@ from scipy.interpolate import make_interp_spline
 
 import ziegler_jax as zj
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 KICK = zj.State(omega=(0.0, 0.3))
 COORDINATES = ("phi1", "phi2", "omega1", "omega2")
 LEVELS = np.array([0.0, 0.1, -0.05])

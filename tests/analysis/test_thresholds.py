@@ -10,8 +10,6 @@ from ziegler_jax.analysis.threshold import carried
 from ziegler_jax.motion.options import Method
 from ziegler_jax.solvers import Explicit
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 # Where the flutter cycle folds, mu_s = mu_k, equal constant torques: by other codes.
 FOLDS = {0.01: 1.28802, 0.03: 1.32807, 0.1: 1.57105, 0.26: 1.86140}
 

@@ -10,8 +10,6 @@ from newton_euler import motion as moved
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME, VERDICT
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 # q, tau, v_smooth, c1, c2, kick
 SMOOTH = {
     "stuck": (1.2, 0.05, 0.1, 0, 0, 0.2),

@@ -14,9 +14,6 @@ from ziegler_jax.curves.degeneracy import Flip, Fold, Torus
 from ziegler_jax.curves.fill import Knots, evenly
 from ziegler_jax.curves.jets import Jet
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
-
 # Folds, equal constant torques --------------------------------------------------------
 
 FOLDS = {
@@ -34,21 +31,39 @@ KNOWN = {
 
 
 @pytest.fixture(scope="module")
-def folds(unoptimised):
-    """The three curves of folds."""
+def follow():
+    """A curve of folds and how it moves with viscous damping: one program for all."""
 
     @jax.jit
-    def follow(start, tau):
-        course = zj.Course(values=TAU, second=(0.0025, 0.3))
-        return zj.bifurcation_curve(dry, "fold", start, second=tau, course=course)
+    def curve_and_slopes(start, tau, c):
+        def curve(c):
+            course = zj.Course(values=TAU, second=(0.0025, 0.3))
 
-    return {
-        name: jax.tree.map(np.asarray, follow(points("fold", near), near.tau))
-        for name, near in FOLDS.items()
-    }
+            def make(q, tau):
+                return dry(q, tau, damping=zj.Viscous(c, c))
+
+            found = zj.bifurcation_curve(
+                make, "fold", start, second=tau, course=course
+            )
+            return found.points, found
+
+        _, slopes, found = jax.jvp(curve, (c,), (1.0,), has_aux=True)
+        return found, slopes
+
+    def of(name, c=0.0):
+        near = FOLDS[name]
+        found = curve_and_slopes(points("fold", near), near.tau, c)
+        return jax.tree.map(np.asarray, found)
+
+    return of
 
 
-@pytest.mark.slow
+@pytest.fixture(scope="module")
+def folds(follow):
+    """The three curves of folds without damping."""
+    return {name: follow(name)[0] for name in FOLDS}
+
+
 @pytest.mark.parametrize("name", FOLDS)
 def test_folds_of_dry_friction_are_another_codes(folds, name):
     found = folds[name].points
@@ -63,7 +78,6 @@ def test_folds_of_dry_friction_are_another_codes(folds, name):
     assert (there == (found.outcome == ORBIT.found)).all() and not there.all()
 
 
-@pytest.mark.slow
 def test_curves_of_folds_end_at_their_bounds_and_where_the_cycle_grazes(folds):
     ends = {name: curve.ends.tolist() for name, curve in folds.items()}
     assert ends == {
@@ -86,32 +100,16 @@ def test_curves_of_folds_end_at_their_bounds_and_where_the_cycle_grazes(folds):
     np.testing.assert_allclose(states[-1], start, rtol=0, atol=3e-8)
 
 
-@pytest.mark.slow
-def test_folds_move_with_a_third_parameter_as_their_derivatives_say():
-    near, start = FOLDS["lowest"], points("fold", FOLDS["lowest"])
-    course = zj.Course(values=np.array([0.03]), second=(0.028, 0.032))
-
-    def fold(c):
-        def make(q, tau):
-            return dry(q, tau, damping=zj.Viscous(c, c))
-
-        curve = zj.bifurcation_curve(
-            make, "fold", start, second=near.tau, course=course
-        )
-        return curve.points
-
-    @jax.jit
-    @jax.vmap
-    def follow(c):
-        return jax.jvp(fold, (c,), (1.0,))
-
+def test_folds_move_with_a_third_parameter_as_their_derivatives_say(follow):
     c, h = 2e-3, 1e-4
-    found, slopes = follow(jnp.array([0.0, c - h, c, c + h]))
-    assert (found.outcome == ORBIT.found).all()
-    assert abs(found.first[0, 0] - 1.32807) < 1e-5
+    (below, _), (found, slopes), (above, _) = (
+        follow("lowest", x) for x in (c - h, c, c + h)
+    )
+    (i,) = np.flatnonzero(TAU == 0.03)
+    assert found.points.outcome[i] == ORBIT.found
     for name in ("first", "period", "phi", "omega"):
-        below, _, above = getattr(found, name)[1:]
-        difference, slope = (above - below) / (2 * h), getattr(slopes, name)[2]
+        one, other = (getattr(curve.points, name)[i] for curve in (below, above))
+        difference, slope = (other - one) / (2 * h), getattr(slopes, name)[i]
         # measured 3.1e-6
         np.testing.assert_allclose(slope, difference, rtol=1e-5, err_msg=name)
 

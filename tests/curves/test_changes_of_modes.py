@@ -9,8 +9,6 @@ from newton_euler import Rods, motion
 import ziegler_jax as zj
 from ziegler_jax import MEETING, ORBIT
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 
 @pytest.mark.slow
 def test_a_joint_begins_to_stick_where_the_curve_says():

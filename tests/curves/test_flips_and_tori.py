@@ -13,8 +13,6 @@ from newton_euler import Rods, motion
 import ziegler_jax as zj
 from ziegler_jax import CURVE, MEETING, ORBIT
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 FLIP = {"t1": 0.0956765, "c": (0.0313048, 0.0971598), "eta": 0.710525, "k": 1.128130}
 NEAR_FLIP = Near((-2.27950, 2.10147, 4.33986), 7.00939, 3.32033, 0.1696786)
 TORUS = {"t1": 0.01106865, "c": (0.0341797, 0.0846998), "eta": 0.755108, "k": 1.476009}

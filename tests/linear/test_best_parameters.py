@@ -10,8 +10,6 @@ import xarray as xr
 import ziegler_jax as zj
 from ziegler_jax.results import CRITICAL, REGIME
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 matplotlib.use("Agg")
 SQRT2, SQRT7 = np.sqrt(2.0), np.sqrt(7.0)
 

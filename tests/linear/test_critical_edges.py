@@ -18,8 +18,6 @@ import ziegler_jax as zj
 from ziegler_jax.context import Context, within
 from ziegler_jax.results import CRITICAL
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 SQRT7 = np.sqrt(7.0)
 
 

@@ -11,8 +11,6 @@ import ziegler_jax as zj
 from ziegler_jax.model.damping import AbstractDamping
 from ziegler_jax.results import CRITICAL, REGIME
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 
 def test_a_soft_undamped_base_has_its_closed_form():
     # uniform rods, eta = 1, c1 = 0, any c2: q_cr = 5 kappa / 16

@@ -12,8 +12,6 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax.results import CRITICAL
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 SQRT2, SQRT7 = np.sqrt(2.0), np.sqrt(7.0)
 KINDS = ("flutter", "divergence")
 NAMES = ("a", "b", "d", "kappa", "follower", "l2", "c1", "c2")

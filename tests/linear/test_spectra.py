@@ -11,8 +11,6 @@ from ziegler_jax.linear.spectrum import _positive_roots
 from ziegler_jax.model.friction import AbstractRateFriction
 from ziegler_jax.results import REGIME
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 SQRT7 = np.sqrt(7.0)
 
 

@@ -14,8 +14,6 @@ from ziegler_jax import OUTCOME
 from ziegler_jax.model.damping import AbstractDamping
 from ziegler_jax.runtime import own_flags
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 KICK = zj.State(omega=(0.0, 0.3))
 SHORT = {"windows": zj.Windows(5.0, 5.0, 2), "method": zj.Method(rtol=1e-4, atol=1e-4)}
 

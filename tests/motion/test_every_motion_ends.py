@@ -9,8 +9,6 @@ import ziegler_jax as zj
 from ziegler_jax import ORBIT, OUTCOME, VERDICT
 from ziegler_jax.context import Context, within
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 KICK = zj.State(omega=(0.0, 0.2))
 QUICK = zj.Method(rtol=1e-4, atol=1e-4)
 

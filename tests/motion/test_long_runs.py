@@ -13,8 +13,6 @@ import ziegler_jax as zj
 from ziegler_jax import OUTCOME
 from ziegler_jax.context import Context, within
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 # Largest |phi2 - phi1| at q = 2.6, tau = 0.026 against v_smooth, by another code.
 KNOWN = [(0.3, 0.64249), (0.1, 0.63443), (0.03, 0.63214), (0.01, 0.63133)]
 KNOWN += [(0.003, 0.63112)]

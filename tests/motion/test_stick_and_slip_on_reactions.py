@@ -10,8 +10,6 @@ import ziegler_jax as zj
 from ziegler_jax.model.column import joint_balance
 from ziegler_jax.results import OUTCOME
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 COUNT = 5000
 
 

@@ -13,8 +13,6 @@ from newton_euler import Rods, motion, smoothed
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 
 def column(n, smooth=None):
     """The package's column of a dictionary of the same numbers."""

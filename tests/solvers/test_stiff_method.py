@@ -16,8 +16,6 @@ from ziegler_jax import OUTCOME
 from ziegler_jax.solvers import rosenbrock
 from ziegler_jax.solvers.control import judge
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 TERMS = dfx.ODETerm(zj.vector_field)
 STAGES = 8
 

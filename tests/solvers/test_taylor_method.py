@@ -21,8 +21,6 @@ from ziegler_jax.numerics.series import value
 from ziegler_jax.results import OUTCOME
 from ziegler_jax.solvers.expansion import _log2, allowed, expand
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 ORDER = 8
 MODES = list(itertools.product((-1.0, 0.0, 1.0), repeat=2))
 LAW = zj.SetValuedCoulomb(0.3, 0.2, pin_radius=(0.1, 0.2))

@@ -12,8 +12,6 @@ from ziegler_jax.steady import contraction
 from ziegler_jax.steady.certified import CertifiedMotion
 from ziegler_jax.steady.oddness import is_odd
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 TAU, V = 0.026, 0.05
 
 

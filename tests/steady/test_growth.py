@@ -14,8 +14,6 @@ from ziegler_jax.steady.certified import CertifiedMotion
 from ziegler_jax.steady.growth import growth_variables
 from ziegler_jax.sweep.differences import settled_late
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 SMOOTH = zj.SmoothCoulomb(0.026, pin_radius=1, v_smooth=0.05, load=zj.ConstantLoad(1))
 SET_VALUED = zj.SetValuedCoulomb(0.026, pin_radius=1, load=zj.ConstantLoad(1))
 FINE = zj.Method(zj.Explicit(), rtol=1e-9)

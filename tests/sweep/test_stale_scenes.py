@@ -235,7 +235,6 @@ def test_compile_seconds_are_those_of_this_sweep():
         pytest.param(orbit_damped, True, marks=pytest.mark.slow),  # in memory as well
     ],
 )
-@pytest.mark.usefixtures("unoptimised")
 def test_laws_that_read_an_attribute_are_traced_anew(
     scene, stored, path, monkeypatch, refuses
 ):
