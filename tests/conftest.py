@@ -1,31 +1,36 @@
 """What all tests share: 64 bits, strict promotion, how XLA compiles, and helpers."""
 
 import gc
-import os
+from importlib.metadata import version
 from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, settings
+from jax._src import compiler
+from tiers import reason_of
 
 from ziegler_jax.sweep import partition, program
 
 pytest_plugins = ["costs"]
 
-# Nearly all of the suite's time is XLA's. It compiles in a third of it without its most
-# costly passes and, on jaxlib 0.10, with the emitter that later versions have alone (a
-# curve of folds: 30 s, 22 s and 11 s of processor time). An option that a jaxlib does
-# not know does nothing here. Processes that tests start compile as a user's do.
-_FLAGS = os.environ.get("XLA_FLAGS")
-if "xla_backend_extra_options" not in (_FLAGS or ""):
-    _SOONER = "--xla_backend_extra_options=xla_cpu_disable_new_fusion_emitters=true"
-    os.environ["XLA_FLAGS"] = f"{_FLAGS or ''} {_SOONER}".strip()
-    jax.devices()  # reads them
-    del os.environ["XLA_FLAGS"]
-    if _FLAGS is not None:
-        os.environ["XLA_FLAGS"] = _FLAGS
+# Nearly all of the suite's time is XLA's: it compiles without its most costly passes
 jax.config.update("jax_disable_most_optimizations", True)
+if version("jaxlib").startswith("0.10."):
+    # nor, there, with its later emitter of fused loops: a curve of folds takes 30 s of
+    # processor time, without the passes 22 s, and without both 11 s
+    _get_compile_options = compiler.get_compile_options
+
+    def _without_the_later_emitter(*args, **kwargs):
+        options = _get_compile_options(*args, **kwargs)
+        debug = options.executable_build_options.debug_options
+        if debug.xla_llvm_disable_expensive_passes:
+            another = ("xla_cpu_use_fusion_emitters", False)
+            options.env_option_overrides = [*options.env_option_overrides, another]
+        return options
+
+    compiler.get_compile_options = _without_the_later_emitter
 
 jax.config.update("jax_enable_x64", True)
 # no silent change of dtype or rank anywhere in the package
@@ -47,6 +52,14 @@ def pytest_addoption(parser):
     parser.addoption("--costs", metavar="FILE", help="a table of what each test costs")
 
 
+@pytest.hookimpl(tryfirst=True)  # then they are deselected by their marks
+def pytest_collection_modifyitems(items):
+    """The second tier is that of `tiers.py`."""
+    for item in items:
+        if reason := reason_of(item.nodeid):
+            item.add_marker(pytest.mark.slow(reason))
+
+
 def pytest_collection_finish():
     """The collector walks what will not go away, again and again, while JAX traces.
 
@@ -64,19 +77,15 @@ def all_faults(request):
 
 @pytest.fixture(scope="module")
 def optimised():
-    """XLA compiles as for users: for long runs, and for claims about their bits.
+    """XLA compiles as for users: for claims about bits, and for long runs.
 
-    What was compiled before is not used, nor is it by other tests.
+    From the first test of a module that asks for it to the module's end.
     """
-    _compile_as_users(True)
-    yield
-    _compile_as_users(False)
-
-
-def _compile_as_users(do):
     program._cache.clear()
-    jax.clear_caches()
-    jax.config.update("jax_disable_most_optimizations", not do)
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    program._cache.clear()
+    jax.config.update("jax_disable_most_optimizations", True)
 
 
 REFERENCE = Path(__file__).parent / "reference"

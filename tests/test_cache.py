@@ -5,7 +5,6 @@ import subprocess
 import sys
 
 import jax
-import pytest
 from stored import settled
 
 CACHED = """
@@ -31,7 +30,6 @@ def test_no_host_callback_keeps_a_program_from_the_disk():
     assert "while" in str(program) and "callback" not in str(program)
 
 
-@pytest.mark.slow
 def test_a_second_process_starts_without_compiling(tmp_path):
     environment = {k: v for k, v in os.environ.items() if "CACHE" not in k}
     hits = []

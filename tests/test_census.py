@@ -38,7 +38,6 @@ def obstacle():
     return census.obstacle()
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(obstacle() is not None, reason=str(obstacle()))
 @pytest.mark.parametrize("section", INSTRUCTIONS)
 def test_a_lanes_step_takes_no_more_instructions_than_it_did(section):

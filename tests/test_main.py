@@ -163,7 +163,6 @@ def marks(folder):
     return {path.name: path.stat().st_mtime_ns for path in found}
 
 
-@pytest.mark.slow
 def test_a_killed_map_goes_on_where_it_was_and_ends_in_the_same_bits(written, tmp_path):
     command = [sys.executable, "-W", "error", "-c", IN_SMALL_BLOCKS]
     command += ["--points", "200", "--out", str(tmp_path)]

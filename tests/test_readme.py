@@ -102,7 +102,6 @@ def test_the_commands_make_an_environment_and_install_what_is_there():
         assert last[:2] == [".venv/bin/python", "-m"]
 
 
-@pytest.mark.slow
 def test_the_first_command_writes_the_map_where_it_stands(tmp_path):
     *_, (_, *words) = commands(SHELL[0])
     command = [sys.executable, *words, "--points", "20"]
@@ -111,13 +110,10 @@ def test_the_first_command_writes_the_map_where_it_stands(tmp_path):
     assert there == {"bifurcation_map.zarr", "bifurcation_map.png"}
 
 
-def test_the_second_command_leaves_no_test_out():
+def test_the_second_command_runs_the_first_tier_and_ci_all():
     *_, (_, *words) = commands(SHELL[1])
-    command = [sys.executable, *words, "--collect-only", "-p", "no:cacheprovider"]
-    slow = "tests/test_interrupt.py"
-    done = subprocess.run(
-        [*command, slow], cwd=ROOT, capture_output=True, text=True, timeout=400
-    )
-    assert done.returncode == 0, done.stdout
-    assert "test_ctrl_c_ends_a_sweep_soon" in done.stdout
-    assert "deselected" not in done.stdout
+    assert words == ["-m", "pytest", "-q", "-n", "auto"]
+    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]
+    assert "-m 'not slow'" in options["ini_options"]["addopts"]
+    # as CI does, from the same line
+    assert "all=\"$line -m ''\"" in (ROOT / ".ci/run").read_text()

@@ -146,7 +146,7 @@ def test_traced_options_are_finite_and_positive(which):
 )
 def test_traced_options_that_may_be_zero_are_finite(call, name, invalid):
     bad = jnp.array([jnp.inf, jnp.nan])
-    lanes = jax.vmap(lambda x: outcome(call(**{name: x})))(bad)
+    lanes = jax.jit(jax.vmap(lambda x: outcome(call(**{name: x}))))(bad)
     assert lanes.tolist() == [int(invalid)] * 2
 
 

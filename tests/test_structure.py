@@ -1,6 +1,7 @@
 """The house: rooms, and what a scene does not name is not in its program."""
 
 import collections
+import functools
 import os
 import re
 import subprocess
@@ -14,12 +15,14 @@ import numpy as np
 import pytest
 from house import against_the_rule, asked_for_laws, calls, in_a_circle, plan
 from house import count as count_house
+from tiers import SLOW
 
 import ziegler_jax as zj
 
 PACKAGE = Path(zj.__file__).parent
 
 FILES = plan(PACKAGE)
+COUNTED = functools.cache(lambda: count_house(PACKAGE))
 
 
 @pytest.mark.parametrize("file", FILES, ids="/".join)
@@ -32,14 +35,14 @@ def test_no_file_imports_itself_through_others():
 
 
 def test_no_folder_and_no_file_is_too_large_to_find_ones_way():
-    numbers = count_house(PACKAGE)
+    numbers = COUNTED()
     assert numbers["files in the longest folder"] <= 16
     lines = {path: path.read_text().count("\n") for path in PACKAGE.rglob("*.py")}
     assert max(lines.values()) <= 400
 
 
 def test_functions_are_short_and_names_and_types_say_something():
-    numbers = count_house(PACKAGE)
+    numbers = COUNTED()
     assert numbers["most arguments"] <= 8 and numbers["longest function"] <= 80
     assert numbers["Any and its aliases"] < 100
     assert numbers["participles for names"] == 0
@@ -61,6 +64,15 @@ def test_the_tests_of_rooms_see_imports():
     assert against_the_rule(("numerics", "numbers"), {upwards}) == [upwards]
     assert against_the_rule(("sweep", "sweep"), {("analysis", "onset")})
     assert in_a_circle(FILES | {("numerics", "numbers"): {upwards}})
+
+
+def test_every_entry_of_the_second_tier_names_a_test():
+    """Else one that was renamed would be in the first tier again, without a word."""
+    tests = Path(__file__).parent
+    for entry in (entry for entries in SLOW.values() for entry in entries):
+        file, _, name = entry.partition("::")
+        text = (tests / file).read_text()
+        assert re.search(rf"^def {name.partition('[')[0]}", text, re.M), entry
 
 
 # What tries the inside itself: what is compiled, a batch as a sweep runs it, blocks

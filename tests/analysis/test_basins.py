@@ -1,7 +1,6 @@
 """Basins, as sweeps over axes of the start: symmetry, and the sticking set."""
 
 import numpy as np
-import pytest
 
 import ziegler_jax as zj
 
@@ -11,7 +10,6 @@ def dry(q, tau=0.2):
     return zj.uniform_rods(q, friction=law)
 
 
-@pytest.mark.slow
 def test_a_basin_is_symmetric_and_holds_the_sticking_set():
     """(phi, omega) and (-phi, -omega) have the same fate; what can rest, rests."""
     phi1, phi2 = np.linspace(-0.6, 0.6, 7), np.linspace(-0.9, 0.9, 7)

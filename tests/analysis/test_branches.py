@@ -107,7 +107,6 @@ def shots(branch):
     return chosen, np.array(path), np.array(near)
 
 
-@pytest.mark.slow
 def test_a_branch_is_the_one_that_another_code_shoots(branch, shots):
     _, found, _ = branch
     chosen, path, _ = shots
@@ -120,7 +119,6 @@ def test_a_branch_is_the_one_that_another_code_shoots(branch, shots):
     np.testing.assert_allclose(known, path, rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_the_fold_is_where_another_codes_load_turns_back(branch, shots):
     _, found, _ = branch
     below, at, above = shots[2][:, 3]
@@ -132,7 +130,6 @@ def test_the_fold_is_where_another_codes_load_turns_back(branch, shots):
     assert bend > 0 and abs(slope / bend) < 3e-4  # measured 6e-5
 
 
-@pytest.mark.slow
 def test_a_cycle_loses_its_stability_at_the_fold_by_anothers_multipliers(branch, shots):
     _, found, multipliers = branch
     chosen, path, _ = shots
@@ -164,7 +161,6 @@ def birth():
     return q, np.abs(roots(q).imag).max()
 
 
-@pytest.mark.slow
 def test_a_branch_ends_where_the_equilibrium_loses_its_stability(branch):
     """Load and period as functions of the squared amplitude, continued to zero."""
     q, omega = birth()
@@ -259,7 +255,6 @@ def bending(q):
     return zj.uniform_rods(q, friction=law, damping=zj.Viscous(0.02, 0.02))
 
 
-@pytest.mark.slow
 def test_lines_through_a_branchs_points_pass_through_stable_cycles_of_a_sweep():
     @jax.jit
     def follow():
@@ -303,7 +298,6 @@ AUTO_FOLDS = [(1.612026339, 8.2639965678), (1.6510286132, 8.2696279843)]
 AUTO_FOLDS += [(1.6247482283, 8.3501537175)]
 
 
-@pytest.mark.slow
 def test_a_branch_passes_the_three_folds_that_auto_finds():
     def column(q):
         load = zj.ConstantLoad(1.0)

@@ -194,7 +194,6 @@ def folds():
     return np.asarray(value), found, np.asarray(slope)
 
 
-@pytest.mark.slow
 def test_dry_friction_folds_the_cycle_where_it_is_known_to(folds):
     value, found, _ = folds
     assert (found.outcome == zj.ORBIT.found).all()
@@ -202,7 +201,6 @@ def test_dry_friction_folds_the_cycle_where_it_is_known_to(folds):
     np.testing.assert_allclose(value[:4], list(FOLDS.values()), rtol=0, atol=2e-5)
 
 
-@pytest.mark.slow
 def test_as_friction_vanishes_the_fold_tends_to_14_elevenths(folds):
     """There equal torques neither feed nor brake the slow mode of the free column.
 
@@ -215,7 +213,6 @@ def test_as_friction_vanishes_the_fold_tends_to_14_elevenths(folds):
     assert abs(limit - 14 / 11) < 1e-3  # measured 4.6e-4
 
 
-@pytest.mark.slow
 def test_two_multipliers_are_1_at_a_fold_and_sticking_makes_one_zero(folds):
     _, found, _ = folds
     mu = np.asarray(found.cycle.multipliers)[:, 0]
@@ -224,14 +221,12 @@ def test_two_multipliers_are_1_at_a_fold_and_sticking_makes_one_zero(folds):
     assert (np.abs(mu[:, 2]) < 0.9).all()  # 0.77 with the least friction
 
 
-@pytest.mark.slow
 def test_the_fold_moves_with_friction_as_its_derivative_says(folds):
     value, _, slope = folds
     difference = (value[4] - value[5]) / (2 * STEP)
     np.testing.assert_allclose(slope[2], difference, rtol=1e-5)  # measured 2e-7
 
 
-@pytest.mark.slow
 def test_time_stepping_decays_below_the_fold_of_weak_friction_and_grows_above():
     """From near the two cycles of tau = 0.01; Moreau's scheme knows no events."""
     period, tau = 8.49, (0.01, 0.01)
@@ -253,7 +248,6 @@ def test_time_stepping_decays_below_the_fold_of_weak_friction_and_grows_above():
 CHAOS = (3.9, 0.226, 0.0565, 1.0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["smoothed", "set-valued"])
 def test_amplitude_and_period_move_as_their_derivatives_say(kind):
     """In q, mu_s, mu_k and pin radius; refused where a guess in chaos leads nowhere."""

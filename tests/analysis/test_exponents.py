@@ -97,7 +97,6 @@ def test_without_dissipation_they_sum_to_zero_and_are_symmetric(smooth):
     sum_to_zero_in_pairs(*smooth["free"])
 
 
-@pytest.mark.slow
 def test_without_dissipation_they_sum_to_zero_in_chaos_too(chaos):
     for found in chaos.values():
         sum_to_zero_in_pairs(*found)
@@ -114,7 +113,6 @@ def test_a_cycle_has_a_zero_one_and_the_rate_of_its_multiplier(smooth):
         assert abs(rates[0]) < 0.01 and errors[:2].max() < 0.01
 
 
-@pytest.mark.slow
 def test_chaos_has_one_largest_exponent_whoever_computes_it(chaos):
     rates, errors = np.array([found[:2] for found in chaos.values()])[:, :, 0].T
     # at least 4.4 errors: 0.053 +- 0.012 (jax 0.12), 0.091 +- 0.010 (jax 0.10)
@@ -226,7 +224,6 @@ def test_growth_through_release_and_arrest_is_that_of_two_free_bodies(set_valued
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7)
 
 
-@pytest.mark.slow
 def test_stick_slip_chaos_grows_as_the_neighbours_of_two_free_bodies_do():
     """Block by block, with the neighbours drawn together at the end of each."""
     q, static, kinetic, *_ = STICK_SLIP_CHAOS["chaos"]
@@ -252,7 +249,6 @@ def test_a_stick_slip_cycle_has_a_zero_one_and_loses_a_dimension(set_valued):
     assert rates[1] < -0.1 and rates[3] == -np.inf
 
 
-@pytest.mark.slow
 def test_stick_slip_chaos_has_one_largest_exponent_whatever_the_start():
     found = of_set_valued(np.array([[*x, 1e-8] for x in STICK_SLIP_CHAOS.values()]))
     rates, errors = found.exponents[:, :2].T, found.errors[:, :2].T
@@ -277,7 +273,6 @@ def test_what_breaks_a_rule_is_named(refuses):
     )
 
 
-@pytest.mark.slow
 def test_numbers_that_break_a_rule_when_traced_end_the_lane():
     lane = jnp.array(SMOOTH["free"], float).at[3].set(-1.0)
     found = of_smooth(lane[None])

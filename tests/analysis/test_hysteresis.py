@@ -6,7 +6,6 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from moreau import motion
 
 import ziegler_jax as zj
@@ -43,7 +42,6 @@ def stepped(q, kick, span, tau=0.01, h=5e-3):
     return knee, rate
 
 
-@pytest.mark.slow
 def test_the_way_down_leaves_the_cycle_at_the_fold_and_the_way_up_far_above():
     found = zj.sweep(
         point,

@@ -2,7 +2,6 @@
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 import ziegler_jax as zj
 
@@ -28,7 +27,6 @@ def points(i):
     return scene(q, tau, jnp.where(cycle, 0.2, 1e-6), v_smooth)
 
 
-@pytest.mark.slow
 def test_smoothing_errs_in_amplitude_and_in_verdict():
     ds = zj.sweep(points, i=np.arange(4.0), progress=False)
     knee = ds.joint_amplitude_error.sel(joint=2).values[:3]

@@ -37,11 +37,12 @@ def settled(request):
     )()
 
 
-@pytest.mark.slow
 def test_period_and_multipliers_are_the_same_whatever_the_section(settled):
     kind, state = settled
     sizes, mu = [], []
-    for coordinate, rising in itertools.product(COORDINATES, (True, False)):
+    # every plane of every direction, by one kind of friction or the other
+    way = itertools.cycle((True, False) if kind == "smoothed" else (False, True))
+    for coordinate, rising in zip(COORDINATES, way, strict=False):
 
         @jax.jit
         @jax.vmap
@@ -58,12 +59,11 @@ def test_period_and_multipliers_are_the_same_whatever_the_section(settled):
         mu.append(orbit.multipliers)
     sizes, mu = np.concatenate(sizes), np.concatenate(mu)
     # period and amplitudes; measured 5.5e-11
-    np.testing.assert_allclose(sizes, np.tile(sizes[0], (24, 1)), rtol=0, atol=5e-10)
+    np.testing.assert_allclose(sizes, np.tile(sizes[0], (12, 1)), rtol=0, atol=5e-10)
     # measured 6.2e-9: of a motion from where Newton's method made its last step
-    np.testing.assert_allclose(mu, np.tile(mu[0], (24, 1)), rtol=0, atol=6e-8)
+    np.testing.assert_allclose(mu, np.tile(mu[0], (12, 1)), rtol=0, atol=6e-8)
 
 
-@pytest.mark.slow
 def test_period_and_amplitude_move_alike_whatever_the_section(settled):
     """With the load."""
     kind, state = settled
@@ -81,7 +81,6 @@ def test_period_and_amplitude_move_alike_whatever_the_section(settled):
     np.testing.assert_allclose(other, known, rtol=0, atol=3e-8)
 
 
-@pytest.mark.slow
 def test_a_branch_is_the_same_whatever_the_section():
     """Period over load through the fold; the knee's amplitude tells points apart."""
 

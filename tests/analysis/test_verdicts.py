@@ -89,7 +89,7 @@ def growth(rods, y, span=90.0, renew=3.0, apart=1e-7):
     return total
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("optimised")
 def test_stick_slip_has_chaos_and_cycles_of_many_passages():
     """Each verdict holds of the motion that two free bodies go on with."""
     q, mu_k = (x.ravel() for x in np.meshgrid([3.2, 4.0], [0.05, 0.145, 0.25]))
@@ -120,7 +120,7 @@ def test_stick_slip_has_chaos_and_cycles_of_many_passages():
     assert ds.verdict.attrs["flag_meanings"].split()[8] == "chaotic"
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("optimised")
 def test_a_motion_that_lingers_by_an_unstable_cycle_is_none():
     """Of these chaotic motions one in twenty comes back thrice to within 1e-5."""
     starts = 0.3 * (1 + 1e-9 * np.arange(40))

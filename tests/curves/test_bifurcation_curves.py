@@ -42,9 +42,7 @@ def follow():
             def make(q, tau):
                 return dry(q, tau, damping=zj.Viscous(c, c))
 
-            found = zj.bifurcation_curve(
-                make, "fold", start, second=tau, course=course
-            )
+            found = zj.bifurcation_curve(make, "fold", start, second=tau, course=course)
             return found.points, found
 
         _, slopes, found = jax.jvp(curve, (c,), (1.0,), has_aux=True)
@@ -121,7 +119,6 @@ AUTO = 1.6510286132, 1.6247482283
 NEAR_AUTO = Near((-0.16208, 0.46753, 0.77757), 8.26963, 1.65103, 0.1)
 
 
-@pytest.mark.slow
 def test_two_curves_of_folds_meet_in_a_cusp():
     def make(q, tau):
         load = zj.ConstantLoad(1.0)

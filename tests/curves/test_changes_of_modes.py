@@ -2,7 +2,6 @@
 
 import jax
 import numpy as np
-import pytest
 from near import Near, dry
 from newton_euler import Rods, motion
 
@@ -10,7 +9,6 @@ import ziegler_jax as zj
 from ziegler_jax import MEETING, ORBIT
 
 
-@pytest.mark.slow
 def test_a_joint_begins_to_stick_where_the_curve_says():
     @jax.jit
     def follow():
@@ -37,7 +35,6 @@ def test_a_joint_begins_to_stick_where_the_curve_says():
     assert (below == 0).all() and (above > 0).all()
 
 
-@pytest.mark.slow
 def test_slip_comes_down_to_zero_on_a_curve_of_grazing_and_folds_end_there():
     near = Near((0.0180, 0.5815, 0.6883), 8.2316, 1.4820, 0.0507)
 

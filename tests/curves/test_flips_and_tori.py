@@ -6,7 +6,6 @@ Of columns that a search over random ones came upon.
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from near import Near, points
 from newton_euler import Rods, motion
 
@@ -54,7 +53,6 @@ def multipliers_by_another_code(numbers, found, i):
     return np.linalg.eigvals(moved)
 
 
-@pytest.mark.slow
 def test_along_a_curve_of_flips_a_multiplier_is_minus_one_and_it_moves_as_it_says():
     values = np.array([0.08, 0.2])
 
@@ -96,7 +94,6 @@ def test_along_a_curve_of_flips_a_multiplier_is_minus_one_and_it_moves_as_it_say
     np.testing.assert_allclose(slope, difference, rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_along_a_curve_of_tori_a_pair_is_on_the_circle():
     @jax.jit
     def follow(start):
@@ -124,7 +121,6 @@ PITCHFORK = {
 NEAR_PITCHFORK = Near((-2.806612, 1.343591, 2.711923), 5.332162, 4.067715, 0.2004359)
 
 
-@pytest.mark.slow
 def test_along_a_curve_of_pitchforks_one_more_multiplier_is_one():
     @jax.jit
     def follow(start):

@@ -46,7 +46,7 @@ def to_50_digits(p, start, damped):
     return mp.findroot(equations, start, tol=1e-80)
 
 
-@pytest.mark.parametrize("damped", [pytest.param(True, marks=pytest.mark.slow), False])
+@pytest.mark.parametrize("damped", [True, False])
 def test_load_frequency_and_derivatives_to_50_digits(damped):
     rows = kept(12, 60, "flutter", damped)[0][:3]
 
@@ -152,7 +152,6 @@ def test_derivatives_of_the_seed_are_closed_forms():
     np.testing.assert_allclose(float(slopes.kappa), (1 / 3 - root) * 6 / 5, rtol=1e-13)
 
 
-@pytest.mark.slow
 def test_forward_and_reverse_agree_to_second_order_in_every_leaf():
     column = zj.uniform_rods(
         follower=0.9, damping=zj.Sum(zj.Viscous(0.1, 0.3), zj.Air(0.2, 0.1))

@@ -220,7 +220,6 @@ def test_loads_and_derivatives_are_those_of_the_closed_form(kind, damped):
         assert error.max() < 1e-9
 
 
-@pytest.mark.slow  # compiles eight Hessians; 50 digits check the diagonal every time
 @pytest.mark.parametrize("damped", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 def test_second_derivatives_are_those_of_the_closed_form(kind, damped):

@@ -31,9 +31,15 @@ def near():
     )()
 
 
+@jax.jit
+def search(start, budget):
+    """A cycle, from a start and within a budget of steps: one program for all."""
+    return zj.periodic_orbit(sliding(), start, method=zj.Method(max_steps=budget))
+
+
 @pytest.fixture(scope="module")
 def cycle(near):
-    return zj.periodic_orbit(sliding(), near)
+    return search(near, 1_000_000)
 
 
 def test_a_sweep_whose_windows_are_lost_in_rounding_ends():
@@ -97,53 +103,54 @@ def test_a_verdict_that_rounding_shortens_is_undecided():
 # The steps of a search ----------------------------------------------------------------
 
 
-def test_a_search_counts_the_steps_of_all_its_motions(near):
-    whole = zj.periodic_orbit(sliding(), near)
+def test_a_search_counts_the_steps_of_all_its_motions(near, cycle):
+    whole = cycle
     assert int(whole.outcome) == ORBIT.found
-    once = zj.periodic_orbit(sliding(), near, max_iterations=1)
+    once = jax.jit(lambda y: zj.periodic_orbit(sliding(), y, max_iterations=1))(near)
     assert int(whole.iterations) > 1
     # the first return and one period; each further period takes about as many steps
     assert int(whole.steps) > int(once.steps) > 0
     # what is enough is enough, to the step; and one less is not
     enough = int(whole.steps) + 1
-    same = zj.periodic_orbit(sliding(), near, method=zj.Method(max_steps=enough))
+    same = search(near, enough)
     assert int(same.outcome) == ORBIT.found
     np.testing.assert_array_equal(same.period, whole.period)
-    spent = zj.periodic_orbit(sliding(), near, method=zj.Method(max_steps=enough - 2))
+    spent = search(near, enough - 2)
     assert int(spent.outcome) == ORBIT.not_integrated
     assert int(spent.steps) == enough - 2 and np.isnan(spent.period)
 
 
+@jax.jit
+def far_off(period, budget):
+    """From a guess in which each shot alone takes 10 000 steps."""
+    start = zj.State((0.0, 1.5), (2.0, -3.0))
+    method = zj.Method(max_steps=budget)
+    return zj.periodic_orbit(sliding(), start, period=period, method=method)
+
+
 @pytest.mark.parametrize("budget", [1, 3000])
 def test_a_search_of_many_long_motions_ends_within_its_budget(budget):
-    """A guess far off, with a period of 500: each shot alone takes 10 000 steps."""
-
-    @jax.jit
-    def search(period):
-        start = zj.State((0.0, 1.5), (2.0, -3.0))
-        return zj.periodic_orbit(
-            sliding(), start, period=period, method=zj.Method(max_steps=budget)
-        )
-
-    found = search(500.0)
+    found = far_off(500.0, budget)
     assert int(found.outcome) == ORBIT.not_integrated
     assert int(found.steps) == budget
 
 
 def test_a_first_return_spends_from_the_same_budget():
-    found = zj.periodic_orbit(sliding(), KICK, method=zj.Method(max_steps=20))
+    found = search(KICK, 20)
     assert int(found.outcome) == ORBIT.not_integrated
     assert int(found.steps) == 20
 
 
 def test_a_branch_ends_within_its_budget(cycle):
-    arc = zj.Arc(step=0.05, points=5)
-    whole = zj.continue_cycle(sliding, cycle, 2.6, arc=arc)
+    @jax.jit
+    def branch(budget):
+        arc, method = zj.Arc(step=0.05, points=5), zj.Method(max_steps=budget)
+        return zj.continue_cycle(sliding, cycle, 2.6, arc=arc, method=method)
+
+    whole = branch(1_000_000)
     assert int(whole.outcome) == ORBIT.found and int(whole.count) == 5
     half = int(whole.steps) // 2
-    part = zj.continue_cycle(
-        sliding, cycle, 2.6, arc=arc, method=zj.Method(max_steps=half)
-    )
+    part = branch(half)
     assert int(part.outcome) == ORBIT.not_integrated
     assert 0 < int(part.count) < 5 and int(part.steps) <= half
     fine = {"rtol": 1e-9, "atol": 1e-9, "max_steps": half}

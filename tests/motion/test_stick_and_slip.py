@@ -128,11 +128,8 @@ def runner(numbers, release):
     return run
 
 
-LAYERS_SLOW = [RULES[0], pytest.param(RULES[1], marks=pytest.mark.slow)]
-
-
-@pytest.fixture(scope="module", params=LAYERS_SLOW)
-def scenes(request, reference):
+@pytest.fixture(scope="module", params=RULES)
+def scenes(request, reference, optimised):
     broken = make_scenes(1, 3)
     broken[3] = 2 * broken[1]  # mu_k > mu_s, known when it runs
     numbers = np.hstack([named_scenes(reference), make_scenes(RANDOM, 1), broken])
@@ -236,7 +233,7 @@ def test_rates_far_too_fast_for_the_first_step_are_followed(method):
         np.testing.assert_allclose(x, y, rtol=3e-6, atol=0)  # measured: 4.7e-7
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("optimised")
 @pytest.mark.parametrize("release", RULES)
 def test_ten_thousand_random_scenes_end_and_keep_their_energy(release):
     numbers = make_scenes(RANDOM_SLOW, 2)
@@ -246,7 +243,6 @@ def test_ten_thousand_random_scenes_end_and_keep_their_energy(release):
     assert np.abs(ds.energy_imbalance.values * WINDOW).max() < 1e-5
 
 
-@pytest.mark.slow
 def test_legs_change_nothing(reference):
     numbers = named_scenes(reference)
     ds = runner(numbers, "stick-first")(np.arange(3))
@@ -303,7 +299,6 @@ def layered(balance, static, kinetic, x, span=300.0, n=30_000):
     return np.where(np.abs(x) <= 1, 0.0, np.sign(x))
 
 
-@pytest.mark.slow
 def test_the_layer_ends_where_small_steps_end(rng):
     n = 200
     h = rng.uniform(-0.5, 0.5, n)
@@ -359,7 +354,6 @@ def final_and_events(q, tau, ratio, kick, span):
     return jnp.concatenate([found.phi[-1], found.omega[-1]]), found.events
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.7, 1.0])
 def test_forward_derivatives_pass_through_events(ratio):
     """Seven events and more: each moves with the numbers, and the state jumps with it.

@@ -4,7 +4,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 import ziegler_jax as zj
 from ziegler_jax.model.column import joint_balance
@@ -117,7 +116,6 @@ def motion(v_smooth=None):
     )
 
 
-@pytest.mark.slow
 def test_the_smoothed_law_on_reactions_tends_to_the_exact_one():
     found = jax.jit(motion)()
     smoothed = jax.jit(motion)
@@ -147,7 +145,6 @@ def test_the_smoothed_law_on_reactions_tends_to_the_exact_one():
     assert (np.abs(torque) <= MU * size * (1 + 1e-7))[stuck].all()
 
 
-@pytest.mark.slow
 def test_energy_and_outcomes_of_lanes_on_reactions():
     def scene(q, mu):
         return zj.settle(

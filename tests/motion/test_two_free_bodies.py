@@ -131,7 +131,6 @@ def compared(rods, ts):
     return np.abs(y - exact).max(), late.max(), len(log), (modes == 0).sum()
 
 
-@pytest.mark.slow
 def test_friction_on_the_joints_forces_is_followed_for_200_time_units():
     """Onto a cycle: what differs does not grow, but in phase."""
     rods = Rods(2.6, (0.06, 0.06), (0.03, 0.03), load=None)
@@ -140,7 +139,6 @@ def test_friction_on_the_joints_forces_is_followed_for_200_time_units():
     assert states < 1e-7 and times < 1e-7  # measured 1.4e-8 both
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "rods",
     [

@@ -9,6 +9,8 @@ import pytest
 from ziegler_jax.numerics import elementary
 from ziegler_jax.numerics.elementary import short_power
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 SIZE = 6000
 
 

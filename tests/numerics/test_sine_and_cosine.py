@@ -8,6 +8,8 @@ import pytest
 
 from ziegler_jax.numerics.elementary import sincos
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 lanes = jax.vmap(sincos)
 sincos_jit = jax.jit(lanes)  # fused: products and sums may be rounded once
 

@@ -113,8 +113,8 @@ def columns():
     smooth = {"pin_radius": 0.3, "v_smooth": 0.01}
     two = zj.SmoothCoulomb(0.3, 0.2, v_stribeck=0.1, **smooth)
     reaction = zj.SmoothCoulomb(0.2, load=zj.JointReaction(1), **smooth)
-    slow = pytest.param(zj.uniform_rods(2.0, friction=reaction), marks=pytest.mark.slow)
-    return [zj.point_masses(2, 1, 1.5, friction=two, follower=0.3, kappa=2.0), slow]
+    points = zj.point_masses(2, 1, 1.5, friction=two, follower=0.3, kappa=2.0)
+    return [points, zj.uniform_rods(2.0, friction=reaction)]
 
 
 @pytest.mark.parametrize("column", columns())
@@ -210,7 +210,6 @@ def rubbing(v_smooth, mu=0.26, q=2.0):
 KICK = zj.State(omega=(0.0, 0.3))
 
 
-@pytest.mark.slow
 def test_stiff_motions_meet_tolerances():
     """Against scipy's Radau at 1e-12, with stick and slip on the way."""
     ts = np.linspace(0.0, 12.0, 13)
@@ -288,13 +287,12 @@ def point(v_smooth, q, mu):
 
 
 @pytest.fixture(scope="module")
-def creeping():
+def creeping(optimised):
     """Lanes that slip, stick and creep, for layers far below the tolerance, too."""
     axes = {"q": np.linspace(1.2, 3.2, 6), "mu": [0.02, 0.1, 0.2, 0.4]}
     return zj.sweep(point, v_smooth=LAYERS, progress=False, **axes)
 
 
-@pytest.mark.slow
 def test_the_cost_hardly_depends_on_the_layer(creeping):
     steps = creeping.steps.mean(["q", "mu"]).values
     assert steps[4] < 3 * steps[0]  # v_smooth = 1e-6 and 1e-2; measured 2.4
@@ -302,7 +300,6 @@ def test_the_cost_hardly_depends_on_the_layer(creeping):
     assert (creeping.outcome >= OUTCOME.unsettled).all()
 
 
-@pytest.mark.slow
 def test_creeping_joints_count_as_sticking_and_energy_balances(creeping):
     held = creeping.sel(mu=0.4, q=1.2)
     assert (held.outcome == OUTCOME.stuck).all()
@@ -311,7 +308,6 @@ def test_creeping_joints_count_as_sticking_and_energy_balances(creeping):
     assert np.abs(creeping.energy_imbalance).max() < 5e-6
 
 
-@pytest.mark.slow
 def test_legs_and_batches_change_nothing(creeping):
     mesh = [
         m.ravel() for m in np.meshgrid(LAYERS, creeping.q, creeping.mu, indexing="ij")

@@ -171,7 +171,7 @@ def random_scenes(count):
 
 @pytest.mark.parametrize(
     "release",
-    ["stick-first", pytest.param("stribeck-limit", marks=pytest.mark.slow)],
+    ["stick-first", "stribeck-limit"],
 )
 def test_a_runge_kutta_method_sees_the_same_motion_and_events(release):
     ts = jnp.linspace(0.0, 15.0, 31)

@@ -49,6 +49,7 @@ def test_growth_is_that_of_differences(friction):
     assert settled.growth == pytest.approx(largest, rel=2e-3)
 
 
+@pytest.mark.usefixtures("optimised")  # a motion that each bit sends elsewhere
 def test_a_fate_that_hangs_on_the_steps_is_sensitive_and_an_ordinary_one_is_not():
     """The first ends on another cycle at a tolerance of 1e-8."""
     q = np.array([1.5882352941176472, 2.6])

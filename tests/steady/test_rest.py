@@ -98,7 +98,6 @@ def test_a_column_whose_rest_is_unstable_is_never_stuck():
     assert ends(0.0) == zj.OUTCOME.stuck
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (-0.3, 0.95)])
 def test_a_threshold_within_frictions_layer_is_that_of_long_motions(direction):
     """Beside it motions fall for hundreds of time units before they grow."""

@@ -44,6 +44,12 @@ def passing(point, time):
     return Lookout(ends, jnp.asarray(1.0), (), jnp.asarray(NOTHING))
 
 
+@jax.jit
+def returned(state, point, time, orbit):
+    """After a return: one program for all tests."""
+    return with_return(state, passing(point, time), False, orbit)
+
+
 def asks_of(distances, slope):
     """What a motion asks for whose returns lie so far from an orbit with this map."""
     slope, one = jnp.asarray(slope), jnp.asarray(1, jnp.int32)
@@ -53,7 +59,7 @@ def asks_of(distances, slope):
     orbit = Candidate(there, one, jnp.asarray(ORBIT), slope, norm, radius)
     state, asks = no_returns(jnp.asarray(0.0)), NOTHING
     for i, distance in enumerate(distances):
-        state = with_return(state, passing(ORBIT + distance, 3.0 * i), False, orbit)
+        state = returned(state, ORBIT + distance, 3.0 * i, orbit)
         asks = max(asks, int(state.asks))
     return asks
 
@@ -109,15 +115,12 @@ def test_the_largest_return_since_the_last_time_counts():
 def test_a_shot_is_of_as_many_returns_as_close_and_five_close_none():
     point, eye = jnp.asarray(ORBIT), jnp.eye(3)
     none = Candidate(jnp.asarray(False), jnp.asarray(0), point, eye, eye, point[0])
-    again = jax.jit(
-        lambda state, x, time: with_return(state, passing(x, time), False, none)
-    )
     asked = {}
     for count in (1, 2, 3, 4, 5, 6):
         state = no_returns(jnp.asarray(0.0))
         for i in range(10):
             # the places of a cycle lie farther apart than a shot is asked for
-            state = again(state, ORBIT + 0.05 * (i % count), 20.0 * i)
+            state = returned(state, ORBIT + 0.05 * (i % count), 20.0 * i, none)
         span = float(span_of(state, state.returns))
         asked[count] = int(state.asks), int(state.returns), span
     assert asked.pop(5)[:2] == (NOTHING, 0)
@@ -129,12 +132,11 @@ def test_shots_go_on_being_asked_for_at_times_that_grow():
     point, eye = jnp.asarray(ORBIT), jnp.eye(3)
     none = Candidate(jnp.asarray(False), jnp.asarray(0), point, eye, eye, point[0])
     state, due = no_returns(jnp.asarray(0.0)), []
-    again = jax.jit(
-        lambda state, time: with_return(state, passing(ORBIT, time), False, none)
-    )
     for time in np.arange(0.0, 4500.0, 10.0):
         due.append(float(state.due))
-        state = again(state, time)._replace(asks=jnp.asarray(NOTHING, jnp.int32))
+        state = returned(state, ORBIT, time, none)._replace(
+            asks=jnp.asarray(NOTHING, jnp.int32)
+        )
     times = sorted(set(due))
     assert times[: len(TIMES)] == list(TIMES)
     assert times[len(TIMES) :] == [TIMES[-1] * LATER**n for n in range(1, 7)]

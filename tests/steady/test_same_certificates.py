@@ -12,6 +12,8 @@ import ziegler_jax as zj
 from ziegler_jax.__main__ import point
 from ziegler_jax.sweep import partition, store
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 
 def test_certificates_are_the_same_whatever_their_batch_mates_and_threads():
     q = np.linspace(1.2, 3.8, 23)

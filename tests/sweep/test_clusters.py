@@ -12,6 +12,7 @@ import ziegler_jax as zj
 from ziegler_jax.sweep import partition, store
 
 distributed = pytest.importorskip("distributed")
+pytestmark = pytest.mark.usefixtures("optimised")  # as the workers compile
 
 X, Y = np.linspace(0.0, 4.0, 30), np.linspace(0.0, 1.0, 20)
 
@@ -144,7 +145,6 @@ def test_a_point_that_cannot_be_sent_is_refused_with_a_cure(client, refuses):
     refuses(lambda: sweep(scene, client=client), *parts)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stored", [False, True])
 def test_a_worker_that_is_killed_loses_nothing(client, tmp_path, stored):
     whole = sweep(slow)

@@ -8,6 +8,8 @@ import ziegler_jax as zj
 from ziegler_jax.results import ORBIT
 from ziegler_jax.sweep import program
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 LOADS = np.array([1.2, 1.5, 1.8, 2.0, 2.2, 2.4, 2.7])  # q_cr = 1.656
 
 

@@ -145,7 +145,6 @@ def precise():
     )
 
 
-@pytest.mark.slow
 def test_errors_fall_with_the_tolerance(precise, exact):
     error = precise.phi1_error.sel(quantile=0.5)
     # measured below 2e-3
@@ -156,7 +155,6 @@ def test_errors_fall_with_the_tolerance(precise, exact):
     assert list(precise.solver.values) == ["Tsit5", "Bosh3"]
 
 
-@pytest.mark.slow
 def test_the_errors_are_those_of_the_sampled_points(precise, exact):
     """All points bound a sample's quantiles."""
     with within(Context(tolerance=1e-6, solver=BOSH3)):
@@ -168,7 +166,6 @@ def test_the_errors_are_those_of_the_sampled_points(precise, exact):
     assert found.sel(quantile=1.0) <= error.max() + 1e-11
 
 
-@pytest.mark.slow
 def test_the_picture_has_a_line_a_solver(precise):
     ax = zj.plot.work_precision(precise, "phi1")
     lines = {line.get_label(): line for line in ax.get_lines()}
@@ -195,6 +192,5 @@ def test_misuse_is_named(refuses, options, parts):
     refuses(lambda: zj.work_precision(end, q=Q, **options), *parts)
 
 
-@pytest.mark.slow
 def test_the_picture_names_what_is_not_there(refuses, precise):
     refuses(lambda: zj.plot.work_precision(precise, "phi2"), "`variable`", "phi2_error")

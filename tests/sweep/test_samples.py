@@ -6,6 +6,8 @@ import xarray as xr
 
 import ziegler_jax as zj
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 RANDOM = np.random.default_rng(0)
 Q, MU = (xr.DataArray(RANDOM.normal(size=50), dims="sample") for _ in range(2))
 C = np.array([1.0, 2.0])

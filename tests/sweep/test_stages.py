@@ -17,6 +17,8 @@ from ziegler_jax import context
 from ziegler_jax.numerics.traced_key import traced_key
 from ziegler_jax.sweep import program, scheduler
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("threads", [1, 3])

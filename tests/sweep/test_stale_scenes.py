@@ -232,7 +232,7 @@ def test_compile_seconds_are_those_of_this_sweep():
         (settle_observed, True),
         (trajectory_damped, False),
         (trajectory_damped, True),
-        pytest.param(orbit_damped, True, marks=pytest.mark.slow),  # in memory as well
+        (orbit_damped, True),  # in memory as well
     ],
 )
 def test_laws_that_read_an_attribute_are_traced_anew(

@@ -14,6 +14,8 @@ import ziegler_jax as zj
 from ziegler_jax import OUTCOME
 from ziegler_jax.sweep import program, progress, scheduler
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 
 @pytest.fixture(scope="module")
 def whole():
@@ -291,7 +293,7 @@ def with_jvp(q):
 @pytest.mark.parametrize(
     "scene, loops",
     [(two_settles, 2), (one_after_the_other, 2), (under_vmap, 0),
-     pytest.param(with_jvp, 0, marks=pytest.mark.slow)],
+     (with_jvp, 0)],
 )  # fmt: skip
 def test_several_motions_and_what_is_not_cut_agree_with_direct_calls(scene, loops):
     q = np.linspace(1.0, 3.0, 5)

@@ -1,0 +1,205 @@
+"""What stays out of the first tier, the one that a newcomer runs, and why.
+
+The rule: a test that takes more than about four seconds of processor time (`--costs`
+measures it) is here, unless nothing cheaper looks at its part of the package. An entry
+is the beginning of a test's name, below `tests`. `pytest -m ""` runs them all, as CI
+does.
+"""
+
+LONG_PROGRAMS = (
+    "branches, folds, curves, least kicks: a program of ten seconds to compile"
+)
+CERTIFIED = (
+    "a certified map's program, five seconds to compile; others see the same code"
+)
+LONG_RUNS = "thousands of motions, long ones, or another code's many steps"
+PROCESSES = "starts Python anew, once or several times"
+ALL_QUESTIONS = "traces or compiles every question, for options that all of them share"
+OTHER_WAY = "the same claim of another law, method or option; one of each kind is quick"
+TASKS = "a user's script or a docstring's example with a large scene"
+
+SLOW = {
+    LONG_PROGRAMS: [
+        "analysis/test_branches.py::test_a_branch_is_the_one_that_another_code_shoots",
+        "analysis/test_branches.py::test_the_fold_is_where_another_codes_load_turns",
+        "analysis/test_branches.py::test_a_cycle_loses_its_stability_at_the_fold_by",
+        "analysis/test_branches.py::test_a_branch_ends_where_the_equilibrium_loses",
+        "analysis/test_branches.py::test_lines_through_a_branchs_points_pass_through",
+        "analysis/test_branches.py::test_a_branch_passes_the_three_folds_that_auto",
+        "analysis/test_cycles.py::test_dry_friction_folds_the_cycle_where_it_is_known",
+        "analysis/test_cycles.py::test_as_friction_vanishes_the_fold_tends_to_14",
+        "analysis/test_cycles.py::test_two_multipliers_are_1_at_a_fold_and_sticking",
+        "analysis/test_cycles.py::test_the_fold_moves_with_friction_as_its_derivative",
+        "analysis/test_cycles.py::test_amplitude_and_period_move_as_their_derivatives",
+        "analysis/test_least_kicks.py::test_a_stiff_column_is_overturned_by_the_energy",
+        "analysis/test_least_kicks.py::test_below_the_least_kick_it_rests_and_above_it",
+        "analysis/test_least_kicks.py::test_the_least_kick_is_a_critical_kick_with_its",
+        "analysis/test_least_kicks.py::test_lanes_without_a_least_kick_say_why",
+        "analysis/test_least_kicks.py::test_the_energy_over_the_square_of_the_torque",
+        "analysis/test_least_kicks.py::test_the_least_energy_moves_as_its_derivative",
+        "analysis/test_least_kicks.py::test_scipy_agrees_on_the_least_angles",
+        "analysis/test_section_planes.py",
+        "analysis/test_thresholds.py::test_a_threshold_moves_as_its_derivative_says",
+        "curves/test_bifurcation_curves.py::test_two_curves_of_folds_meet_in_a_cusp",
+        "curves/test_changes_of_modes.py",
+        "curves/test_flips_and_tori.py",
+        "motion/test_every_motion_ends.py::test_a_branch_ends_within_its_budget",
+        "motion/test_every_motion_ends.py::test_a_search_counts_the_steps_of_all_its",
+        "motion/test_every_motion_ends.py::test_a_search_of_many_long_motions_ends",
+        "motion/test_every_motion_ends.py::test_a_first_return_spends_from_the_same",
+        "motion/test_every_motion_ends.py::test_results_of_searches_name_their_options",
+        "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew"
+        "[orbit_damped",
+        "test_refusals.py::test_traced_options_are_finite_and_positive[verdict]",
+        "test_refusals.py::test_traced_options_are_finite_and_positive[periodic_orbit]",
+        "test_refusals.py::test_traced_options_are_finite_and_positive[its period]",
+        "test_refusals.py::test_traced_options_are_finite_and_positive[cycle_fold]",
+        "test_refusals.py::test_traced_options_are_finite_and_positive[continue_cycle]",
+        "test_refusals.py::test_traced_options_are_finite_and_positive[critical_kick]",
+        "test_refusals.py::test_traced_options_that_may_be_zero_are_finite[found_orbit",
+        "test_results.py::test_a_branch_is_swept",
+    ],
+    CERTIFIED: [
+        "sweep/test_cycles_in_sweeps.py::test_the_motion_the_return_and_the_shots_are",
+        "maps/test_scene.py::test_a_cells_motion_is_that_of_its_column_and_start",
+        "steady/test_certificates.py::test_derivatives_of_a_certified_cycle_are_those",
+        "steady/test_certificates.py::test_set_valued_cycles_are_certified_where_asked",
+        "steady/test_certificates.py::test_a_half_turn_and_a_whole_one_give_the_same",
+        "steady/test_certificates.py::test_every_attempt_begins_with_a_shot_of_its_own",
+        "steady/test_certificates.py::test_what_falls_first_and_then_grows_below_the",
+        "steady/test_growth.py::test_growth_is_that_of_differences",
+        "steady/test_growth.py::test_a_fate_that_hangs_on_the_steps_is_sensitive",
+        "steady/test_growth.py::test_a_start_at_rest_has_no_direction_and_a_failed",
+        "steady/test_growth.py::test_an_audit_draws_what_settled_late_first",
+        "steady/test_rest.py::test_a_cycle_below_the_cut_is_not_rest",
+        "steady/test_same_certificates.py",
+        "sweep/test_cycles_in_sweeps.py::test_cycles_of_a_sweep_are_those_of_direct",
+        "test_main.py::test_another_map_is_refused_in_one_line_and_overwritten",
+    ],
+    LONG_RUNS: [
+        "analysis/test_basins.py",
+        "analysis/test_cycles.py::test_time_stepping_decays_below_the_fold_of_weak",
+        "analysis/test_exponents.py::test_without_dissipation_they_sum_to_zero_in_chaos",
+        "analysis/test_exponents.py::test_chaos_has_one_largest_exponent_whoever",
+        "analysis/test_exponents.py::test_stick_slip_chaos",
+        "analysis/test_exponents.py::test_numbers_that_break_a_rule_when_traced_end",
+        "analysis/test_hysteresis.py::test_the_way_down_leaves_the_cycle_at_the_fold",
+        "analysis/test_regularisation.py::test_smoothing_errs_in_amplitude_and_in",
+        "analysis/test_thresholds.py::test_the_critical_kick_collapses_over_the_torque",
+        "analysis/test_thresholds.py::test_no_kick_sets_off_flutter_below_the_fold",
+        "analysis/test_thresholds.py::test_flutter_onset_and_critical_kick_are_one",
+        "analysis/test_thresholds.py::test_smoothing_moves_the_critical_kick_and_less",
+        "analysis/test_thresholds.py::test_a_verdict_that_changes_twice_is_noticed",
+        "analysis/test_verdicts.py::test_stick_slip_has_chaos_and_cycles_of_many",
+        "analysis/test_verdicts.py::test_a_motion_that_lingers_by_an_unstable_cycle",
+        "linear/test_critical_edges.py::test_load_frequency_and_derivatives_to_50"
+        "_digits[True]",
+        "linear/test_critical_edges.py::test_forward_and_reverse_agree_to_second_order",
+        "linear/test_critical_loads.py::test_second_derivatives_are_those_of_the_closed",
+        "maps/test_refine.py::test_the_bound_of_the_missed_area_holds_on_made_up_maps",
+        "motion/test_stick_and_slip.py::test_ten_thousand_random_scenes_end_and_keep",
+        "motion/test_stick_and_slip.py::test_legs_change_nothing",
+        "motion/test_stick_and_slip.py::test_the_layer_ends_where_small_steps_end",
+        "motion/test_stick_and_slip.py::test_forward_derivatives_pass_through_events",
+        "motion/test_stick_and_slip_on_reactions.py::test_the_smoothed_law_on_reactions",
+        "motion/test_stick_and_slip_on_reactions.py::test_energy_and_outcomes_of_lanes",
+        "motion/test_two_free_bodies.py::test_friction_on_the_joints_forces_is_followed",
+        "motion/test_two_free_bodies.py::test_air_and_loads_that_follow_in_part_move",
+        "solvers/test_stiff_method.py::test_stiff_motions_meet_tolerances",
+        "solvers/test_stiff_method.py::test_the_cost_hardly_depends_on_the_layer",
+        "solvers/test_stiff_method.py::test_creeping_joints_count_as_sticking",
+        "solvers/test_stiff_method.py::test_legs_and_batches_change_nothing",
+        "steady/test_rest.py::test_a_threshold_within_frictions_layer_is_that_of_long",
+        "sweep/test_error_of_a_map.py::test_errors_fall_with_the_tolerance",
+        "sweep/test_error_of_a_map.py::test_the_errors_are_those_of_the_sampled_points",
+        "sweep/test_error_of_a_map.py::test_the_picture_has_a_line_a_solver",
+        "sweep/test_error_of_a_map.py::test_the_picture_names_what_is_not_there",
+        "test_studies.py::test_a_small_run_of_the_distribution_ends_in_its_figures",
+        "test_studies.py::test_derivatives_of_a_history_are_its_differences",
+        "test_studies.py::test_coefficients_and_radius_cannot_be_told_apart",
+        "test_studies.py::test_fits_spread_as_far_as_the_bound_and_have_no_bias",
+    ],
+    PROCESSES: [
+        "maps/test_scene.py::test_a_store_of_another_process_knows_its_function",
+        "motion/test_debugging_flags.py::test_the_environments_flags_are_heeded",
+        "plot/test_pages.py::test_a_store_of_another_process_makes_a_page",
+        "plot/test_pictures.py::test_matplotlib_is_imported_only_when_used",
+        "sweep/test_clusters.py",
+        "sweep/test_progress.py::test_a_slow_compilation_is_announced_with_its_seconds",
+        "sweep/test_store_identity.py::test_a_scenes_hash_is_the_same_in_another",
+        "sweep/test_store_identity.py::test_a_scene_is_the_same_whatever_jax_has",
+        "sweep/test_store_faults.py::test_killed_at_any_moment_it_goes_on_where_it_was",
+        "sweep/test_stores_under_attack.py::test_of_two_that_begin_a_store_at_once_one",
+        "test_cache.py::test_a_second_process_starts_without_compiling",
+        "test_census.py::test_a_lanes_step_takes_no_more_instructions_than_it_did",
+        "test_cpu.py::test_a_fresh_process_computes_on",
+        "test_cpu.py::test_loops_that_are_written_out_give_the_same_bits",
+        "test_interrupt.py::test_ctrl_c_ends_a_sweep_soon",
+        "test_main.py::test_a_closed_stdout_is_named_and_the_map_is_written",
+        "test_main.py::test_ctrl_c_gets_one_line_and_exit_code_130",
+        "test_main.py::test_a_killed_map_goes_on_where_it_was_and_ends_in_the_same",
+        "test_main.py::test_late_ends_are_followed_again_and_marks_of_another_map",
+        "test_notebook.py::test_a_notebook_shows_bar_repr_and_picture",
+        "test_readme.py::test_the_first_command_writes_the_map_where_it_stands",
+    ],
+    ALL_QUESTIONS: [
+        "motion/test_debugging_flags.py::test_the_package_computes_the_same_under_a",
+        "motion/test_debugging_flags.py::test_set_valued_motions_and_cycles_compute",
+        "test_options.py::test_a_partial_value_leaves_the_rest_to_the_question",
+        "test_options.py::test_the_tables_say_what_each_question_does_on_its_own"
+        "[Method]",
+    ],
+    OTHER_WAY: [
+        "motion/test_stick_and_slip.py::test_the_energy_balance_holds[stribeck-limit]",
+        "motion/test_stick_and_slip.py::test_random_scenes_all_end[stribeck-limit]",
+        "motion/test_stick_and_slip.py::test_joints_that_pass_and_rest_at_once_go_on"
+        "[stribeck-limit]",
+        "motion/test_stick_and_slip.py::test_a_lane_does_not_depend_on_its_mates"
+        "[stribeck-limit]",
+        "motion/test_stick_and_slip.py::test_the_cycle_that_the_smoothed_law_tends_to"
+        "[stribeck-limit]",
+        "motion/test_stick_and_slip.py::test_what_starts_in_the_sticking_set_stays"
+        "[stribeck-limit]",
+        "solvers/test_stiff_method.py::test_one_step_is_that_of_the_method_with_4_by_4"
+        "_systems[column1]",
+        "solvers/test_taylor_method.py::test_a_runge_kutta_method_sees_the_same_motion"
+        "_and_events[stribeck-limit]",
+        "steady/test_rest.py::test_a_rod_that_turns_back_within_a_step_has_turned_over"
+        "[True]",
+        "steady/test_tangents_of_the_field.py::test_a_step_in_turns_is_the_step_written"
+        "_out[Dopri8]",
+        "steady/test_tangents_of_the_field.py::test_a_step_in_turns_is_the_step_written"
+        "_out[Vern9]",
+        "steady/test_tangents_of_the_field.py::test_a_step_in_turns_is_the_step_written"
+        "_out[Calvo7]",
+        "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with"
+        "_direct_calls[with_jvp",
+    ],
+    TASKS: [
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/cont",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/hyst",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[curves/",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[maps/scene.py",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[motion/stiffness",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/maps.py 2]",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/sweep.py 0]",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/work_prec",
+        "test_docstring_examples.py::test_an_observer_of_ones_own_finds_what_the",
+        "test_docstring_examples.py::test_a_friction_law_of_ones_own_moves_the_column",
+        "test_examples.py::test_a_task_runs_as_it_stands[chaos_map]",
+        "test_examples.py::test_a_task_runs_as_it_stands[dask_cluster]",
+        "test_examples.py::test_a_task_runs_as_it_stands[device_si]",
+        "test_examples.py::test_a_task_runs_as_it_stands[hysteresis]",
+        "test_examples.py::test_a_task_runs_as_it_stands[onset_over_friction]",
+        "test_examples.py::test_a_task_runs_as_it_stands[own_laws]",
+    ],
+}
+
+
+def reason_of(test):
+    """Why a test is in the second tier; None where it is not."""
+    name = test.removeprefix("tests/")
+    for reason, entries in SLOW.items():
+        if name.startswith(tuple(entries)):
+            return reason
+    return None
