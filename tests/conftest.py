@@ -79,13 +79,18 @@ def all_faults(request):
 def optimised():
     """XLA compiles as for users: for claims about bits, and for long runs.
 
-    From the first test of a module that asks for it to the module's end.
+    Of whole files, by their `pytestmark`: what was compiled before is not used, nor is
+    it by other files.
     """
-    program._cache.clear()
-    jax.config.update("jax_disable_most_optimizations", False)
+    _compile_as_for_users(True)
     yield
+    _compile_as_for_users(False)
+
+
+def _compile_as_for_users(do):
     program._cache.clear()
-    jax.config.update("jax_disable_most_optimizations", True)
+    jax.clear_caches()
+    jax.config.update("jax_disable_most_optimizations", not do)
 
 
 REFERENCE = Path(__file__).parent / "reference"

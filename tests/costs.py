@@ -1,37 +1,41 @@
-"""What each test costs: processor seconds, and how they part.
+"""What each test costs: seconds of processor time, and what JAX does in them.
 
-    python -m pytest --costs=table.md
+    python -m pytest -n 0 --costs=table.md
 
-writes a table, a row for a file, dearest first. `traced` and `compiled` are seconds by
-JAX's own monitoring: of jaxprs and their lowering, and of XLA. What is left of a test's
-time is running, the test's own Python, and the processes that it starts.
+writes a table, a row for a file, dearest first. `seconds` is processor time, of the
+processes that a test starts too. `tracing` and `compiling` are seconds of the clock by
+JAX's own monitoring, each without the other where one is within the other, and summed
+over threads: where nothing else computes they are parts of the first number, and the
+rest is running and the test's own Python.
 """
 
 import os
+import threading
 import time
 from collections import defaultdict
 
 import jax
 import pytest
 
-# two durations of one kind that overlap are nested: the outer holds the inner
 KIND = {
-    "/jax/core/compile/jaxpr_trace_duration": "traced",
-    "/jax/core/compile/jaxpr_to_mlir_module_duration": "traced",
-    "/jax/core/compile/backend_compile_duration": "compiled",
+    "/jax/core/compile/jaxpr_trace_duration": "tracing",
+    "/jax/core/compile/jaxpr_to_mlir_module_duration": "tracing",
+    "/jax/core/compile/backend_compile_duration": "compiling",
 }
-_spans = defaultdict(list)
+_spans = defaultdict(list)  # by thread: (start, length), of what no other holds
+_seconds = defaultdict(float)
 
 
 def _listen(event, duration, **_):
     kind = KIND.get(event)
     if kind is None:
         return
-    end = time.perf_counter()
-    spans = _spans[kind]
-    while spans and spans[-1][0] >= end - duration:
-        spans.pop()
-    spans.append((end - duration, end))
+    spans, start = _spans[threading.get_ident()], time.perf_counter() - duration
+    within = 0.0
+    while spans and spans[-1][0] >= start:
+        within += spans.pop()[1]
+    spans.append((start, duration))
+    _seconds[kind] += duration - within
 
 
 def _processor():
@@ -50,32 +54,32 @@ class Costs:
     def pytest_runtest_protocol(self, item):
         """A module's fixtures are charged to the test that first asks for them."""
         _spans.clear()
-        begun = _processor()
-        item.user_properties.append(("costs", cost := {}))
-        cost["begun"] = begun
+        _seconds.clear()
+        item.user_properties.append(("costs", {"seconds": -_processor()}))
         return (yield)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_teardown(self, item):
-        result = yield
-        (cost,) = [value for name, value in item.user_properties if name == "costs"]
-        cost["all"] = _processor() - cost.pop("begun")
-        for kind, spans in _spans.items():
-            cost[kind] = sum(end - start for start, end in spans)
-        return result
+        """The last of a test: its report takes the costs along."""
+        try:
+            return (yield)
+        finally:
+            cost = dict(item.user_properties)["costs"]
+            cost["seconds"] += _processor()
+            cost.update(_seconds)
 
     def pytest_runtest_logreport(self, report):
         """Of each test once, its processes' reports come to the one that writes."""
-        if report.when == "teardown":
-            for name, cost in report.user_properties:
-                if name == "costs":
-                    self.rows.append((report.nodeid, cost))
+        cost = dict(report.user_properties).get("costs")
+        if report.when == "teardown" and cost is not None:
+            self.rows.append((report.nodeid, cost))
 
     def pytest_sessionfinish(self, session):
         """The table, where the tests' reports have come together."""
         if not hasattr(session.config, "workerinput"):
+            text = table(self.rows)
             with open(self.path, "w") as file:
-                file.write(table(self.rows))
+                file.write(text)
 
 
 def table(rows):
@@ -86,15 +90,15 @@ def table(rows):
             files[name]["tests"] += 1
             for kind, seconds in cost.items():
                 files[name][kind] += seconds
-    lines = ["| file | tests | seconds | traced | compiled | dearest test |"]
+    lines = ["| file | tests | seconds | tracing | compiling | dearest test |"]
     lines += ["|---|---|---|---|---|---|"]
-    for name, cost in sorted(files.items(), key=lambda pair: -pair[1]["all"]):
-        own = [(c["all"], test) for test, c in rows if test.split("::")[0] == name]
-        most, test = max(own, default=(None, ""))
+    for name, cost in sorted(files.items(), key=lambda pair: -pair[1]["seconds"]):
+        own = [(c["seconds"], test) for test, c in rows if test.split("::")[0] == name]
+        most, test = max(own, default=(0.0, ""))
         dearest = f"{most:.1f} {test.split('::', 1)[1]}" if test else ""
         lines.append(
-            f"| {name} | {cost['tests']:.0f} | {cost['all']:.1f} | "
-            f"{cost['traced']:.1f} | {cost['compiled']:.1f} | {dearest} |"
+            f"| {name} | {cost['tests']:.0f} | {cost['seconds']:.1f} | "
+            f"{cost['tracing']:.1f} | {cost['compiling']:.1f} | {dearest} |"
         )
     return "\n".join(lines) + "\n"
 

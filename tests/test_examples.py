@@ -11,6 +11,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import pytest
 
+pytestmark = pytest.mark.usefixtures("optimised")  # a user's own, one a long run
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 WRITTEN = {  # what each leaves
@@ -36,10 +38,8 @@ def test_each_of_twelve_tasks_is_a_script_of_at_most_25_lines():
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
-def test_a_task_runs_as_it_stands(script, tmp_path, monkeypatch, request):
+def test_a_task_runs_as_it_stands(script, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    if script.stem == "onset_over_friction":  # a long run
-        request.getfixturevalue("optimised")
     if script.stem == "dask_cluster":  # workers import it: a process of its own
         pytest.importorskip("distributed")
         run = [sys.executable, str(script)]

@@ -13,6 +13,8 @@ from scipy.optimize import brentq
 
 import ziegler_jax as zj
 
+pytestmark = pytest.mark.usefixtures("optimised")  # long runs
+
 STUDIES = Path(__file__).parents[1] / "examples" / "studies"
 
 
@@ -131,7 +133,6 @@ def test_the_onset_load_of_the_study_can_be_traced_with_its_derivatives(distribu
     assert shapes.shape == (3,)
 
 
-@pytest.mark.usefixtures("optimised")
 def test_derivatives_of_a_history_are_its_differences(history):
     """Through 27 events, at two places; measured 2e-9 of the largest of each number."""
     nearby = history.TRUE * np.array([1.03, 0.97, 1.0, 1.05, 1.0])
@@ -161,7 +162,6 @@ def test_coefficients_and_radius_cannot_be_told_apart(history):
         np.testing.assert_allclose(abs(vectors[:, 0] @ along), 1, rtol=1e-10)
 
 
-@pytest.mark.usefixtures("optimised")
 def test_fits_spread_as_far_as_the_bound_and_have_no_bias(history, tmp_path):
     """240 of them: a spread's own deviation is 4.6 %, a mean's 6.5 % of the bound.
 

@@ -1,9 +1,10 @@
 """What stays out of the first tier, the one that a newcomer runs, and why.
 
 The rule: a test that takes more than about four seconds of processor time (`--costs`
-measures it) is here, unless nothing cheaper looks at its part of the package. An entry
-is the beginning of a test's name, below `tests`. `pytest -m ""` runs them all, as CI
-does.
+measures it) is here, unless nothing else looks at its part of the package and it takes
+less than some forty. So the first tier follows no branch, finds no fold along one, no
+least kick and no torus, and starts no cluster. An entry is the beginning of a test's
+name, below `tests`. `pytest -m ""` runs them all, as CI does.
 """
 
 LONG_PROGRAMS = (
@@ -68,7 +69,6 @@ SLOW = {
         "steady/test_certificates.py::test_every_attempt_begins_with_a_shot_of_its_own",
         "steady/test_certificates.py::test_what_falls_first_and_then_grows_below_the",
         "steady/test_growth.py::test_growth_is_that_of_differences",
-        "steady/test_growth.py::test_a_fate_that_hangs_on_the_steps_is_sensitive",
         "steady/test_growth.py::test_a_start_at_rest_has_no_direction_and_a_failed",
         "steady/test_growth.py::test_an_audit_draws_what_settled_late_first",
         "steady/test_rest.py::test_a_cycle_below_the_cut_is_not_rest",
@@ -141,6 +141,7 @@ SLOW = {
         "test_main.py::test_late_ends_are_followed_again_and_marks_of_another_map",
         "test_notebook.py::test_a_notebook_shows_bar_repr_and_picture",
         "test_readme.py::test_the_first_command_writes_the_map_where_it_stands",
+        "test_structure.py::test_every_entry_of_the_second_tier_is_a_test_and_no_mark",
     ],
     ALL_QUESTIONS: [
         "motion/test_debugging_flags.py::test_the_package_computes_the_same_under_a",
@@ -176,6 +177,8 @@ SLOW = {
         "_direct_calls[with_jvp",
     ],
     TASKS: [
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/least",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/onset",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/cont",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/hyst",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[curves/",

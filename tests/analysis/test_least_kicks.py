@@ -151,7 +151,6 @@ LANES = [
     (2.2, TAU, -TAU, 1.0, np.pi, 2 * TAU**2),
     *((2.1, tau, tau, 1.0, np.pi, 20 * tau**2) for tau in (0.001, 0.02, 0.04)),
     *((*NUMBERS * (1 + x * STEP), 1.0, np.pi, 20 * TAU**2) for x in (1, -1)),
-    (2.0, 0.03, 0.03, 1.0, np.pi, 200 * 0.03**2),  # the docstring's
 ]
 
 
@@ -229,7 +228,7 @@ def test_below_the_least_kick_it_rests_and_above_it_flutters(least):
 
 def test_the_least_kick_is_a_critical_kick_with_its_normal_along_the_gradient(least):
     """The edge is a cycle with one unstable multiplier, through which it passes."""
-    for lane in (2, 3, 11):
+    for lane in (2, 3):
         one = least.isel(lane=lane)
         assert one.outcome == zj.KICK.found and one.edge == zj.EDGE.cycle
         assert one.misalignment < 2e-3 and one.edge_multiplier > 1  # 1.4e-4
@@ -253,7 +252,7 @@ def test_the_energy_over_the_square_of_the_torque_departs_as_its_square(least):
 
 def test_the_least_energy_moves_as_its_derivative_says(least):
     """In the load and both torques; by differences of least energies."""
-    high, low = least.energy.values[9:11]
+    high, low = least.energy.values[9:]
     along = least.slope.values[3] @ (2 * STEP * NUMBERS)
     np.testing.assert_allclose(along, high - low, rtol=2e-3)  # 1.9e-4
     # at the saddle of a pendulum: the loads' and the friction's own work

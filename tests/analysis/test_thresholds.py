@@ -116,10 +116,9 @@ def test_the_ends_of_the_last_interval_stick_and_flutter():
 
 
 def test_a_higher_load_needs_less_of_a_kick():
-    """The scene of the docstring, and one beside it."""
     found = kicks([2.0, 2.2], 0.03)
     assert (found.outcome == zj.ONSET.found).all()
-    assert found.threshold[1] < found.threshold[0] < 40 * 0.03
+    assert found.threshold[1] < found.threshold[0]
 
 
 def load_of(tau, kick):

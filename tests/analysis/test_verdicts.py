@@ -10,6 +10,8 @@ from newton_euler import motion as moved
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME, VERDICT
 
+pytestmark = pytest.mark.usefixtures("optimised")  # long runs
+
 # q, tau, v_smooth, c1, c2, kick
 SMOOTH = {
     "stuck": (1.2, 0.05, 0.1, 0, 0, 0.2),
@@ -89,7 +91,6 @@ def growth(rods, y, span=90.0, renew=3.0, apart=1e-7):
     return total
 
 
-@pytest.mark.usefixtures("optimised")
 def test_stick_slip_has_chaos_and_cycles_of_many_passages():
     """Each verdict holds of the motion that two free bodies go on with."""
     q, mu_k = (x.ravel() for x in np.meshgrid([3.2, 4.0], [0.05, 0.145, 0.25]))
@@ -120,7 +121,6 @@ def test_stick_slip_has_chaos_and_cycles_of_many_passages():
     assert ds.verdict.attrs["flag_meanings"].split()[8] == "chaotic"
 
 
-@pytest.mark.usefixtures("optimised")
 def test_a_motion_that_lingers_by_an_unstable_cycle_is_none():
     """Of these chaotic motions one in twenty comes back thrice to within 1e-5."""
     starts = 0.3 * (1 + 1e-9 * np.arange(40))

@@ -104,7 +104,8 @@ def test_folds_move_with_a_third_parameter_as_their_derivatives_say(follow):
         follow("lowest", x) for x in (c - h, c, c + h)
     )
     (i,) = np.flatnonzero(TAU == 0.03)
-    assert found.points.outcome[i] == ORBIT.found
+    for curve in (below, found, above):
+        assert curve.points.outcome[i] == ORBIT.found
     for name in ("first", "period", "phi", "omega"):
         one, other = (getattr(curve.points, name)[i] for curve in (below, above))
         difference, slope = (other - one) / (2 * h), getattr(slopes, name)[i]

@@ -10,6 +10,8 @@ import xarray as xr
 
 import ziegler_jax as zj
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 RADIUS = 0.1
 UNITS = zj.SI(m=0.1, l=0.2, k=0.5)
 

@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 LANES, MAX_STEPS = 32, 20_000
 SOLVERS = {"explicit": zj.Explicit(), "stiff": zj.Rosenbrock()}
 

@@ -14,6 +14,8 @@ from ziegler_jax.model.release_layer import ReleaseLayer
 from ziegler_jax.model.set_valued import Dynamics, stick_first
 from ziegler_jax.results import OUTCOME
 
+pytestmark = pytest.mark.usefixtures("optimised")  # long runs, and bits
+
 CASES = ("c02", "c03", "c06", "c11", "c18", "c18_layerrule")
 RULES = ("stick-first", "stribeck-limit")
 
@@ -129,7 +131,7 @@ def runner(numbers, release):
 
 
 @pytest.fixture(scope="module", params=RULES)
-def scenes(request, reference, optimised):
+def scenes(request, reference):
     broken = make_scenes(1, 3)
     broken[3] = 2 * broken[1]  # mu_k > mu_s, known when it runs
     numbers = np.hstack([named_scenes(reference), make_scenes(RANDOM, 1), broken])
@@ -233,7 +235,6 @@ def test_rates_far_too_fast_for_the_first_step_are_followed(method):
         np.testing.assert_allclose(x, y, rtol=3e-6, atol=0)  # measured: 4.7e-7
 
 
-@pytest.mark.usefixtures("optimised")
 @pytest.mark.parametrize("release", RULES)
 def test_ten_thousand_random_scenes_end_and_keep_their_energy(release):
     numbers = make_scenes(RANDOM_SLOW, 2)

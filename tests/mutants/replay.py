@@ -5,10 +5,12 @@
     python tests/mutants/replay.py old --tests ../old/tests  # another suite's
 
 The tests of the fault's room run until one fails. Its name, or "passes", comes into the
-fault's row of `results.md`, under the column. A copy a core.
+fault's row of `results.md`, under the column. A test that fails without a fault would
+count as one that sees it: run the suite before.
 """
 
 import argparse
+import os
 import re
 import shutil
 import subprocess
@@ -69,16 +71,20 @@ def verdict(fault, column, tests):
         paths = [f"tests/{room}" for room in rooms]
         marks = [] if column == "first" else ["-m", ""]
         call = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", *marks, *paths]
+        environment = {**os.environ, "PYTHONPATH": str(root)}  # of what tests start
         try:
             run = subprocess.run(
-                call, cwd=root, capture_output=True, text=True, timeout=LIMIT
-            )
+                call, cwd=root, env=environment, capture_output=True, text=True,
+                timeout=LIMIT,
+            )  # fmt: skip
         except subprocess.TimeoutExpired:
             return "does not end"
     if run.returncode == 0:
         return "passes"
-    failed = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", run.stdout, re.MULTILINE)
-    return failed[1] if failed else (run.stdout + run.stderr).strip().splitlines()[-1]
+    failed = re.search(r"^(?:FAILED|ERROR) tests/(\S+::\S+)", run.stdout, re.MULTILINE)
+    if run.returncode == 1 and failed:
+        return failed[1]
+    return f"no verdict: pytest ended with {run.returncode}"
 
 
 def recorded():

@@ -16,6 +16,8 @@ from ziegler_jax import OUTCOME
 from ziegler_jax.solvers import rosenbrock
 from ziegler_jax.solvers.control import judge
 
+pytestmark = pytest.mark.usefixtures("optimised")  # long runs, and batches
+
 TERMS = dfx.ODETerm(zj.vector_field)
 STAGES = 8
 
@@ -287,7 +289,7 @@ def point(v_smooth, q, mu):
 
 
 @pytest.fixture(scope="module")
-def creeping(optimised):
+def creeping():
     """Lanes that slip, stick and creep, for layers far below the tolerance, too."""
     axes = {"q": np.linspace(1.2, 3.2, 6), "mu": [0.02, 0.1, 0.2, 0.4]}
     return zj.sweep(point, v_smooth=LAYERS, progress=False, **axes)

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax.__main__ import _with_growth as with_growth
 from ziegler_jax.__main__ import point
 from ziegler_jax.sweep import partition, store
+from ziegler_jax.sweep.differences import settled_late
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
 
@@ -84,3 +86,24 @@ def test_where_windows_mislead_a_certificate_is_right_or_refused():
     )
     undecided = ds.undecided.values[~closed]
     assert np.all(undecided == zj.UNDECIDED.unstable_near)
+
+
+def test_a_fate_that_hangs_on_the_steps_is_sensitive_and_an_ordinary_one_is_not():
+    """The first ends on another cycle at a tolerance of 1e-8."""
+    q = np.array([1.5882352941176472, 2.6])
+    mu = np.array([(0.37666666666666665, 0.12), (0.1, 0.1)])
+    at = jnp.asarray(np.column_stack([q, mu]))
+
+    def of(scene):
+        found = zj.sweep(lambda i: scene(*at[i.astype(int)]), i=[0.0, 1.0])
+        return found.sel(joint=2)
+
+    plain, followed = of(point), of(with_growth)
+    assert (followed.outcome == zj.OUTCOME.cycle).all()
+    assert followed.sensitive.values.tolist() == [1, 0]
+    assert followed.growth[0] > 1e4 > 100 > followed.growth[1] > 1
+    # the same motion: measured 0
+    np.testing.assert_allclose(
+        followed.joint_amplitude, plain.joint_amplitude, rtol=1e-9
+    )
+    assert settled_late(plain, (2,)).tolist() == [True, False]

@@ -10,6 +10,8 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax.context import Context, current_context, within
 
+pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
+
 matplotlib.use("agg")
 
 TOL = 1e-4
