@@ -15,8 +15,20 @@ import xarray as xr
 import ziegler_jax as zj
 from ziegler_jax import __main__ as job
 
+pytestmark = pytest.mark.usefixtures("optimised")  # the main job itself runs here
+
 PNG = b"\x89PNG\r\n\x1a\n"
 COMMAND = [sys.executable, "-W", "error", "-m", "ziegler_jax"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    """What one process has compiled, the next one finds."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setenv("JAX_COMPILATION_CACHE_DIR", str(folder))
+        patch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+        yield
 
 
 @pytest.fixture(scope="module")

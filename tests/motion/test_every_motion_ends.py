@@ -32,9 +32,14 @@ def near():
 
 
 @jax.jit
+def search_by(method, start):
+    """One program for all budgets: they come in with the method."""
+    return zj.periodic_orbit(sliding(), start, method=method)
+
+
 def search(start, budget):
-    """A cycle, from a start and within a budget of steps: one program for all."""
-    return zj.periodic_orbit(sliding(), start, method=zj.Method(max_steps=budget))
+    """A cycle, from a start and within a budget of steps."""
+    return search_by(zj.Method(max_steps=budget), start)
 
 
 @pytest.fixture(scope="module")
@@ -121,16 +126,15 @@ def test_a_search_counts_the_steps_of_all_its_motions(near, cycle):
 
 
 @jax.jit
-def far_off(period, budget):
+def far_off(method, period):
     """From a guess in which each shot alone takes 10 000 steps."""
     start = zj.State((0.0, 1.5), (2.0, -3.0))
-    method = zj.Method(max_steps=budget)
     return zj.periodic_orbit(sliding(), start, period=period, method=method)
 
 
 @pytest.mark.parametrize("budget", [1, 3000])
 def test_a_search_of_many_long_motions_ends_within_its_budget(budget):
-    found = far_off(500.0, budget)
+    found = far_off(zj.Method(max_steps=budget), 500.0)
     assert int(found.outcome) == ORBIT.not_integrated
     assert int(found.steps) == budget
 
@@ -143,9 +147,12 @@ def test_a_first_return_spends_from_the_same_budget():
 
 def test_a_branch_ends_within_its_budget(cycle):
     @jax.jit
-    def branch(budget):
-        arc, method = zj.Arc(step=0.05, points=5), zj.Method(max_steps=budget)
+    def branch_by(method):
+        arc = zj.Arc(step=0.05, points=5)
         return zj.continue_cycle(sliding, cycle, 2.6, arc=arc, method=method)
+
+    def branch(budget):
+        return branch_by(zj.Method(max_steps=budget))
 
     whole = branch(1_000_000)
     assert int(whole.outcome) == ORBIT.found and int(whole.count) == 5

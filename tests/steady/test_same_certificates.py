@@ -102,8 +102,9 @@ def test_a_fate_that_hangs_on_the_steps_is_sensitive_and_an_ordinary_one_is_not(
     assert (followed.outcome == zj.OUTCOME.cycle).all()
     assert followed.sensitive.values.tolist() == [1, 0]
     assert followed.growth[0] > 1e4 > 100 > followed.growth[1] > 1
-    # the same motion: measured 0
+    # the same motion by two programs, which round otherwise; each closes its orbit by
+    # a last shot of its own: measured 4.7e-8
     np.testing.assert_allclose(
-        followed.joint_amplitude, plain.joint_amplitude, rtol=1e-9
+        followed.joint_amplitude, plain.joint_amplitude, rtol=5e-7
     )
     assert settled_late(plain, (2,)).tolist() == [True, False]

@@ -301,7 +301,7 @@ def approximation(
         valid &= keeps("finite", section.level) & keeps("positive", max_time)
         level = fixed(jnp.asarray(section.level, dtype))
         # only as good as Newton's method needs
-        rough = Method(Explicit(), 1e-6, 1e-6, method.max_steps)
+        rough = Method(Explicit(), 1e-6, 1e-6).at_most(cast(Count, method.max_steps))
         span = jnp.where(valid, max_time, 0.0)
         z, back, steps = first_return(column, start, section, returns, span, rough)
         left = left - steps
