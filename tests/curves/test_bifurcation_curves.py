@@ -13,6 +13,7 @@ from ziegler_jax import CURVE, MEETING, ORBIT
 from ziegler_jax.curves.degeneracy import Flip, Fold, Torus
 from ziegler_jax.curves.fill import Knots, evenly
 from ziegler_jax.curves.jets import Jet
+from ziegler_jax.curves.start import of_points
 
 # Folds, equal constant torques --------------------------------------------------------
 
@@ -221,6 +222,19 @@ def test_points_between_knots_lie_on_the_curve():
     assert coarse / fine > 3.5
 
 
+def test_a_curve_begins_at_the_first_point_of_its_own_kind():
+    near, other = FOLDS["lowest"], FOLDS["another cycle"]
+    both = jax.tree.map(
+        lambda a, b: jnp.concatenate([a, b]),
+        points("fold", near),
+        points("flip", other),
+    )
+    for kind, q in (("fold", near.q), ("flip", other.q)):
+        begin = of_points(kind, both)
+        assert begin.failure == 0 and begin.first == q
+    assert of_points("torus", both).failure == ORBIT.beyond
+
+
 def test_bad_arguments_are_named(refuses):
     near = points("fold", FOLDS["lowest"])
 
@@ -241,6 +255,8 @@ def test_bad_arguments_are_named(refuses):
     refuses(call(make=lambda q: q), "`make_column`", "two numbers", "takes (q)")
     many = jax.tree.map(lambda x: jnp.stack([x, x]), near)
     refuses(call(start=many), "`start`", "one branch", "shape (2,)")
+    alone = jax.tree.map(lambda x: x[0], near)
+    refuses(call(start=alone), "`start`", "one branch", "shape ()")
     refuses(lambda: zj.Course(values=["a"]), "`values`", "numbers", "'a'")
     beyond = {"values": [0.1, 0.2], "second": (0.1, 0.15)}
     refuses(lambda: zj.Course(**beyond), "`values`", "in `second`", "0.1, 0.15", "0.2")
