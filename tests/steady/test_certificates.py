@@ -149,6 +149,20 @@ def test_what_cannot_be_certified_is_refused():
         zj.settle(column(2.6), start, observers=(zj.Period(),))
 
 
+@pytest.mark.parametrize("radius", [0.0, 0.9, 1.1, 1.9])
+def test_a_closed_orbit_is_certified_where_its_return_map_contracts(radius):
+    start, windows = zj.State(omega=KICK), zj.Windows()
+    motion = CertifiedMotion(column(2.6), start, "settle", windows, (), zj.Method())
+    now = motion.begin()
+    slope = jnp.diag(jnp.asarray([radius, radius / 2, 0.0]))
+    attempt = now.attempt._replace(
+        verified=jnp.asarray(True), slope=slope, first_slope=slope
+    )
+    after = motion._judged(now._replace(attempt=attempt))
+    assert after.candidate.there == (radius < 1)
+    assert after.unstable == (radius > 1)
+
+
 # ---- the algebra of three numbers
 
 
