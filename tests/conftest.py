@@ -15,11 +15,9 @@ from ziegler_jax.sweep import partition, program
 
 pytest_plugins = ["costs"]
 
-# Nearly all of the suite's time is XLA's: it compiles without its most costly passes
-jax.config.update("jax_disable_most_optimizations", True)
 if version("jaxlib").startswith("0.10."):
-    # nor, there, with its later emitter of fused loops: a curve of folds takes 30 s of
-    # processor time, without the passes 22 s, and without both 11 s
+    # where its most costly passes are left out, so is its later emitter of fused loops:
+    # a curve of folds takes 30 s of processor time, without the passes 22 s, now 11 s
     _get_compile_options = compiler.get_compile_options
 
     def _without_the_later_emitter(*args, **kwargs):
@@ -49,7 +47,14 @@ settings.load_profile("few")
 def pytest_addoption(parser):
     """How hard stores are attacked: see test_stores_under_attack."""
     parser.addoption("--faults", choices=("few", "all"), default="few")
+    parser.addoption("--optimised", action="store_true", help="compile as for users")
     parser.addoption("--costs", metavar="FILE", help="a table of what each test costs")
+
+
+def pytest_configure(config):
+    """Nearly all of the suite's time is XLA's: less without its most costly passes."""
+    quick = not config.getoption("--optimised")
+    jax.config.update("jax_disable_most_optimizations", quick)
 
 
 @pytest.hookimpl(tryfirst=True)  # then they are deselected by their marks
@@ -76,7 +81,7 @@ def all_faults(request):
 
 
 @pytest.fixture(scope="module")
-def optimised():
+def optimised(request):
     """XLA compiles as for users: for claims about bits, and for long runs.
 
     Of whole files, by their `pytestmark`: what was compiled before is not used, nor is
@@ -84,7 +89,7 @@ def optimised():
     """
     _compile_as_for_users(True)
     yield
-    _compile_as_for_users(False)
+    _compile_as_for_users(request.config.getoption("--optimised"))
 
 
 def _compile_as_for_users(do):

@@ -61,9 +61,10 @@ def test_period_and_multipliers_are_the_same_whatever_the_section(settled):
         mu.append(orbit.multipliers)
     sizes, mu = np.concatenate(sizes), np.concatenate(mu)
     # period and amplitudes; measured 5.5e-11
-    np.testing.assert_allclose(sizes, sizes[:1] + 0 * sizes, rtol=0, atol=5e-10)
+    one = np.broadcast_to(sizes[0], sizes.shape)
+    np.testing.assert_allclose(sizes, one, rtol=0, atol=5e-10)
     # measured 6.2e-9: of a motion from where Newton's method made its last step
-    np.testing.assert_allclose(mu, mu[:1] + 0 * mu, rtol=0, atol=6e-8)
+    np.testing.assert_allclose(mu, np.broadcast_to(mu[0], mu.shape), rtol=0, atol=6e-8)
 
 
 def test_period_and_amplitude_move_alike_whatever_the_section(settled):
