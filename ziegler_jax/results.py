@@ -50,10 +50,15 @@ class OUTCOME(Code):
     chattering = 5, "stick and slip changed again and again without time going on"
     escaped = 6, "a rod's angle passed the named bound, e.g. it turned over"
     unsettled = 7, "neither at rest nor on a cycle by the end of the time"
-    stuck = 8, "both joints stuck, or crept below the cut and did not speed up"
-    rest = 9, "the same without friction: the column came to rest"
-    cycle = 10, "its orbit is certified, or (`certify=False`) two windows agreed"
+    stuck = 8, "both joints stuck, or creep, and what is left decays"
+    rest = 9, "the same without friction: what is left of the motion decays"
+    cycle = 10, "its orbit is certified: closed, stable, and the motion draws near it"
     complete = 11, "the motion was followed to the last of the given times"
+    repeats = 12, "two windows agreed in the swing of each joint; not certified"
+    conservative = (
+        13,
+        "the same, but nothing dissipates: another start swings otherwise",
+    )
 
 
 class UNDECIDED(Code):

@@ -147,7 +147,7 @@ def verdict(
     fold = Classifier(
         rtol_return=number("rtol_return", rtol_return, "positive"),
         zero_rate=number("zero_rate", zero_rate, "positive"),
-        rest=Rest(rate_cut, at_once=True),
+        rest=Rest(rate_cut, at_once=True, atol=cast(Scalar, method.atol)),
         **growth_options(method, spans),
     )
     run = follow_spans(column, start, fold, method, OUTCOME.unsettled)
@@ -293,7 +293,7 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
         outcome = jnp.where(last, OUTCOME.unsettled, state.outcome)
         repeats = evidence.returns.confirmed & evidence.dissipates
         outcome = jnp.where(repeats, OUTCOME.cycle, outcome)
-        at_rest = self.rest.reached(evidence.speeds, step, ended)
+        at_rest = self.rest.reached(column, evidence.speeds, step, ended)
         outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
         nearest = evidence.returns.nearest
         nearest = jnp.where(ended & ~last, 1.0, nearest)

@@ -257,6 +257,31 @@ def power(column: Column, y: Vector4) -> Power:
     return Power(follower, damping, friction)
 
 
+def dissipated(column: Column, y: Vector4, accelerations: Pair) -> Scalar:
+    r"""What friction and damping take out, from the state and its accelerations alone.
+
+    $$P_{follower} - \frac{dE}{dt} = Q\cdot\omega - \left(a\omega_1\dot\omega_1 +
+    b\cos D\,(\dot\omega_1\omega_2 + \omega_1\dot\omega_2) - b\sin D\,(\omega_1 -
+    \omega_2)\,\omega_1\omega_2 + d\omega_2\dot\omega_2 + \kappa\phi_1\omega_1 +
+    (\phi_2 - \phi_1)(\omega_2 - \omega_1)\right)$$
+
+    The sum of the last two parts of `power`, whatever the laws are: none is evaluated.
+    """
+    phi1, phi2, w1, w2 = y
+    a1, a2 = accelerations
+    sin_d, cos_d = sincos(phi1 - phi2)
+    if column.tangential:
+        fed = column.q * sin_d * w1
+    else:
+        assert column.follower is not None
+        eta = column.follower
+        fed = column.q * sincos(phi1 - eta * phi2)[0] * w1
+        fed = fed + column.q * column.l2 * sincos((1 - eta) * phi2)[0] * w2
+    kinetic = column.a * w1 * a1 + column.d * w2 * a2
+    kinetic += column.b * (cos_d * (a1 * w2 + w1 * a2) - sin_d * (w1 - w2) * w1 * w2)
+    return fed - kinetic - column.kappa * phi1 * w1 - (phi2 - phi1) * (w2 - w1)
+
+
 def joint_balance(column: Column, y: Vector4) -> Dynamics:
     """The mass matrix and the forces without friction, for set-valued friction."""
     return _Forces(column, y).balance()

@@ -18,6 +18,7 @@ from ..numerics.numbers import (
     Joints,
     Numbers,
     OneOrTwo,
+    Pair,
     Scalar,
     Vector4,
     both,
@@ -134,21 +135,30 @@ class Amplitude(AbstractObserver):
     mirrored: ClassVar[bool] = True
 
     def init(self, column, t, y):
-        """The start itself."""
+        """The start itself: of each angle the smallest and the largest value."""
         del column, t
         phi1, phi2 = y[0], y[1]
-        return tuple(jnp.abs(x) for x in (phi1, phi2, phi2 - phi1))
+        return tuple((x, x) for x in (phi1, phi2, phi2 - phi1))
 
     def step(self, column, state, step):
-        """The larger of what was and the step's extremum."""
+        """The wider of what was and the step's extrema."""
         del column
-        pairs = zip(state, angles(step), strict=True)
-        return tuple(larger(path.largest(), before) for before, path in pairs)
+        after = []
+        for (low, high), path in zip(state, angles(step), strict=True):
+            least, most = path.extent()
+            after.append((smaller(least, low), larger(most, high)))
+        return tuple(after)
+
+    @staticmethod
+    def swings(state) -> Pair:
+        """By how much each joint's angle has varied."""
+        (low1, high1), _, (low2, high2) = state
+        return high1 - low1, high2 - low2
 
     def result(self, column, state, span, y):
         """`rod_amplitude(rod)` and `joint_amplitude(joint)`."""
         del column, span, y
-        phi1, phi2, knee = state
+        phi1, phi2, knee = (larger(-low, high) for low, high in state)
         rod, joint = jnp.stack([phi1, phi2]), jnp.stack([phi1, knee])
         return {
             "rod_amplitude": ROD_AMPLITUDE._replace(value=rod),

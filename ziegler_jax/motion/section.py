@@ -3,10 +3,18 @@
 from typing import Literal, NamedTuple, get_args
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from ..numerics.hermite import HermiteQuartic, Quintic, chord_root, place
+from ..numerics.elementary import smaller
+from ..numerics.hermite import (
+    Quintic,
+    QuinticRate,
+    chord_root,
+    first_fall,
+    place,
+)
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Option, Scalar, Vector4, choice, number
 from ..solvers import Step
@@ -74,29 +82,39 @@ class Passage(NamedTuple):
 
 
 def passage(plane: SectionPlane, step: Step) -> Passage:
-    """The step's passage through the plane: angles on quintics, rates on cubics."""
+    """The step's first passage through the plane: angles on quintics, rates on theirs.
+
+    A step that begins and ends on one side may pass the plane and come back: it is
+    looked for between the extrema of the coordinate's course.
+    """
     i, h, sign = plane.index, step.t1 - step.t0, -plane.sign
     g0, g1 = (sign * (y[i] - plane.level) for y in (step.y0, step.y1))
-    there = (g0 > 0) & (g1 <= 0)
+    passes = (g0 > 0) & (g1 <= 0)
+    # as far as a course of these slopes reaches beyond its ends, at most
+    slopes = jnp.abs(step.f0[i]) + jnp.abs(step.f1[i])
+    near = smaller(jnp.abs(g0), jnp.abs(g1)) <= h * slopes
+    may = passes | (near & ((g0 > 0) == (g1 > 0)))
 
     def locate(blank):
         del blank
-        zero = 0.0 * h
-        ends = list(zip(step.y0, step.y1, step.f0, step.f1, strict=True))
-        rates = [HermiteQuartic(a, b, h * f, h * g, zero) for a, b, f, g in ends[2:]]
-        paths = [*angles(step)[:2], *rates]
-        guard = type(paths[i])(*(sign * x for x in paths[i]))
-        guard = guard._replace(g0=g0, g1=g1)
+        turned = angles(step)[:2]
+        rates = tuple(QuinticRate(path, 1 / h) for path in turned)
+        guard = Quintic(*(sign * x for x in turned[i % 2]))
+        if i < 2:
+            guard = guard._replace(g0=g0, g1=g1)
+        else:
+            guard = QuinticRate(guard, 1 / h, sign * plane.level)
 
         def where():
-            about = chord_root(guard, zero, zero + 1.0)
-            return place(guard, 0.0, about, zero, zero + 1.0)
+            there, left, right = first_fall(guard)
+            about = chord_root(guard, left, right)
+            return there, place(guard, 0.0, about, left, right)
 
-        x = materialise(step.t0, where)  # once for all numbers
-        y = tuple(path(x) for path in paths)
-        return Passage(there, step.t0 + x * h, y)  # type: ignore[arg-type]
+        there, x = materialise(step.t0, where)  # once for all numbers
+        y = tuple(path(x) for path in (*turned, *rates))
+        return Passage(may & there, step.t0 + x * h, y)  # type: ignore[arg-type]
 
-    return if_any_lane(there, locate, Passage(there, step.t1, step.y1))
+    return if_any_lane(may, locate, Passage(jnp.zeros_like(may), step.t1, step.y1))
 
 
 def angles(step: Step) -> tuple[Quintic, Quintic, Quintic]:

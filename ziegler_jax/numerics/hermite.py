@@ -15,6 +15,7 @@ from .elementary import larger, smaller
 from .numbers import Flag, Flags, Pair, Scalar
 
 ITERATIONS = 4  # of a Newton method that is kept in a bracket
+APART = 1e-4  # of a step: for the slope of a slope
 INNER = 1e-3  # how near to a step's ends a third point may lie
 
 
@@ -81,6 +82,12 @@ class Quintic(NamedTuple):
         end = jnp.abs(self.g1)
         return jnp.where(turns, larger(jnp.abs(self(x)), end), end)
 
+    def extent(self) -> Pair:
+        """The smallest and the largest number at the end and about where it turns."""
+        turns, x = self.turning()
+        inner = jnp.where(turns, self(x), self.g1)
+        return smaller(inner, self.g1), larger(inner, self.g1)
+
     def extremum(self) -> Scalar:
         """The number where it turns, else at the end.
 
@@ -99,6 +106,46 @@ class Quintic(NamedTuple):
         """Its mean over the step."""
         bent = (self.v0 - self.v1) / 10 + (self.a0 + self.a1) / 120
         return (self.g0 + self.g1) / 2 + bent
+
+
+class QuinticRate(NamedTuple):
+    r"""How fast a quintic runs over a step, at x from 0 to 1, $O(h^5)$ from its course.
+
+    A quartic with the rates and their slopes at both ends, whose integral is the
+    quintic's rise: its own extremum is seen where a cubic's would be off by $O(h^4)$.
+    """
+
+    path: Quintic
+    scale: Scalar  # of its slope: one by the step's length
+    level: Scalar = 0.0  # what is taken off
+
+    def __call__(self, x: Scalar) -> Scalar:
+        """The rate at x."""
+        return self.scale * self.path.slope(x) - self.level
+
+    def slope(self, x: Scalar) -> Scalar:
+        """Its slope at x, per step."""
+        return self.scale * self.path.slopes(x)[1]
+
+    @property
+    def g0(self) -> Scalar:
+        """The rate at the step's start."""
+        return self.scale * self.path.v0 - self.level
+
+    @property
+    def g1(self) -> Scalar:
+        """At its end."""
+        return self.scale * self.path.v1 - self.level
+
+    @property
+    def v0(self) -> Scalar:
+        """Its slope at the start, per step."""
+        return self.scale * self.path.a0
+
+    @property
+    def v1(self) -> Scalar:
+        """At the end."""
+        return self.scale * self.path.a1
 
 
 class HermiteQuartic(NamedTuple):
@@ -137,6 +184,9 @@ def through(
     chord = g1 - g0 - v0
     c3 = (chord - (gx - g0 - v0 * x) / (x * x)) / (1 - x)
     return HermiteQuartic(g0, g1, v0, v0 + 2 * chord + c3, jnp.zeros_like(g0))
+
+
+Course = HermiteQuartic | Quintic | QuinticRate
 
 
 def probe_point(g0: Scalar, v0: Scalar, g1: Scalar) -> Pair:
@@ -181,6 +231,36 @@ def falls_below(
     return below_a | below_b | (course.g1 < -tol), left, right
 
 
+def first_fall(course: Quintic | QuinticRate) -> tuple[Flag, Scalar, Scalar]:
+    """Whether the course falls through zero, and the bracket of the first time.
+
+    Its extrema are those of the cubic through its ends, made its own by Newton's
+    method. Where it ends below zero and began above, it falls whatever they are.
+    """
+    ends = course.g0, course.g1, course.v0, course.v1
+    about = extrema(HermiteQuartic(*ends, jnp.zeros_like(course.g0)))
+    turns = [_turn(course, x) for x in about]
+    a, b = smaller(*turns), larger(*turns)
+    places = jnp.zeros_like(a), a, b, jnp.ones_like(a)
+    above = [x > 0 for x in (course.g0, course(a), course(b), course.g1)]
+    left, right, there = places[0], places[3], cast(Flag, above[0] & ~above[3])
+    for i in (2, 1, 0):
+        falls = above[i] & ~above[i + 1]
+        left = jnp.where(falls, places[i], left)
+        right = jnp.where(falls, places[i + 1], right)
+        there = cast(Flag, there | falls)
+    return there, left, right
+
+
+def _turn(course: Quintic | QuinticRate, x: Scalar) -> Scalar:
+    """The extremum near x, an end where there is none."""
+    for _ in range(ITERATIONS):
+        bend = (course.slope(x + APART) - course.slope(x - APART)) / (2 * APART)
+        moved = x - course.slope(x) / jnp.where(bend == 0, jnp.inf, bend)
+        x = jnp.clip(moved, 0.0, 1.0)
+    return x
+
+
 def bezier_verdict(course: HermiteQuartic, tol: Scalar) -> Flags:
     """Whether the guard's Bezier polygon alone decides, and then whether it falls.
 
@@ -194,7 +274,7 @@ def bezier_verdict(course: HermiteQuartic, tol: Scalar) -> Flags:
     return cast(Flag, plain), low[3]
 
 
-def chord_root(course: HermiteQuartic | Quintic, left: Scalar, right: Scalar) -> Scalar:
+def chord_root(course: Course, left: Scalar, right: Scalar) -> Scalar:
     """About where the course crosses zero in the bracket: on the chord."""
     at_left, at_right = course(left), course(right)
     drop = at_left - at_right
@@ -203,7 +283,7 @@ def chord_root(course: HermiteQuartic | Quintic, left: Scalar, right: Scalar) ->
 
 
 def place(
-    course: HermiteQuartic | Quintic,
+    course: Course,
     level: Scalar,
     x: Scalar,
     left: Scalar,

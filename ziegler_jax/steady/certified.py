@@ -129,7 +129,8 @@ class CertifiedMotion:
         self.windows = windows_for(question, windows, rate_cut_of(column))
         given = tuple(o for o in given if not isinstance(o, Growth))
         self.observation = Observation(given)
-        self.rest = Rest(self.windows.rate_cut, at_once=True)
+        atol = cast(Scalar, self.method.atol)
+        self.rest = Rest(self.windows.rate_cut, at_once=True, atol=atol)
         solver = self.method.solver
         coarse = isinstance(solver, Explicit) and solver.method_order <= 5
         self.at_once = STEPS_AT_ONCE if coarse else STEPS_AT_ONCE // 4

@@ -19,16 +19,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Bool
 
 from ..model.column import Column
 from ..motion.observers import joint_rates
 from ..motion.scene import field, prepared
 from ..numerics.elementary import larger
-from ..numerics.materialise import tree_where
+from ..numerics.materialise import if_any_lane, tree_where
 from ..numerics.numbers import Flag, Scalar, Vector4
 from ..results import OUTCOME
 from ..solvers import Step
 
+# Rates that steps leave of a motion that has decayed, in atol: of 104 viscous columns
+# Tsit5 left 41, Dopri8 8, whatever the tolerance.
+NOISE = 100.0
 ROUNDING = 1e-12  # of Hurwitz' terms: a column on the boundary does not grow
 SHARES = (0.25, 0.5, 0.75, 1.0)  # of the way from the slope at rest to another
 JOINTS = ((1.0, 1.0), (0.0, 1.0))  # the rods that the angle of one joint turns
@@ -42,21 +46,31 @@ class Speeds(NamedTuple):
 
 
 class Rest(eqx.Module):
-    """Whether a motion has come to rest: all joints stick, or creep and slow down.
-
-    By spans no more is asked; a certificate asks whether it `decays` as well.
+    """Whether a motion has come to rest: all joints stick, or are slow, and it decays.
 
     **Arguments:** `rate_cut`: what is slower creeps; None: set-valued friction, by
-    modes; `at_once`: what sticks in both joints sticks for ever: no span is waited for.
+    modes; `at_once`: what sticks in both joints sticks for ever: no span is waited for;
+    `atol`: of the steps, whose own error keeps a motion that has decayed at rates of up
+    to some tens of it. What is slower than `NOISE` of them is slow, whatever the cut.
     """
 
     rate_cut: Scalar | None
     at_once: bool = eqx.field(static=True)
+    atol: Scalar = 0.0
 
     @property
     def by_modes(self) -> bool:
         """Whether rest is a matter of modes."""
         return self.rate_cut is None
+
+    @property
+    def noise(self) -> Scalar:
+        """The rate, or the swing, that steps leave of a motion that has decayed."""
+        return NOISE * self.atol
+
+    def slow(self, rate: Scalar) -> Flag:
+        """Whether a joint rate is so low that what is left may be rest."""
+        return (rate < cast(Scalar, self.rate_cut)) | (rate < self.noise)
 
     def begin(self, y: Vector4) -> Speeds:
         """At the start of a motion."""
@@ -82,16 +96,17 @@ class Rest(eqx.Module):
         m1, m2 = step.event[1]
         return (m1 == 0) & (m2 == 0)
 
-    def reached(self, speeds: Speeds, step: Step, ended: Flag) -> Flag:
+    def reached(self, column: Column, speeds: Speeds, step: Step, ended: Flag) -> Flag:
         """Whether it rests at the end of a step, with which a span may have ended."""
         if self.by_modes:
             return self.sticks(step) | (ended & (speeds.now < 0.5))
-        # slow is not at rest where it grows: the span before tells
-        return (
-            ended
-            & (speeds.now < cast(Scalar, self.rate_cut))
-            & (speeds.now <= speeds.before)
-        )
+        # slow is not at rest where it grows: the span before tells, and what decays
+        slow = ended & self.slow(speeds.now) & (speeds.now <= speeds.before)
+
+        def damped(slow: Bool[Array, ""]) -> Bool[Array, ""]:
+            return slow & decays(column, step.y1, speeds.now)
+
+        return if_any_lane(slow, damped, jnp.asarray(slow))
 
     def outcome(self, column: Column) -> OUTCOME:
         """What rest is called."""
@@ -115,6 +130,10 @@ def fastest(y: Vector4) -> Scalar:
 
 def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     """Whether motions about this state, no faster than `rate`, are damped.
+
+    Without friction the terms of Hurwitz' conditions are those of the equilibrium but
+    for the motion's own size; what lies within that of the boundary does not count as
+    damped, nor does a column that dissipates nothing.
 
     **Arguments:** `rate`: the largest of a joint; 0 where the motion stands still.
     """
@@ -148,7 +167,11 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     damping = between.reshape(2, -1, 2)  # by force, and by joint
     # each damping of one joint with each of the other
     (c11, c21), (c12, c22) = damping[:, :, None, 0], damping[:, None, :, 1]
+    unsure = 0.0
+    if column.friction is None:
+        unsure = rate * (rate + jnp.abs(y[0]) + jnp.abs(y[1]))
     damped = _damped(
+        unsure,
         c11 + c22,
         c11 * c22 - c12 * c21 + k11 + k22,
         c11 * k22 + c22 * k11 - c12 * k21 - c21 * k12,
@@ -157,11 +180,14 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     return jnp.all(damped) | (rate == 0)
 
 
-def _damped(p1: Scalar, p2: Scalar, p3: Scalar, p4: Scalar) -> Flag:
-    """Whether no root of s^4 + p1 s^3 + p2 s^2 + p3 s + p4 has a positive real part."""
+def _damped(unsure: Scalar, p1: Scalar, p2: Scalar, p3: Scalar, p4: Scalar) -> Flag:
+    """Whether no root of s^4 + p1 s^3 + p2 s^2 + p3 s + p4 has a positive real part.
+
+    **Arguments:** `unsure`: by which share its terms may be off.
+    """
     terms = p1 * p2 * p3, -p3 * p3, -p1 * p1 * p4
-    noise = ROUNDING * (jnp.abs(terms[0]) + jnp.abs(terms[1]) + jnp.abs(terms[2]))
-    negative = terms[0] + terms[1] + terms[2] < -noise
+    size = jnp.abs(terms[0]) + jnp.abs(terms[1]) + jnp.abs(terms[2])
+    negative = terms[0] + terms[1] + terms[2] < (unsure - ROUNDING) * size
     grows = (p1 < 0) | (p2 < 0) | (p3 < 0) | (p4 < 0) | negative
     undamped = (p1 == 0) & (p3 == 0)
-    return ~(grows | (undamped & (p2 * p2 < 4 * p4)))
+    return ~(grows | undamped)

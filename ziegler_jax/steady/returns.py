@@ -197,7 +197,7 @@ class March(AbstractFold[Lookout]):
         rate = fastest(step.y1)
         calm = _longer(cast(Calm, state.calm), step, rate)
         over = step.t1 - calm.start >= CALM
-        slow = rate < cast(Scalar, self.rest.rate_cut)
+        slow = self.rest.slow(rate)
         rests = slow & over & (calm.late <= calm.early)
         return rests, slow & (~over | rests)
 

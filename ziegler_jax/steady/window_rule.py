@@ -5,9 +5,9 @@ from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
-from ..model.column import Column, State
+from ..model.column import Column, State, dissipated
 from ..motion.integrate import Motion
-from ..motion.observers import AbstractObserver
+from ..motion.observers import AbstractObserver, Amplitude
 from ..motion.options import Method, Windows, windows_for
 from ..motion.scene import (
     check_scene,
@@ -22,7 +22,6 @@ from ..motion.spans import AbstractSpans, SpanState
 from ..numerics.materialise import if_any_lane, tree_where
 from ..numerics.numbers import (
     Flag,
-    Numbers,
     Option,
     Scalar,
     Traced,
@@ -33,6 +32,7 @@ from ..results import OUTCOME
 from ..solvers.explicit import Integrand
 from .growth import Growth
 from .observation import Observation
+from .repeats import Before, Noise, Window, begun, compared, watched
 from .rest import Rest, Speeds
 
 
@@ -40,7 +40,8 @@ class WindowState(NamedTuple):
     """What is watched in a window."""
 
     observed: tuple  # one state per observer, the amplitude's first
-    previous: Numbers  # the amplitudes of the window before
+    window: Window | tuple[()]  # empty where there is but one
+    before: Before | tuple[()]
     drift: Traced
     speeds: Speeds
 
@@ -51,6 +52,7 @@ class SettleFold(AbstractSpans[WindowState]):
     agreement: Scalar
     rest: Rest
     observation: Observation
+    rtol: Scalar = 0.0  # of the steps
 
     def valid(self) -> Flag:
         """Whether the options keep their rules; for those only known when traced."""
@@ -64,9 +66,11 @@ class SettleFold(AbstractSpans[WindowState]):
     def begin(self, column, t0, y0):
         """Observers that saw nothing yet."""
         zero = 0.0 * y0[0]
+        several = self.most > 1
         return WindowState(
             observed=self.observation.init(column, t0, y0),
-            previous=(zero, zero, zero) if self.most > 1 else (),
+            window=begun(column, y0, zero) if several else (),
+            before=Before((zero, zero), zero, zero) if several else (),
             drift=zero + jnp.inf,
             speeds=self.rest.begin(y0),
         )
@@ -80,15 +84,19 @@ class SettleFold(AbstractSpans[WindowState]):
         """
 
         def observe(before):
-            return self.observation.step(column, before, step)
+            observed, window = before
+            observed = self.observation.step(column, observed, step)
+            if window:
+                window = watched(column, window, step)
+            return observed, window
 
-        observed = state.watch.observed
+        now = state.watch.observed, state.watch.window
         if equals(self.transient, 0.0):
-            observed = observe(observed)
+            observed, window = observe(now)
         else:
-            observed = if_any_lane(state.spans >= 0, observe, observed)
+            observed, window = if_any_lane(state.spans >= 0, observe, now)
         speeds = self.rest.watch(state.watch.speeds, step)
-        watch = state.watch._replace(observed=observed, speeds=speeds)
+        watch = state.watch._replace(observed=observed, window=window, speeds=speeds)
         return watch, self.rest.sticks(step), None
 
     def judge(self, column, state, step, ended):
@@ -96,39 +104,39 @@ class SettleFold(AbstractSpans[WindowState]):
         watch, speeds = state.watch, state.watch.speeds
         ended_window = ended & (state.spans > 0)
         two = self.rest.by_modes | (state.spans >= min(2, self.most))
-        at_rest = self.rest.reached(speeds, step, ended_window & two)
-        amplitudes, drift, agreed = watch.observed[0], watch.drift, False
-        if self.most > 1:
-            relative = _relative_change(amplitudes, watch.previous)
-            drift = jnp.where(ended_window & (state.spans > 1), relative, drift)
-            agreed = ended_window & (drift <= self.agreement)
-        if not self.rest.by_modes:
-            # at rest steps leave noise, and two windows of it may agree: no cycle
-            agreed &= speeds.now >= cast(Scalar, self.rest.rate_cut)
+        at_rest = self.rest.reached(column, speeds, step, ended_window & two)
         last = ended_window & (state.spans >= self.most)
         outcome = jnp.where(last, OUTCOME.unsettled, state.outcome)
-        outcome = jnp.where(agreed, OUTCOME.cycle, outcome)
+        window, before, drift = watch.window, watch.before, watch.drift
+        swings = Amplitude.swings(watch.observed[0])
+        if window and before:
+            noise = Noise(self.rest.noise, self.rtol, self.rest.atol)
+            options = self.agreement, 2 * self.span, noise
+            drawn = compared(column, before, window, swings, step.y1, *options)
+            second = ended_window & (state.spans > 1)
+            drift = jnp.where(second, drawn.drift, drift)
+            agreed = second & (drawn.outcome != OUTCOME.not_computed)
+            if not self.rest.by_modes:
+                agreed &= ~self.rest.slow(speeds.now)  # what is left is noise
+            outcome = jnp.where(agreed, drawn.outcome, outcome)
         outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
         begins = ended & (outcome == OUTCOME.not_computed)
 
         fresh = self.observation.init(column, step.t1, step.y1)
-        previous = watch.previous
+        if window and before:
+            kept = Before(swings, window.lost, window.energy)
+            before = tree_where(begins, kept, before)
+            loss = dissipated(column, step.y1, (step.f1[2], step.f1[3]))
+            loss = jnp.asarray(loss)
+            window = tree_where(begins, begun(column, step.y1, loss), window)
         watch = WindowState(
             observed=tree_where(begins, fresh, watch.observed),
-            previous=tree_where(begins, amplitudes, previous) if previous else (),
+            window=window,
+            before=before,
             drift=drift,
             speeds=self.rest.renewed(speeds, step, begins),
         )
         return watch, outcome
-
-
-def _relative_change(new: Numbers, old: Numbers) -> Scalar:
-    """The largest change of the amplitudes against the largest amplitude."""
-    change = [jnp.abs(a - b) for a, b in zip(new, old, strict=True)]
-    largest = jnp.maximum(jnp.maximum(new[0], new[1]), new[2])
-    # a motion of no amplitude at all has not changed
-    largest = jnp.maximum(largest, jnp.finfo(largest.dtype).tiny)
-    return jnp.maximum(jnp.maximum(change[0], change[1]), change[2]) / largest
 
 
 class SettleProblem(Motion[SpanState[WindowState]]):
@@ -163,8 +171,9 @@ class SettleProblem(Motion[SpanState[WindowState]]):
             most=cast(int, windows.max_windows),
             agreement=cast(Scalar, windows.agreement),
             escape=cast(Scalar, windows.escape),
-            rest=Rest(windows.rate_cut, at_once=False),
+            rest=Rest(windows.rate_cut, at_once=False, atol=cast(Scalar, method.atol)),
             observation=Observation(watched),
+            rtol=cast(Scalar, method.rtol),
         )
         valid = valid_scene(column, y0) & watch.valid()
         super().__init__(
