@@ -26,7 +26,7 @@ PIN_RADIUS, KICK, V_STRIBECK = 0.05, (0.0, 0.3), 0.1
 # At rest the smoothed law is viscous damping tau_s / v_smooth: here 5 at every point,
 # above what would make the smoothed column flutter from rest.
 DAMPING_AT_REST = 5.0
-WINDOWS = zj.Windows(transient=100, length=40, max_windows=40, agreement=2e-4)
+WINDOWS = zj.Windows(transient=100, length=40, max_windows=40)
 SETTLE = {"windows": WINDOWS, "observers": (zj.StickFraction(),)}
 Q_RANGE, MU_RANGE, MU_EXACT = (1.0, 4.0), (0.02, 0.4), (0.1, 0.12)
 Q_VALUES, MU_VALUES = 129, 40

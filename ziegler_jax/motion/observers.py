@@ -197,7 +197,8 @@ class Period(AbstractObserver):
     r"""The mean time between upward passages of $\phi_1$ through zero.
 
     That is the period of a cycle that passes once; of one that passes n times a period
-    it is the n-th part. Fewer than two passages in the window: NaN.
+    it is the n-th part. Fewer than two passages in the window: NaN. Where a cycle is
+    certified, `period` is that of the orbit, whether asked for or not.
     """
 
     name: ClassVar[str] = "period"

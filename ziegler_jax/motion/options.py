@@ -155,26 +155,28 @@ class Method(AbstractOptions):
 class Windows(AbstractOptions):
     r"""How long a motion is followed, and when it has settled.
 
-    After a transient, windows follow each other until the amplitudes of two consecutive
-    ones agree, $\max_j |A_j - A_j'| \le$ `agreement` $\max_j A_j$. Where cycles are
-    certified (`settle`, `flutter_onset`, `critical_kick`) nothing has to agree: then
-    they say when a motion is given up, at `transient + length * max_windows`.
+    After a transient, windows follow each other until two consecutive ones agree in
+    each joint's swing, $|S_j - S_j'| \le$ `agreement` $S_j$ (see `settle`). Where
+    cycles are certified nothing has to agree: then they say when a motion is given up,
+    at `transient + length * max_windows`, and `agreement` is refused.
 
     **Arguments:** None is the question's own; times in $\sqrt{m l^2/k}$.
 
     - `transient`: before the first window.
     - `length` of a window, of which there are at most `max_windows`.
-    - `agreement`: as above.
+    - `agreement`: as above, by windows alone.
     - `escape`: a rod's angle in rad beyond which a motion ends as `escaped`.
-    - `rate_cut`: the joint rate below which a joint rests. None is the friction law's
-        (`v_smooth`; with set-valued friction what sticks rests); without friction 1e-6.
+    - `rate_cut`: the joint rate below which a joint rests, if what is left decays. None
+        is the friction law's (`v_smooth`; with set-valued friction what sticks rests);
+        without friction 1e-6. Rates below 100 atol, which steps leave of a motion that
+        has decayed, count as below it.
 
     | question | transient | length | max_windows | agreement | escape |
     |---|---|---|---|---|---|
     | `settle`, `regularisation_error` | 100 | 40 | 40 | 2e-4 | pi |
     | `sweep_up_down` | 0 | 40 | 100 | 2e-4 | pi |
-    | `flutter_onset`, `critical_kick` | 0 | 40 | 1000 | 5e-5 | pi |
-    | `least_kick` | 0 | 40 | 200 | 5e-5 | pi |
+    | `flutter_onset`, `critical_kick` | 0 | 40 | 1000 | none | pi |
+    | `least_kick` | 0 | 40 | 200 | none | pi |
 
     **Raises:** `ValueError` for numbers that break a rule.
     """
@@ -188,11 +190,12 @@ class Windows(AbstractOptions):
 
     def settings(self) -> dict[str, Option]:
         """Complete ones for the record, but for the cut, which may be by modes."""
+        agreed = {} if self.agreement is None else {"agreement": self.agreement}
         return {
             "transient": self.transient,
             "window_length": self.length,
             "max_windows": self.max_windows,
-            "agreement": self.agreement,
+            **agreed,
             "escape": self.escape,
         }
 
@@ -239,9 +242,9 @@ _METHODS = {
 _WINDOWS = {
     "settle": (100.0, 40.0, 40, 2e-4),
     "sweep_up_down": (0.0, 40.0, 100, 2e-4),
-    "flutter_onset": (0.0, 40.0, 1000, 5e-5),
-    "critical_kick": (0.0, 40.0, 1000, 5e-5),
-    "least_kick": (0.0, 40.0, 200, 5e-5),
+    "flutter_onset": (0.0, 40.0, 1000, None),  # cycles are certified
+    "critical_kick": (0.0, 40.0, 1000, None),
+    "least_kick": (0.0, 40.0, 200, None),
 }
 _SPANS = {name: (200.0, 50.0, 20) for name in ("lyapunov_exponents", "verdict")}
 

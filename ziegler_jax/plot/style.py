@@ -44,7 +44,8 @@ COLOUR_OF = {
     "stuck": REST_COLOUR,
     "rest": "#C9B58F",
     "cycle": BLUE,
-    "complete": SKY,
+    "repeats": "#7848F0",
+    "complete": "#A8F078",
     "failed": "#5A5A5A",
     "undecided": "#9A9A9A",
     "conservative": SKY,
@@ -58,6 +59,8 @@ COLOUR_OF = {
 OTHERS = (SKY, ORANGE, BLUE, VERMILLION, GREEN, PURPLE, VIOLET, YELLOW, "#7F7F7F")
 MARKERS = {
     OUTCOME.cycle: ("o", BLUE),
+    OUTCOME.repeats: ("o", BLUE),
+    OUTCOME.conservative: ("D", SKY),
     OUTCOME.complete: ("o", BLUE),
     OUTCOME.unsettled: ("^", ORANGE),
     OUTCOME.stuck: ("s", "#8A7650"),

@@ -18,6 +18,7 @@ fro at its own pace.
 from collections.abc import Sequence
 from typing import cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -26,7 +27,7 @@ from jaxtyping import Array, Bool, Int
 from ..context import Decision, Phase, Stop
 from ..model.column import Column, State
 from ..motion.integrate import Motion
-from ..motion.observers import AbstractObserver
+from ..motion.observers import AbstractObserver, Period
 from ..motion.options import Method, Windows, windows_for
 from ..motion.scene import (
     check_scene,
@@ -47,6 +48,7 @@ from ..numerics.numbers import (
     Scalar,
     Traced,
     Vector4,
+    instance,
     keeps,
 )
 from ..results import OUTCOME, UNDECIDED
@@ -118,6 +120,13 @@ class CertifiedMotion:
     ):
         """Check the scene; `odd`: whether it is its own mirror image, if known."""
         check_scene(column, start)
+        instance("windows", windows, Windows)
+        if windows.agreement is not None:
+            raise ValueError(
+                "Argument `agreement` of `windows` must be None where cycles are "
+                "certified, as no windows are compared there, but is "
+                f"{windows.agreement}."
+            )
         self.column, self.y0 = column, float_state(start)
         self.watches = observers is not None
         given = () if observers is None else with_amplitude(observers, column)
@@ -126,8 +135,12 @@ class CertifiedMotion:
             explicit_method(question, method)  # else it is refused
         usual = Explicit() if self.grows else usual_method(column)
         self.method = method_of(question, method, column, usual)
-        self.windows = windows_for(question, windows, rate_cut_of(column))
-        given = tuple(o for o in given if not isinstance(o, Growth))
+        windows = windows_for(question, windows, rate_cut_of(column))
+        self.windows = eqx.tree_at(  # those of `settle` by windows alone
+            lambda w: w.agreement, windows, None, is_leaf=lambda x: x is None
+        )
+        # a certificate has the period itself
+        given = tuple(o for o in given if not isinstance(o, Growth | Period))
         self.observation = Observation(given)
         atol = cast(Scalar, self.method.atol)
         self.rest = Rest(self.windows.rate_cut, at_once=True, atol=atol)
@@ -144,7 +157,6 @@ class CertifiedMotion:
         self.horizon = cast(Scalar, self.windows.transient) + length * (spans - 1)
         good = keeps("nonnegative", self.windows.transient)
         good &= keeps("positive", length, self.windows.escape, self.windows.rate_cut)
-        good &= keeps("positive", self.windows.agreement)
         good &= keeps("positive", self.method.rtol, self.method.atol)
         self.valid = good & valid_scene(column, self.y0) & self.observation.valid()
 

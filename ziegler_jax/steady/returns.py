@@ -9,9 +9,13 @@ $$d_n = \frac{\max |x_k - x_{k-n}|}{\max |x_k|}, \qquad n \in \{1, 2, 3, 4, 6\}$
 falls as the motion nears a cycle of n returns. Where it passes a level, or has been
 small for long, the fold asks for a shot (`shots`). To the orbit that a shot has found
 the motion must then draw near by itself: from one of its own returns to the next, the
-distance e to the orbit's point must follow the orbit's linear map, $|e' - M e|_P \le
-\frac12 (1 - |M|_P)\,|e|_P$, in the norm in which that contracts. A motion that stays
-beside the orbit, on a torus round it say, does not.
+distance e to the orbit's point must follow the orbit's linear map and not grow,
+
+$$|e' - M e|_P \le \tfrac12 (1 - |M|_P)\,|e|_P + \nu, \qquad |e'|_P \le |e|_P + \nu,$$
+
+in the norm in which that contracts. $\nu$ is what steps, and their jitter, leave in a
+return: `NOISE` of the orbit's size, as large as that can be in the norm. A motion that
+stays beside the orbit, on a torus round it say, does not.
 """
 
 from collections.abc import Sequence

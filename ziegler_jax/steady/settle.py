@@ -51,8 +51,8 @@ class Settled(AbstractDescribed, AbstractMotionResult[State]):
     quantities: tuple[tuple[str, Variable], ...] = eqx.field(static=True)
     drift: Float[Array, "*lanes"] = eqx.field(
         metadata=quantity(
-            "certified: by how much the orbit does not close; else the change of the "
-            "amplitudes over the last window; relative"
+            "certified: by how much the orbit does not close; else the largest change "
+            "of a joint's swing over the last window; relative"
         )
     )
 
@@ -82,12 +82,14 @@ def settle(
         orbit that closes to 1e-5, with tolerances of a hundredth of the motion's own;
     - that is stable: the largest multiplier of a return is below 0.999;
     - and the motion contracts towards it: its own returns follow the orbit's linear
-        map, in the norm in which that contracts, to within 1 % of the orbit.
+        map, in the norm in which that contracts, to within 2.5 % of the orbit
+        (`steady/returns.py`).
 
-    It is at rest where both joints stay below `rate_cut` for 20 time units, are no
-    faster in the second half of them, and the linear column about the state is stable,
-    with the slopes of friction from rest to the motion's rate (set-valued friction:
-    where both stick), and `unsettled` if neither came by the horizon, `transient +
+    It is at rest where both joints stay below `rate_cut`, or below what the steps' own
+    error leaves (100 atol), for 20 time units, are no faster in the second half of
+    them, and the linear column about the state is damped, with the slopes of friction
+    from rest to the motion's rate (set-valued friction: where both stick), and
+    `unsettled` if neither came by the horizon, `transient +
     length * max_windows` (`undecided` says of which kind it is). What observers give
     is, of a cycle, of exactly one turn of the orbit (of half a turn where the cycle is
     its own mirror image, and all observers say that this is enough); at rest, of the
@@ -95,15 +97,21 @@ def settle(
     such cycles of the main job's map none was false, followed on by another code
     (`benchmarks/a5_certificates.py`); 3.8 % of the map stay undecided.
 
-    **By windows** (`certify=False`): after the transient, windows follow each other
-    until the amplitudes of two consecutive ones agree, $\max_j |A_j - A_j'| \le$
-    `agreement` $\max_j A_j$ over the largest $|\phi_1|, |\phi_2|$ and $|\phi_2 -
-    \phi_1|$, until both joint rates stayed below `rate_cut` for a whole window and were
-    no faster than in the window before, or until `max_windows` are over. The result is
-    that of the last window. With one window there is nothing to compare: the outcome is
-    `unsettled` or `stuck`. About 1 % of the main job's map then pass for cycles that a
-    finer run does not confirm: most are on their slow way past an unstable cycle
-    (`benchmarks/a4_settling.py`).
+    **By windows** (`certify=False`, and set-valued friction by default): after the
+    transient, windows follow each other until two consecutive ones agree: the swing
+    $S_j$ (largest minus smallest angle) of each joint that moves, over at least one
+    whole return of it,
+
+    $$|S_j - S_j'| \le \mathrm{agreement}\; S_j,$$
+
+    and the load pays for what friction and damping take out, to half of it at least
+    (`steady/repeats.py`). Then the outcome is `repeats`: no certificate. Where nothing
+    dissipates in what moves it is `conservative`. Rest is asked for as above, over two
+    windows. After `max_windows` a motion is `unsettled`. The result is that of the last
+    window, means to within a turn's share of it. With one window there is nothing to
+    compare: the outcome is `unsettled` or `stuck`. About 1 % of the main job's map then
+    repeat that a finer run does not confirm: most are on their slow way past an
+    unstable cycle (`benchmarks/a4_settling.py`).
 
     **Arguments:**
 

@@ -39,7 +39,8 @@ def settled_late(dataset: xr.Dataset, shape: tuple[int, ...]) -> np.ndarray | No
     needed = ("outcome", "time", "undecided")
     if not all(n in dataset and dataset[n].shape == shape for n in needed):
         return None
-    settled = dataset["outcome"].isin([OUTCOME.cycle, OUTCOME.stuck, OUTCOME.rest])
+    ends = [OUTCOME.cycle, OUTCOME.repeats, OUTCOME.stuck, OUTCOME.rest]
+    settled = dataset["outcome"].isin(ends)
     return (settled & (dataset["time"] > LATE)).values
 
 
