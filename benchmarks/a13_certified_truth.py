@@ -61,7 +61,7 @@ def report_share(options, source):
         fine = {"windows": TRUTH, "method": zj.Method(rtol=1e-8), "certify": False}
         return point(*table[place.astype(int)], **fine)
 
-    true = swept(len(cells), truth).outcome.values == zj.OUTCOME.cycle
+    true = swept(len(cells), truth).outcome.values == zj.OUTCOME.repeats
     ds = settled(cells)
     certified = true & (ds.outcome.values == zj.OUTCOME.cycle)
     missed = true & ~certified

@@ -40,9 +40,9 @@ def main():
             mu_k=mu,
         )
         truth = ds if truth is None else truth
-        cycles = ds.outcome == zj.OUTCOME.cycle
+        cycles = ds.outcome == zj.OUTCOME.repeats
         apart = abs(ds.joint_amplitude - truth.joint_amplitude).max("joint")
-        confirmed = (truth.outcome == zj.OUTCOME.cycle) & (
+        confirmed = (truth.outcome == zj.OUTCOME.repeats) & (
             apart <= 0.01 * truth.joint_amplitude.max("joint")
         )
         points = int((ds.outcome != zj.OUTCOME.not_computed).sum())

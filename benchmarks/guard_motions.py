@@ -126,7 +126,7 @@ def between_steps():
 
 def map_lines(name, ds, codes=zj.OUTCOME):
     outcome = ds.outcome.values
-    settled = np.isin(outcome, (zj.OUTCOME.cycle, zj.OUTCOME.stuck))
+    settled = np.isin(outcome, (zj.OUTCOME.repeats, zj.OUTCOME.cycle, zj.OUTCOME.stuck))
     lines = counts(f"{name}, outcomes", codes, outcome)
     for part in ("rod_amplitude", "joint_amplitude"):
         lines[f"{name}, {part}"] = array(ds[part], 1e-9, settled[..., None])

@@ -165,7 +165,7 @@ ax = ds.sel(joint=2).pipe(zj.plot.map, "peak_rate", x="q", y="mu")
 # what it says of friction.
 
 # %%
-cycles = ds.where(ds.outcome == zj.OUTCOME.cycle)
+cycles = ds.where(ds.outcome == zj.OUTCOME.repeats)
 imbalance = abs(cycles.energy_imbalance / cycles.follower_power).max().item()
 print(f"largest imbalance, relative to the load's power: {imbalance:.1e}")
 apart = abs(cycles.loss.sum("joint") / cycles.friction_power - 1).max().item()

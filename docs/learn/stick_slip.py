@@ -132,11 +132,11 @@ grid = {"q": np.linspace(1.3, 2.9, 9), "mu": np.linspace(0.04, 0.28, 7)}
 compare = zj.sweep(compared, **grid)
 wrong = int((compare.wrong_verdict == 1).sum())
 print(wrong, "of", compare.wrong_verdict.size, "verdicts differ")
-both = (compare.set_valued_outcome == zj.OUTCOME.cycle) & (
-    compare.smoothed_outcome == zj.OUTCOME.cycle
+both = (compare.set_valued_outcome == zj.OUTCOME.repeats) & (
+    compare.smoothed_outcome == zj.OUTCOME.repeats
 )
 errors = abs(compare.sel(joint=2).joint_amplitude_error.where(both))
-print("errors of the amplitude where both are cycles, in rad:")
+print("errors of the amplitude where both repeat, in rad:")
 print(errors.quantile([0, 0.5, 0.9, 1]).values)
 ax = compare.pipe(zj.plot.map, "set_valued_outcome", x="q", y="mu")
 

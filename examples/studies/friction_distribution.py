@@ -54,7 +54,7 @@ def probability(q, mu, draws):
 
     z = norm.ppf(qmc.Sobol(3, rng=1).random(draws))
     ds = zj.sweep(point, q=q, mu=mu, **samples(z, Z))
-    on_cycle = ds.outcome.isin([zj.OUTCOME.cycle, zj.OUTCOME.escaped])
+    on_cycle = ds.outcome.isin([zj.OUTCOME.repeats, zj.OUTCOME.escaped])
     ds["probability"] = (ds.outcome != zj.OUTCOME.stuck).mean("sample")
     ds["unsettled"] = ds.probability - on_cycle.mean("sample")  # or failed
     ds.probability.attrs["long_name"] = "probability of flutter"

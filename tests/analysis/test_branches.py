@@ -279,7 +279,7 @@ def test_lines_through_a_branchs_points_pass_through_stable_cycles_of_a_sweep():
         return zj.settle(bending(q), start, method=zj.Method(rtol=1e-9))
 
     ds = zj.sweep(settled, q=loads, progress=False)
-    assert (ds.outcome == zj.OUTCOME.cycle).all()
+    assert ds.outcome.isin([zj.OUTCOME.cycle, zj.OUTCOME.repeats]).all()
     upper = slice(turn, None, -1)
     drawn = np.stack(
         [

@@ -222,7 +222,7 @@ def test_below_the_least_kick_it_rests_and_above_it_flutters(least):
     ended = zj.sweep(plain, axes=axes, progress=False).outcome.values
     ended = ended.reshape(2, -1)
     assert (ended[:, 0] == zj.OUTCOME.stuck).all()
-    assert (ended[:, 1] == zj.OUTCOME.cycle).all()
+    assert (ended[:, 1] == zj.OUTCOME.repeats).all()
     assert (ended[:, 2:] == zj.OUTCOME.stuck).all()
 
 

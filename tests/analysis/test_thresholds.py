@@ -112,7 +112,7 @@ def test_the_ends_of_the_last_interval_stick_and_flutter():
     ran = zj.sweep(plain, q=loads, omega2=ends, progress=False)
     for i in range(2):
         assert ran.outcome[i, i] == zj.OUTCOME.stuck
-        assert ran.outcome[i, i + 2] == zj.OUTCOME.cycle
+        assert ran.outcome[i, i + 2] == zj.OUTCOME.repeats
 
 
 def test_a_higher_load_needs_less_of_a_kick():

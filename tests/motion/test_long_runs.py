@@ -35,7 +35,7 @@ def test_the_cycles_amplitudes_are_the_known_ones():
 
     v_smooth, expected = np.array(KNOWN).T
     found = point(v_smooth)
-    assert (np.asarray(found.outcome) == OUTCOME.cycle).all()
+    assert (np.asarray(found.outcome) == OUTCOME.repeats).all()
     # the known ones have five digits; measured 3.4e-6
     assert np.abs(found.joint_amplitude[:, 1] - expected).max() < 1e-5
 
@@ -47,7 +47,7 @@ USUAL = {
     "agreement": 1e-3, "escape": np.pi, "kappa": 1.0, "v_smooth": 0.05,
 }  # fmt: skip
 LANES = {
-    "cycle": {},
+    "repeats": {},
     "stuck": {"q": 1.0},
     "unsettled": {"agreement": 1e-15},
     "escaped": {"escape": 0.4},
@@ -104,7 +104,7 @@ def test_each_outcome_is_reached(lanes, name):
 @pytest.mark.parametrize("name", LANES)
 def test_numbers_are_nan_where_the_lane_failed_and_only_there(lanes, name):
     found = lanes[name]
-    failed = name.split(":")[0] not in ("cycle", "stuck", "unsettled")
+    failed = name.split(":")[0] not in ("repeats", "stuck", "unsettled")
     numbers = {key: value.value for key, value in found.variables().items()}
     for key in ("rod_amplitude", "joint_amplitude", "mean_angle", "stick_fraction"):
         assert np.isnan(numbers[key]).all() == failed, key
@@ -315,7 +315,7 @@ def _slow(kick, **more):
 def test_a_slow_motion_that_grows_is_not_stuck():
     """v_smooth = 5 tau: the smoothed column flutters from rest (Ziegler's paradox)."""
     found = zj.sweep(_slow, kick=[1e-4, 1e-2], progress=False)
-    assert (found.outcome == zj.OUTCOME.cycle).all()
+    assert (found.outcome == zj.OUTCOME.repeats).all()
     # the cycle that another code ends on, which starts beyond it, after 1000 time units
     kicked = flow((0, 0, 0, 1.5), 1000.0, (1.8, 0.01, 0.05, 0, 0), 1e-8).y[:, -1]
     ts = np.linspace(0.0, 10.0, 4001)  # more than a period
