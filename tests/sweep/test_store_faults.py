@@ -15,7 +15,7 @@ import pytest
 from stored import X, Y, lines, same, sweep
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import partition, store, store_creation
+from ziegler_jax.sweep import partition, store
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
 
@@ -65,7 +65,7 @@ def test_a_deletion_that_is_killed_leaves_no_store_behind(path, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(store_creation.shutil, "rmtree", killed)
+        patch.setattr(store.shutil, "rmtree", killed)
         with pytest.raises(KeyboardInterrupt):
             sweep(store=zj.Store(path, overwrite=True))
     assert not path.exists()

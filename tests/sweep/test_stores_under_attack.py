@@ -17,7 +17,7 @@ from faults import Killed, cut, flip, stopped_before
 from stored import X, same, sweep
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import store, store_creation
+from ziegler_jax.sweep import store
 
 pytestmark = [
     pytest.mark.usefixtures("small_blocks"),
@@ -90,7 +90,7 @@ def stop_and_go_on(folder, truth, operation):
 @pytest.fixture
 def cleared_at_once(monkeypatch):
     """What a killed process left beside a store is nobody's at once."""
-    monkeypatch.setattr(store_creation, "ABANDONED", 0.0)
+    monkeypatch.setattr(store, "ABANDONED", 0.0)
 
 
 def operations(folder):
@@ -196,8 +196,9 @@ def test_a_damaged_block_is_told_and_one_that_is_short_does_not_count(whole, tru
     with pytest.warns(UserWarning, match="damaged.*: 2[.]"):
         found = zj.open_sweep(whole)
     assert found.attrs["blocks_done"] == 3 and found.attrs["points_done"] == 30
-    with pytest.raises(Exception, match="checksum|Checksum"):
-        found["sum"].values  # noqa: B018
+    for name in truth.data_vars:  # also of a number that is undamaged
+        reads = found[name][4:6] == 0 if name == "regime" else found[name][4:6].isnull()
+        assert reads.all() and (found[name][:4] == truth[name][:4]).all()
     assert same(sweep(store=whole), truth)
 
 
