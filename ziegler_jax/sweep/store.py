@@ -397,10 +397,10 @@ def prepared(
     store = SweepStore(path)  # made by another, now or long ago
     try:
         other = difference(store.record["identity"], identity)
+        if other is None and _shapes(store.record) != _shapes(record):
+            other = "is laid out otherwise"
     except BAD_JSON:
         other = "does not say of which sweep"
-    if other is None and _shapes(store.record) != _shapes(record):
-        other = "is laid out otherwise"
     if other is not None:
         raise ValueError(
             f"Argument `store` must be this sweep's, but {str(path)!r} {other}. "
@@ -409,11 +409,11 @@ def prepared(
     return store
 
 
-def _shapes(record: Mapping[str, Any]) -> object:
+def _shapes(record: Mapping[str, Any]) -> str:
     """All that decides where a sweep's numbers go: chunks, names, dimensions, types."""
     about = {**record["metadata"]["coords"], **record["metadata"]["data_vars"]}
     shapes = {n: [v["dims"], v["shape"], v["dtype"]] for n, v in about.items()}
-    return json.loads(json.dumps([record["chunk"], shapes]))
+    return json.dumps([record["chunk"], shapes, record["labels"]])
 
 
 def create(path: Path, template: xr.Dataset, record: dict[str, Any]) -> int | None:
@@ -659,9 +659,9 @@ class SweepStore:
         try:
             for key in self._keys(mark["block"]).values():
                 written, path = mark["chunks"][key], self.path / key
-                if end_of(path) != written[::2]:
-                    return False
                 if read and sum_of(bytes_of(path) or b"") != written:
+                    return False
+                if not read and end_of(path) != written[::2]:
                     return False
         except (OSError, KeyError, TypeError):
             return False
@@ -751,8 +751,8 @@ class SweepStore:
 
     def dataset(self, attributes: Mapping[str, object]) -> xr.Dataset:
         """The sweep's result."""
-        if self.lock is not None:
-            self._write(self.folder / "run.json", dict(attributes))
+        if attributes:
+            self._write(self.folder / "run.json", attributes)
         return opened(self)
 
 
@@ -815,10 +815,10 @@ def opened(store: SweepStore) -> xr.Dataset:
 
 def _own(store: SweepStore, done: Collection[int]) -> xr.Dataset:
     """The sweep's own variables, of the blocks that are `done`."""
-    about, labels = store.record["metadata"], store.record["labels"].items()
+    about, labels = store.record["metadata"], store.record["labels"]
     try:
         ds = _shown(store.metadata, functools.partial(store.committed, frozenset(done)))
-        coords = {name: coordinate(name, values) for name, values in labels}
+        coords = {n: coordinate(n, labels[n]) for n in about["coords"] if n in labels}
         ds = ds.set_coords([name for name in about["coords"] if name in store.arrays])
         return ds[list(about["data_vars"])].assign_coords(coords)
     except BAD_JSON as error:  # xarray's, of what a record says
