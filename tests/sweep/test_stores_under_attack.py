@@ -154,17 +154,17 @@ def mended(path, truth):
     assert again.missing(blocks) == {} and again.damaged() == []
 
 
-def damage(tmp_path, whole, truth, attack, times):
+def damage(whole, truth, attack, times):
     """Attack one file after the other, each time a complete store."""
     rng = np.random.default_rng(7)
+    run = (whole / "sweep-record" / "run.json").read_bytes()
     order = rng.permutation(len(files(whole)))
     for number in range(times):
-        path = tmp_path / "damaged.zarr"
-        shutil.copytree(whole, path)
-        attack(files(path)[order[number % order.size]], rng)
-        reads_right(path, truth)
-        mended(path, truth)
-        shutil.rmtree(path)
+        attack(files(whole)[order[number % order.size]], rng)
+        reads_right(whole, truth)
+        mended(whole, truth)
+        # what a run cost is not known again
+        (whole / "sweep-record" / "run.json").write_bytes(run)
 
 
 def flipped(path, rng):
@@ -190,8 +190,8 @@ def deleted(path, rng):
         for attack, times in attacks
     ],
 )
-def test_any_file_may_be_damaged(tmp_path, whole, truth, attack, times):
-    damage(tmp_path, whole, truth, attack, times)
+def test_any_file_may_be_damaged(whole, truth, attack, times):
+    damage(whole, truth, attack, times)
 
 
 def test_both_copies_of_the_record_damaged_are_refused_and_replaced(

@@ -341,7 +341,7 @@ def laid_out(record: Mapping[str, Any]) -> tuple[Files, dict[str, zarr.Array]]:
             compressors=(ZstdCodec(), Crc32cCodec()),
             config={"write_empty_chunks": True},  # no chunk is left out
             dimension_names=[str(dim) for dim in own["dims"]],
-            attributes=own["attrs"],
+            attributes={**own["attrs"]},
         )
     return files, arrays
 
@@ -528,6 +528,7 @@ class SweepStore:
         **Raises:** `ValueError` if it describes no sweep's dataset.
         """
         try:
+            self.run, self.sums = self.record["run"], {**self.record["chunks"]}
             self.files, self.arrays = laid_out(self.record)
             about = self.record["metadata"]["data_vars"]
             # so that where there is an outcome, there are its numbers
@@ -580,8 +581,7 @@ class SweepStore:
     def damaged(self) -> list[str]:
         """What is damaged beside blocks, and can be mended without computing."""
         records = [(name, read_record(self.folder / name)) for name in RECORDS]
-        run = self.record["run"]
-        bad = [n for n, r in records if r is None or r.get("run") != run]
+        bad = [n for n, r in records if r is None or r.get("run") != self.run]
         return [*bad, *self._mended_metadata(), *self.damaged_coordinates()]
 
     def _mended_metadata(self) -> dict[str, bytes]:
@@ -592,11 +592,10 @@ class SweepStore:
 
     def damaged_coordinates(self) -> list[str]:
         """The files of coordinates that are not as they were written."""
-        sums = self.record["chunks"]
         return [
             key
             for key in self.coordinates
-            if sum_of(bytes_of(self.path / key) or b"") != sums.get(key)
+            if sum_of(bytes_of(self.path / key) or b"") != self.sums.get(key)
         ]
 
     def mend(self, axes: Mapping[str, np.ndarray]) -> None:
@@ -607,11 +606,11 @@ class SweepStore:
             values = axes[name] if name in axes else self.record["labels"][name]
             content = self._encoded(key, (), np.asarray(values, np.float64))
             write(self.path / key, content, parts)
-            self.record["chunks"][key] = sum_of(content)
+            self.sums[key] = sum_of(content)
         for key, content in self._mended_metadata().items():
             write(self.path / key, content, parts)
         for name in RECORDS if damaged else ():
-            self._write(self.folder / name, self.record)
+            self._write(self.folder / name, {**self.record, "chunks": self.sums})
 
     def missing(self, blocks: Blocks) -> dict[int, int]:
         """How many points are still to be computed, by block.
@@ -644,7 +643,7 @@ class SweepStore:
     def _mark(self, number: int) -> Mark | None:
         """The mark of a block; None: it has none that counts."""
         mark = read_record(self.folder / "blocks" / str(number)) or {}
-        if [mark.get("run"), mark.get("block")] != [self.record["run"], number]:
+        if [mark.get("run"), mark.get("block")] != [self.run, number]:
             return None
         sums = mark.get("chunks")
         whole = isinstance(mark.get("points"), int) and isinstance(sums, dict)
@@ -692,7 +691,7 @@ class SweepStore:
                 write(self.path / key, content, self.folder / "parts")
                 chunks[key] = sum_of(content)
             mark = {**tally._asdict(), "points": int(block.chosen.sum())}
-            mark |= {"block": block.number, "run": self.record["run"], "chunks": chunks}
+            mark |= {"block": block.number, "run": self.run, "chunks": chunks}
             self._write(self.folder / "blocks" / str(block.number), mark)
         except OSError as error:
             error.add_note(
@@ -707,7 +706,7 @@ class SweepStore:
         **Raises:** `KeyError` for every other; `ValueError` if it is not as written.
         """
         if key in self.coordinates:
-            written = self.record["chunks"].get(key)
+            written = self.sums.get(key)
         else:
             name, kind, *place = *key.split("/"), "", ""
             if name not in self.names or kind != "c":
@@ -743,7 +742,7 @@ class SweepStore:
                 f"The store {str(self.path)!r} is gone: it was moved or deleted while "
                 "the sweep was running."
             )
-        if recorded(self.path)["run"] != self.record["run"]:
+        if recorded(self.path).get("run") != self.run:
             raise ValueError(
                 f"Argument `store` must stay this sweep's, but {str(self.path)!r} has "
                 "been taken over by another."
@@ -821,7 +820,7 @@ def _own(store: SweepStore, done: Collection[int]) -> xr.Dataset:
         coords = {n: coordinate(n, labels[n]) for n in about["coords"] if n in labels}
         ds = ds.set_coords([name for name in about["coords"] if name in store.arrays])
         return ds[list(about["data_vars"])].assign_coords(coords)
-    except BAD_JSON as error:  # xarray's, of what a record says
+    except (*BAD_JSON, OverflowError) as error:  # xarray's, of what a record says
         raise _describes_none(store.path) from error
 
 
