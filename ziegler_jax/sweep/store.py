@@ -529,6 +529,8 @@ class SweepStore:
         """
         try:
             self.run, self.sums = self.record["run"], {**self.record["chunks"]}
+            self.labels = {**self.record["labels"]}
+            self.totals = {name: self.record[name] for name in ("points", "blocks")}
             self.files, self.arrays = laid_out(self.record)
             about = self.record["metadata"]["data_vars"]
             # so that where there is an outcome, there are its numbers
@@ -603,7 +605,7 @@ class SweepStore:
         damaged, parts = self.damaged(), self.folder / "parts"
         for key in self.damaged_coordinates():
             name = key.split("/")[0]
-            values = axes[name] if name in axes else self.record["labels"][name]
+            values = axes[name] if name in axes else self.labels[name]
             content = self._encoded(key, (), np.asarray(values, np.float64))
             write(self.path / key, content, parts)
             self.sums[key] = sum_of(content)
@@ -803,9 +805,8 @@ def opened(store: SweepStore) -> xr.Dataset:
         )
     ds = _with_foreign(_own(store, done), store)
     progress = {
-        "points": store.record["points"],
+        **store.totals,
         "points_done": sum(mark["points"] for mark in done.values()),
-        "blocks": store.record["blocks"],
         "blocks_done": len(done),
     }
     run = read_record(store.folder / "run.json") or {}
@@ -814,7 +815,7 @@ def opened(store: SweepStore) -> xr.Dataset:
 
 def _own(store: SweepStore, done: Collection[int]) -> xr.Dataset:
     """The sweep's own variables, of the blocks that are `done`."""
-    about, labels = store.record["metadata"], store.record["labels"]
+    about, labels = store.record["metadata"], store.labels
     try:
         ds = _shown(store.metadata, functools.partial(store.committed, frozenset(done)))
         coords = {n: coordinate(n, labels[n]) for n in about["coords"] if n in labels}
