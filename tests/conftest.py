@@ -45,8 +45,7 @@ settings.load_profile("few")
 
 
 def pytest_addoption(parser):
-    """How hard stores are attacked: see test_stores_under_attack."""
-    parser.addoption("--faults", choices=("few", "all"), default="few")
+    """How the suite is compiled, and whether its costs are written down."""
     parser.addoption("--optimised", action="store_true", help="compile as for users")
     parser.addoption("--costs", metavar="FILE", help="a table of what each test costs")
 
@@ -72,12 +71,6 @@ def pytest_collection_finish():
     """
     gc.freeze()
     gc.set_threshold(100_000, 20, 100)
-
-
-@pytest.fixture(scope="session")
-def all_faults(request):
-    """Whether every attack is to be tried."""
-    return request.config.getoption("--faults") == "all"
 
 
 @pytest.fixture(scope="module")

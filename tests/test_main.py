@@ -72,13 +72,12 @@ def test_a_picture_is_written(written):
     assert picture.startswith(PNG) and len(picture) > 20_000
 
 
-def test_late_ends_are_followed_again_and_marks_of_another_map_are_replaced(written):
+def test_late_ends_are_followed_again(written):
     run = functools.partial(
         subprocess.run, capture_output=True, text=True, timeout=600, check=True
     )
     command = [*COMMAND, "--out", str(written[0]), "--points", "200", "--sensitive"]
     name = written[0] / job.SENSITIVE_STORE
-    zj.sweep(lambda q: q, q=[1.0], store=name, progress=False)  # another map
     said = run(command).stdout
     ds, marks = zj.open_sweep(written[0] / job.STORE), zj.open_sweep(name)
     ends = ds["outcome"].isin([zj.OUTCOME.cycle, zj.OUTCOME.stuck])
@@ -230,6 +229,27 @@ def test_a_closed_stdout_is_named_and_the_map_is_written(written, tmp_path, clos
     assert process.returncode == 3
     assert line.startswith("Standard output is closed; written: ")
     assert (tmp_path / job.PICTURE).read_bytes().startswith(PNG)
+
+
+def test_marks_of_another_map_are_refused_and_stay(
+    drawn_anew, tmp_path, capsys, monkeypatch
+):
+    """Whatever breaks a rule, too: nothing is replaced without `--overwrite`."""
+    marks = tmp_path / job.SENSITIVE_STORE
+
+    def of_this_map(_, store, overwrite, by=2.0):
+        return zj.sweep(
+            lambda q: by * q, q=[1.0, 3.0], store=zj.Store(store, overwrite)
+        )
+
+    of_this_map(None, marks, False, by=1.0)
+    monkeypatch.setattr(job, "sensitive", of_this_map)
+    with pytest.raises(SystemExit) as ended:
+        job.main(["--out", str(tmp_path), "--sensitive"])
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert ended.value.code == 2
+    assert "`store`" in said and str(marks) in said and "--overwrite" in said
+    assert zj.open_sweep(marks).value.values.tolist() == [1.0, 3.0]
 
 
 def test_letters_that_stdout_lacks_are_written_as_their_codes(

@@ -192,14 +192,6 @@ def summary(ds: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
-def _sensitive_of_this_map(ds: xr.Dataset, store: Path, anew: bool) -> xr.Dataset:
-    """Go on with what is there, unless it is of another map."""
-    try:
-        return sensitive(ds, store, anew)
-    except ValueError:
-        return sensitive(ds, store, overwrite=True)
-
-
 def sensitive_summary(ds: xr.Dataset) -> str:
     """How many points settled late, and how many of these other steps may change."""
     a, marks = ds.attrs, int((ds["sensitive"].values == 1).sum())
@@ -220,15 +212,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         printed = _say(zj.configure_cpu())
         with _ended_by_ctrl_c(f"Stopped: {advice}."):
-            try:
+            with _refused_by(parser):
                 ds = compute(options.points, store, options.overwrite)
-                printed &= _say(summary(ds))
-            except ValueError as error:  # what is there is not this map
-                parser.error(f"{error} --overwrite replaces it, --out writes elsewhere")
+            printed &= _say(summary(ds))
         draw(ds, picture)
         if options.sensitive:
-            with _ended_by_ctrl_c(f"Stopped: {advice}."):
-                followed = _sensitive_of_this_map(ds, marks, options.overwrite)
+            with _ended_by_ctrl_c(f"Stopped: {advice}."), _refused_by(parser):
+                followed = sensitive(ds, marks, options.overwrite)
             printed &= _say(sensitive_summary(followed))
     except KeyboardInterrupt:
         print(f"Stopped: {advice}.", file=sys.stderr)
@@ -258,6 +248,15 @@ def _say(text: str) -> bool:
         os.close(nowhere)
         return False
     return True
+
+
+@contextlib.contextmanager
+def _refused_by(parser: argparse.ArgumentParser):
+    """What is there is not this map, or not its marks: nothing is replaced unasked."""
+    try:
+        yield
+    except ValueError as error:
+        parser.error(f"{error} --overwrite replaces it, --out writes elsewhere")
 
 
 @contextlib.contextmanager

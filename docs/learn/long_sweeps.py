@@ -59,7 +59,8 @@ except ValueError as error:
 # %% [markdown]
 # `zj.Store("low.zarr", overwrite=True)` replaces what is there. `open_sweep` reads a
 # store at any time, also while it is being written, from another process; every chunk
-# has a checksum, so that a damaged one raises and never gives a number.
+# has a checksum, so that a damaged one raises and never gives a number. It runs nothing
+# that is in the folder: [what opening a store does](../reference/stores.md).
 
 # %%
 zj.open_sweep("low.zarr").growth

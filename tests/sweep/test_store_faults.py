@@ -2,6 +2,7 @@
 
 import errno
 import functools
+import itertools
 import os
 import random
 import signal
@@ -15,7 +16,7 @@ import pytest
 from stored import X, Y, lines, same, sweep
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import partition, store, store_creation
+from ziegler_jax.sweep import partition, store
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
 
@@ -46,6 +47,39 @@ def test_a_full_disk_loses_nothing_and_names_the_block(path, monkeypatch, writte
     assert same(sweep(store=path), sweep())
 
 
+def test_chunks_have_reached_the_disk_before_their_block_has_a_mark(path, monkeypatch):
+    """And each file before its name does."""
+    sync, replace, seen = os.fsync, os.replace, []
+
+    def synced(file):
+        seen.append(("on the disk", os.fstat(file).st_ino))
+        sync(file)
+
+    def replaced(part, at):
+        (_, last), inner = seen[-1], os.path.relpath(at, path)
+        assert last == os.stat(part).st_ino, f"{inner} had not reached the disk"
+        replace(part, at)
+        seen.append((inner, os.stat(os.path.dirname(at)).st_ino))
+
+    sweep(store=path, x=X[:1])
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", synced)
+        patch.setattr(os, "replace", replaced)
+        sweep(store=zj.Store(path, overwrite=True), lanes=zj.Lanes(4, 1))
+    for (file, folder), (_, after) in itertools.pairwise(seen):
+        named = file == "on the disk" or after == folder
+        assert named, f"the name {file} had not reached the disk"
+    order = [file for file, _ in seen if file != "on the disk"]
+    marks = [file for file in order if "/blocks/" in file]
+    assert len(marks) == 4
+    for mark in marks:
+        mine = order.index(mark)
+        assert {f.split("/")[0] for f in order[mine - 4 : mine]} == {
+            "sum", "bent", "flag", "regime"
+        }  # fmt: skip
+        assert order[mine - 1].startswith("regime")  # codes after numbers
+
+
 def test_a_replaced_store_takes_nothing_more_from_its_former_sweep(path, refuses):
     """As from a cluster's worker that still computes for a sweep that was stopped."""
     whole = sweep(store=path).load()
@@ -65,7 +99,7 @@ def test_a_deletion_that_is_killed_leaves_no_store_behind(path, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(store_creation.shutil, "rmtree", killed)
+        patch.setattr(store.shutil, "rmtree", killed)
         with pytest.raises(KeyboardInterrupt):
             sweep(store=zj.Store(path, overwrite=True))
     assert not path.exists()

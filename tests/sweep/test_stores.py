@@ -100,7 +100,7 @@ def test_codes_are_written_last(path):
         zj.sweep, settled, q=Q[:2], mu=MU, lanes=zj.Lanes(batch_size=8)
     )
     run(store=path, progress=False)
-    names = store.SweepStore(path)._codes_last()
+    names = store.SweepStore(path).names
     assert names[-1] == "outcome" and len(names) > 3
 
 

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import ziegler_jax as zj
+from ziegler_jax.results import AbstractResult
 from ziegler_jax.sweep import partition
 
 WINDOWS = zj.Windows(transient=5.0, length=5.0, max_windows=2)
@@ -189,6 +190,33 @@ def test_axes_that_share_a_dimension_must_have_the_same_places_there(refuses):
     refuses(lambda: zj.sweep(of_two, q=q, mu=mu), "`mu`", "`n`", "xr.align")
     along_mu = q.drop_vars("n").rename(n="mu")
     refuses(lambda: zj.sweep(of_two, q=along_mu, mu=q), "`q`", "`mu`", "rename")
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["dict", "result"])
+def test_dimensions_of_results_have_one_size_that_is_not_zero(own, refuses):
+    def swept(**numbers):
+        named = {
+            name: zj.Variable(jnp.ones(shape), name, dims=dims)
+            for name, (shape, dims) in numbers.items()
+        }
+        return zj.sweep(lambda x: Several(named) if own else named, x=[1.0, 2.0])
+
+    parts = "`point`", "`w`", "2", "`v`", "3", "dimension `k`"
+    refuses(lambda: swept(v=(3, ("k",)), w=(2, ("k",))), *parts)
+    refuses(lambda: swept(v=(0, ("k",))), "`point`", "`v`", "none along `k`")
+    refuses(lambda: swept(v=(3, ("joint",))), "`v`", "3", "`joint`", "coordinate", "2")
+    refuses(lambda: swept(v=((2, 3), ("k",))), "`point`", "`v`", "(2, 3)", "('k',)")
+    assert swept(v=(3, ("k",)), w=(3, ("k",))).w.shape == (2, 3)
+
+
+class Several(AbstractResult):
+    """A result of one's own."""
+
+    named: dict
+    settings: tuple = ()
+
+    def variables(self):
+        return self.named
 
 
 # Room ---------------------------------------------------------------------------------

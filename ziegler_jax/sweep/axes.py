@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..results import REGIME, AbstractResult, Variable, checked
+from ..results import DIMENSIONS, REGIME, AbstractResult, Variable, checked
 
 # what is an option of `Lanes` or `Store`
 _OF_LANES = {
@@ -273,7 +273,7 @@ def labelled(result: Returned) -> Labelled:
         named = checked(
             f"`variables()` of `{type(result).__name__}`", result.variables()
         )
-        return Labelled(named, result.coordinates(), result.attributes())
+        return _of_one_point(Labelled(named, result.coordinates(), result.attributes()))
     entries = result if isinstance(result, dict) else {"value": result}
     if not entries:
         raise ValueError("`point` must return something, but returns an empty dict.")
@@ -295,7 +295,35 @@ def labelled(result: Returned) -> Labelled:
                 f"`{twice.pop()}`."
             )
         union.variables.update(new)
-    return union
+    return _of_one_point(union)
+
+
+def _of_one_point(returned: Labelled) -> Labelled:
+    """What can stand in a dataset: axes with names, each of one size, none empty."""
+    known = {**DIMENSIONS, **returned.coordinates}
+    sizes = {dim: ("its coordinate", len(values)) for dim, values in known.items()}
+    for name, variable in returned.variables.items():
+        shape = np.shape(cast(ArrayLike, variable.value))
+        if len(shape) != len(variable.dims):
+            raise ValueError(
+                f"`point` must name the dimensions of an array, but `{name}` has shape "
+                f"{shape} and the dimensions {variable.dims}; write "
+                f'`zj.Variable({name}, "what it is", dims=("...",))`.'
+            )
+        for dim, size in zip(variable.dims, shape, strict=True):
+            other, expected = sizes.setdefault(dim, (f"`{name}`", size))
+            if size != expected:
+                raise ValueError(
+                    f"`point` must give dimension `{dim}` one size, but `{name}` has "
+                    f"{size} values along it and {other} has {expected}: name two "
+                    "dimensions."
+                )
+            if size == 0:
+                raise ValueError(
+                    f"`point` must return values along each dimension, but `{name}` "
+                    f"has none along `{dim}`: leave it out."
+                )
+    return returned
 
 
 def _variable(name: str, value: Number) -> Variable:
@@ -319,12 +347,6 @@ def _variable(name: str, value: Number) -> Variable:
         )
     for dim in dims:
         check_name("Dimension", dim)
-    if len(shape) != len(given.dims):
-        raise ValueError(
-            f"`point` must name the dimensions of an array, but `{name}` has shape "
-            f"{tuple(shape)} and the dimensions {given.dims}; write "
-            f'`zj.Variable({name}, "what it is", dims=("...",))`.'
-        )
     codes = FLAGS.get(name) if given.codes is None else given.codes
     return given._replace(codes=codes)
 
