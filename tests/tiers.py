@@ -77,6 +77,7 @@ SLOW = {
         "test_main.py::test_another_map_is_refused_in_one_line_and_overwritten",
     ],
     LONG_RUNS: [
+        "steady/test_endings.py::test_of_many",
         "analysis/test_basins.py",
         "analysis/test_cycles.py::test_time_stepping_decays_below_the_fold_of_weak",
         "analysis/test_exponents.py::test_without_dissipation_they_sum_to_zero_in_chaos",

@@ -24,7 +24,7 @@ from ..motion.scene import (
     nan_where,
     rate_cut_of,
 )
-from ..motion.section import SectionPlane, passage
+from ..motion.section import Passage, SectionPlane, passage
 from ..motion.spans import AbstractSpans, SpanState, follow_spans
 from ..motion.tangents import AbstractGrowth
 from ..numerics.materialise import if_any_lane
@@ -94,8 +94,8 @@ def verdict(
 
     - `escaped`: a rod's angle passed `escape`.
     - `stuck`: both joints stick; with a smoothed law or without friction both joint
-        rates stayed below `rate_cut` for a block and were no faster than in the block
-        before.
+        rates stayed below `rate_cut` for a block, were no faster than in the block
+        before, and what is left decays (see `settle`).
     - `cycle`: after the transient a passage of the section comes back to within
         `rtol_return` (of its largest coordinate) after p passages and again after 2p,
         $p \le 16$, and over these the tangent, relative to the flow, grew by no more
@@ -112,8 +112,10 @@ def verdict(
         step after the transient: no motion attracts.
     - `chaotic`: $\lambda_1 >$ `zero_rate` and $\lambda_1 > 3$ standard errors.
     - `quasi_periodic`: both are zero: $|\lambda| \le$ `zero_rate`, and
-        $|\lambda| \le 1/T + 3$ standard errors after blocks of T in all; and in the
-        last block no passage came to within 1e-3 of a reference.
+        $|\lambda| \le 1/T + 3$ standard errors after blocks of T in all; in the last
+        block no passage came to within 1e-3 of a reference; and the rates $\omega_1$ of
+        the passages fill the same band in both halves of the blocks, to a tenth of its
+        width: a slow approach to a cycle or to rest looks alike but for that.
     - `cycle` with a period count of 0: $\lambda_1$ is zero and $\lambda_2$ is
         negative beyond that: its period is longer, or it is approached slowly.
     - `undecided` else.
@@ -189,7 +191,7 @@ def _judged(
 
     alone, both = zero(first, error), zero(first, error) & zero(second, other)
     by_rates = jnp.where(alone & ~both & (second < 0), VERDICT.cycle, 0)
-    apart = evidence.returns.nearest > NEAR
+    apart = (evidence.returns.nearest > NEAR) & _stays(evidence.bands)
     by_rates = jnp.where(both & apart, VERDICT.quasi_periodic, by_rates)
     chaotic = (first > zero_rate) & (first > SURE * error)
     by_rates = jnp.where(chaotic, VERDICT.chaotic, by_rates)
@@ -205,6 +207,29 @@ def _judged(
     return jnp.where(outcome == OUTCOME.escaped, VERDICT.escaped, code).astype(jnp.int8)
 
 
+def _wider(
+    bands: tuple[Pair, Pair], point: Passage, late: Bool[Array, ""]
+) -> tuple[Pair, Pair]:
+    """The bands with a passage in that of its half."""
+    rate, after = point.y[2], []
+    for (low, high), mine in zip(bands, (~late, late), strict=True):
+        here = point.there & mine
+        low = jnp.where(here, jnp.minimum(low, rate), low)
+        after.append((low, jnp.where(here, jnp.maximum(high, rate), high)))
+    return after[0], after[1]
+
+
+def _stays(bands: tuple[Pair, Pair]) -> Bool[Array, ""]:
+    """Whether passages of the late half fill the band of the early one.
+
+    Those of a torus do. A motion that falls to rest, or nears a cycle slowly, has
+    passages that differ as well, but its band moves, or shrinks.
+    """
+    (low, high), (low_late, high_late) = bands
+    moved = jnp.maximum(jnp.abs(low - low_late), jnp.abs(high - high_late))
+    return moved <= DRIFT * (high - low)
+
+
 class Evidence(NamedTuple):
     """What is watched for a verdict."""
 
@@ -214,6 +239,7 @@ class Evidence(NamedTuple):
     speeds: Speeds
     angles: Pair  # the largest in each half of the blocks
     dissipates: Bool[Array, ""]
+    bands: tuple[Pair, Pair]  # in each half the least and largest omega1 of a passage
 
 
 class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
@@ -233,6 +259,7 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
     def begin(self, column, t0, y0):
         """No evidence yet."""
         zero, no = 0.0 * y0[0], jnp.zeros((), bool)
+        no_band = zero + jnp.inf, zero - jnp.inf
         return Evidence(
             growth=no_growth(column, y0, 2),
             grown=zero,
@@ -240,6 +267,7 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
             speeds=self.rest.begin(y0),
             angles=(zero, zero),
             dissipates=no,
+            bands=(no_band, no_band),
         )
 
     def tangents(self, state):
@@ -282,6 +310,7 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
             speeds=self.rest.watch(before.speeds, step),
             angles=cast(Pair, tuple(larger)),
             dissipates=dissipates,
+            bands=_wider(before.bands, point, late),
         )
         return evidence, self.rest.sticks(step) | returns.confirmed, longest
 

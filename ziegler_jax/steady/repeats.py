@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from ..model.column import Column, dissipated, energy
+from ..model.column import Column, dissipated, energy, power
 from ..motion.observers import joint_rates
 from ..numerics.numbers import Pair, Scalar, Traced, Traced4, Vector4
 from ..results import OUTCOME
@@ -77,9 +77,18 @@ def watched(column: Column, window: Window, step: Step) -> Window:
     """After a step."""
     pairs = zip(window.turns, joint_rates(step.y0), joint_rates(step.y1), strict=True)
     turns = tuple(n + jnp.where((a > 0) & (b <= 0), 1.0, 0.0) for n, a, b in pairs)
-    loss = dissipated(column, step.y1, (step.f1[2], step.f1[3]))
+    loss = loss_at_end(column, step)
     lost = window.lost + (step.t1 - step.t0) * (window.loss + loss) / 2
     return window._replace(turns=turns, lost=lost, loss=loss)
+
+
+def loss_at_end(column: Column, step: Step) -> Traced:
+    """What friction and damping take out a unit of time, where a step ends."""
+    if not step.modes:  # the accelerations there are those of the laws, to rounding
+        return jnp.asarray(dissipated(column, step.y1, (step.f1[2], step.f1[3])))
+    _, *losses = power(column, step.y1)
+    there = [loss for loss in losses if loss is not None]
+    return jnp.asarray(sum(there, 0.0 * step.y1[0]))
 
 
 def compared(

@@ -5,7 +5,7 @@ from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
-from ..model.column import Column, State, dissipated
+from ..model.column import Column, State
 from ..motion.integrate import Motion
 from ..motion.observers import AbstractObserver, Amplitude
 from ..motion.options import Method, Windows, windows_for
@@ -32,7 +32,7 @@ from ..results import OUTCOME
 from ..solvers.explicit import Integrand
 from .growth import Growth
 from .observation import Observation
-from .repeats import Before, Noise, Window, begun, compared, watched
+from .repeats import Before, Noise, Window, begun, compared, loss_at_end, watched
 from .rest import Rest, Speeds
 
 
@@ -126,8 +126,7 @@ class SettleFold(AbstractSpans[WindowState]):
         if window and before:
             kept = Before(swings, window.lost, window.energy)
             before = tree_where(begins, kept, before)
-            loss = dissipated(column, step.y1, (step.f1[2], step.f1[3]))
-            loss = jnp.asarray(loss)
+            loss = loss_at_end(column, step)
             window = tree_where(begins, begun(column, step.y1, loss), window)
         watch = WindowState(
             observed=tree_where(begins, fresh, watch.observed),
