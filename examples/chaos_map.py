@@ -16,4 +16,4 @@ def point(q, mu_k):
 
 q, mu_k = np.linspace(3.7, 4.3, POINTS), np.linspace(0.11, 0.15, POINTS)
 ds = zj.sweep(point, q=q, mu_k=mu_k)
-ds.zj.map("verdict", x="q", y="mu_k").figure.savefig("chaos.png")
+ds.pipe(zj.plot.map, "verdict", x="q", y="mu_k").figure.savefig("chaos.png")

@@ -16,7 +16,7 @@ def main():
     with LocalCluster(**options) as cluster, Client(cluster) as client:
         kappa, c = np.linspace(0.5, 3, 50), np.linspace(0.01, 0.1, 40)
         ds = zj.sweep(point, kappa=kappa, c=c, client=client, store="dask.zarr")
-    ds.zj.map("q_cr", x="kappa", y="c").figure.savefig("dask.png")
+    ds.pipe(zj.plot.map, "q_cr", x="kappa", y="c").figure.savefig("dask.png")
 
 
 if __name__ == "__main__":

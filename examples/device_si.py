@@ -1,23 +1,31 @@
 """A device in SI units: 0.1 kg, 0.2 m, 0.5 N m/rad, pins of 4 mm, mu = 0.15."""
 
+import jax
 import numpy as np
 
 import ziegler_jax as zj
+
+jax.config.update("jax_enable_x64", True)
 
 POINTS = 4
 DEVICE = zj.SI(m=0.1, l=0.2, k=0.5)
 WINDOWS = DEVICE.windows(transient=10.0, length=5.0)  # seconds
 
 
-def point(F, kick):  # newtons, rad/s
+def cell(F, kick):  # newtons, rad/s
     friction = DEVICE.set_valued_coulomb(0.15, pin_radius=0.004)
     damping = DEVICE.viscous(1e-4, 1e-4)  # N m s/rad
     column = DEVICE.uniform_rods(F, friction=friction, damping=damping)
-    return zj.settle(column, DEVICE.state(omega=(0, kick)), windows=WINDOWS)
+    return column, DEVICE.state(omega=(0, kick))
+
+
+def point(F, kick):
+    return zj.settle(*cell(F, kick), windows=WINDOWS)
 
 
 F, kick = np.linspace(3, 8, POINTS), np.linspace(0.5, 4, POINTS)
 ds = DEVICE.restore(zj.sweep(point, F=F, kick=kick).sel(joint=2))
-ds.zj.map("joint_amplitude", x="F", y="kick").figure.savefig("device.png")
-motion = DEVICE.restore(ds.zj.motion(F=F[-1], kick=kick[-1]))
+ds.pipe(zj.plot.map, "joint_amplitude", x="F", y="kick").figure.savefig("device.png")
+motion = zj.trajectory(*cell(F[-1], kick[-1]), np.linspace(0, 100, 2001))
+motion = DEVICE.restore(motion)
 print("the longest motion took", float(ds.time.max()), "s; this one", motion.ts[-1])

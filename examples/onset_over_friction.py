@@ -19,4 +19,4 @@ def point(mu_s, mu_k):
 
 mu = np.linspace(0.1, 0.4, POINTS)
 ds = zj.sweep(point, where=lambda mu_s, mu_k: mu_k <= mu_s, mu_s=mu, mu_k=mu)
-ds.zj.map("threshold", x="mu_s", y="mu_k").figure.savefig("onset.png")
+ds.pipe(zj.plot.map, "threshold", x="mu_s", y="mu_k").figure.savefig("onset.png")

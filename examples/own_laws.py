@@ -39,4 +39,4 @@ def point(q, mu):
 
 
 ds = zj.sweep(point, q=jnp.linspace(1.5, 3, 8), mu=[0.05, 0.1, 0.2])
-ds.zj.map("peak_rate", x="q", y="mu").figure.savefig("own_laws.png")
+ds.pipe(zj.plot.map, "peak_rate", x="q", y="mu").figure.savefig("own_laws.png")

@@ -14,5 +14,5 @@ def point(q, mu):  # Ziegler's masses 2m and m, with dry friction in both joints
 
 
 ds = zj.sweep(point, q=np.linspace(1, 3, POINTS), mu=np.linspace(0.01, 0.2, POINTS))
-ax = ds.sel(joint=2).zj.map("joint_amplitude", x="q", y="mu")
+ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 ax.figure.savefig("own_map.png")

@@ -16,4 +16,4 @@ again = zj.sweep(point, q=q, kappa=low, store="low.zarr")  # nothing is left to 
 second = zj.sweep(point, q=q, kappa=high)
 whole = zj.merge(zj.open_sweep("low.zarr"), second)
 sharp = zj.refine(point, whole, "regime", fineness=zj.Fineness(width=1e-3))
-sharp.zj.map("regime", x="q", y="kappa").figure.savefig("regime.png")
+sharp.pipe(zj.plot.map, "regime", x="q", y="kappa").figure.savefig("regime.png")

@@ -27,7 +27,6 @@ ROOMS += [
     {"curves", "maps"},
     {"units"},
     {"plot"},
-    {"accessor"},
     {"__init__"},
     {"__main__"},
 ]

@@ -128,11 +128,6 @@ def of_units(names):
     assert float(names["motion"].ts[-1]) == pytest.approx(3.0)
 
 
-def of_a_cell(names):
-    assert np.isfinite(names["section"].times).all()
-    assert float(names["column"].friction.mu_s) == 0.1
-
-
 def of_a_kick(names):
     ds = zj.sweep(names["point"], q=[2.0], tau=[0.03], progress=False)
     assert ds.outcome.item() == zj.ONSET.found
@@ -175,8 +170,6 @@ CASES = {
     "sweep/sweep.py 1": ({"xr": xr}, of_samples),
     "maps/merge.py 0": ({}, of_a_union),
     "maps/refine.py 0": ({}, of_a_boundary),
-    "maps/scene.py 0": ({}, of_a_cell),
-    "maps/scene.py 1": ({}, None),
     "results.py 0": ({}, of_a_variable),
     "units/si.py 0": ({"ts": np.linspace(0, 3, 7)}, of_units),
     "plot/maps.py 0": ({"ds": small_map}, None),
@@ -186,9 +179,7 @@ CASES = {
     "plot/sections.py 0": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
     "plot/sections.py 1": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
     "plot/animation.py 0": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
-    "plot/explore.py 0": ({"ds": small_map}, None),
-    "plot/page.py 0": ({"ds": small_map}, None),
-    "accessor.py 0": ({"ds": small_map}, None),
+    "plot/page.py 0": ({}, None),
     "analysis/onset.py 0": ({}, of_a_kick),
     "analysis/least_kick.py 0": ({}, of_a_least_kick),
     "motion/stiffness.py 0": (

@@ -51,7 +51,7 @@ def test_its_first_call_leaves_a_cache(folder):
     assert list((folder / "cache" / "ziegler_jax").iterdir())
 
 
-def test_the_block_of_ten_lines_gives_the_dataset_that_the_text_describes(folder):
+def test_the_block_gives_the_dataset_that_the_text_describes(folder):
     assert len(PYTHON) == 1
     ds = xr.open_zarr(folder / "ds.zarr", consolidated=False)
     grid = {"q": 41, "mu": 20}

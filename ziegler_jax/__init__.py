@@ -2,7 +2,6 @@
 
 from importlib import metadata
 
-from .accessor import Accessor as _Accessor  # noqa: F401, `ds.zj`
 from .analysis.branch_point import Arc
 from .analysis.classify import Verdict, verdict
 from .analysis.continuation import (
@@ -37,7 +36,6 @@ from .linear.spectrum import (
 from .linear.stabilise import stabilise
 from .maps.merge import merge
 from .maps.refine import refine
-from .maps.scene import motion, scene
 from .maps.study import Fineness
 from .model.column import (
     Column,
@@ -172,7 +170,6 @@ __all__ = [
     "linearise",
     "lyapunov_exponents",
     "merge",
-    "motion",
     "open_sweep",
     "periodic_orbit",
     "poincare",
@@ -182,7 +179,6 @@ __all__ = [
     "refine",
     "regime",
     "regularisation_error",
-    "scene",
     "sensitivity",
     "settle",
     "spectral_abscissa",

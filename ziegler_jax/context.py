@@ -8,8 +8,6 @@
     chunk, as a hand-written kernel refills its lanes. A loop that a motion runs is
     `resumable`: a sweep cuts the point there (`sweep/stages.py`). The arithmetic is
     that of one uninterrupted run. Outside a sweep nothing is cut.
-- A map shows numbers, and who points at a cell wants its motion: `questions_go_to` has
-    a question that a point asks told, with its column and start, instead of computed.
 - JAX computes in 32 bits unless it is told otherwise, and most numbers here would be
     wrong in them without a word. A `plain` function therefore refuses a 32-bit session;
     a sweep that was asked for 32 bits says so in its `Context`.
@@ -302,18 +300,6 @@ def _body(parts: tuple[Jaxpr, ...], phase: Phase[State], one_by_one: bool) -> Bo
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
-Asked = Callable[[Callable, tuple, dict[str, object]], None]
-_ASKED: ContextVar[Asked | None] = ContextVar("asked", default=None)
-
-
-@contextmanager
-def questions_go_to(tell: Asked) -> Iterator[None]:
-    """Tell a function of every question that is asked: whose, and its arguments."""
-    token = _ASKED.set(tell)
-    try:
-        yield
-    finally:
-        _ASKED.reset(token)
 
 
 def plain(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -329,9 +315,6 @@ def plain(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
                 'bits; type `jax.config.update("jax_enable_x64", True)` before it, '
                 "or use `sweep`."
             )
-        tell = _ASKED.get()
-        if tell is not None:
-            tell(function, args, options)
         with own_flags(), as_traced_before(args, options):
             return function(*args, **options)
 

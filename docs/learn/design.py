@@ -147,7 +147,7 @@ def stability(q, eta):
 
 
 plane = zj.sweep(stability, q=np.linspace(0, 5, 251), eta=np.linspace(0, 1.2, 241))
-ax = plane.zj.map("regime", x="q", y="eta")
+ax = plane.pipe(zj.plot.map, "regime", x="q", y="eta")
 
 # %% [markdown]
 # ## And with friction?

@@ -84,7 +84,7 @@ kick = xr.DataArray(
 )
 ds = zj.sweep(point, F=np.linspace(2, 8, 16), kick=kick)
 ds = DEVICE.restore(ds)
-ax = ds.sel(joint=2).zj.map("joint_amplitude", x="F", y="kick")
+ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="F", y="kick")
 
 # %% [markdown]
 # On the left every knock ends at rest, and the knock that it takes falls as the force
@@ -120,7 +120,7 @@ def rougher(F, mu):
 
 ds = zj.sweep(rougher, F=np.linspace(2, 8, 16), mu=np.linspace(0.05, 0.5, 10))
 ds = DEVICE.restore(ds)
-ax = ds.sel(joint=2).zj.map("joint_amplitude", x="F", y="mu")
+ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="F", y="mu")
 
 # %% [markdown]
 # ## Friction from a multibody program

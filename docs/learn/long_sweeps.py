@@ -72,7 +72,7 @@ zj.open_sweep("low.zarr").growth
 # %%
 second = zj.sweep(point, q=q, kappa=high)
 whole = zj.merge(zj.open_sweep("low.zarr"), second)
-ax = whole.zj.map("regime", x="q", y="kappa")
+ax = whole.pipe(zj.plot.map, "regime", x="q", y="kappa")
 
 # %% [markdown]
 # ## Only some points
@@ -95,7 +95,7 @@ coarse = zj.sweep(
     q=np.linspace(1, 3, 25),
     mu=np.linspace(0.02, 0.3, 15),
 )
-ax = coarse.sel(joint=2).zj.map("joint_amplitude", x="q", y="mu")
+ax = coarse.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 
 # %% [markdown]
 # ## What it cost, and whether it was computed right

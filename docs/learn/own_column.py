@@ -71,7 +71,8 @@ zj.settle(rods, zj.State(omega=(0, 0.02)))
 # %% [markdown]
 # ## A map
 #
-# A *point* is a function of named numbers. `sweep` computes it for all combinations of
+# A *cell* is a function of named numbers that gives a column and its start; a *point*
+# asks something of them. `sweep` computes a point for all combinations of
 # the axes, in batches on all cores, always in 64 bits. The bar says how many points are
 # done; before it, seconds go into compiling the point: some for a motion, tens for
 # thresholds, verdicts and least kicks. Where no bar is shown, they pass silently.
@@ -79,20 +80,24 @@ zj.settle(rods, zj.State(omega=(0, 0.02)))
 
 
 # %%
-def point(q, mu):
+def cell(q, mu):
     friction = zj.SetValuedCoulomb(mu, pin_radius=0.1)
     column = zj.point_masses(2, 1, q=q, friction=friction)
-    return zj.settle(column, zj.State(omega=(0, 0.3)))
+    return column, zj.State(omega=(0, 0.3))
+
+
+def point(q, mu):
+    return zj.settle(*cell(q, mu))
 
 
 ds = zj.sweep(point, q=np.linspace(1, 3, 31), mu=np.linspace(0.02, 0.3, 15))
 
 # %% [markdown]
-# What comes back is an `xarray.Dataset`. `sel` picks by value, `ds.zj` draws. The flat
-# colour is where the column came to rest.
+# What comes back is an `xarray.Dataset`. `sel` picks by value, `pipe` hands the dataset
+# to what draws it. The flat colour is where the column came to rest.
 
 # %%
-ax = ds.sel(joint=2).zj.map("joint_amplitude", x="q", y="mu")
+ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 
 # %% [markdown]
 # `outcome` says of each point how its motion ended. Codes have names, and names have
@@ -107,12 +112,10 @@ for code, count in zip(codes, counts, strict=True):
 # %% [markdown]
 # ## From a cell back to its motion
 #
-# The dataset knows the function that made it: ask it for the column and the start of a
-# cell, or for its motion.
+# Ask the cell another question: here, where its motion passes $\phi_1 = 0$.
 
 # %%
-column, start = ds.zj.scene(q=2.2, mu=0.2)
-section = zj.poincare(column, start, points=5, transient=400)  # passages of phi1 = 0
+section = zj.poincare(*cell(2.2, 0.2), points=5, transient=400)
 print("successive phi2 on the section:", section.phi[:, 1])
 
 # %% [markdown]
@@ -127,7 +130,7 @@ print("successive phi2 on the section:", section.phi[:, 1])
 # %%
 fineness = zj.Fineness(width=2e-3, unknown_width=0.02, levels=1, audit=50)
 sharp = zj.refine(point, ds, "outcome", fineness=fineness)
-ax = sharp.sel(joint=2).zj.map("joint_amplitude", x="q", y="mu")
+ax = sharp.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 print("the share of the map that may be missed is below", sharp.refine_missed_area)
 
 # %% [markdown]

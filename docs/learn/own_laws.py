@@ -154,7 +154,7 @@ def point(q, mu):
 
 
 ds = zj.sweep(point, q=np.linspace(1.5, 3, 16), mu=np.linspace(0.02, 0.2, 8))
-ax = ds.sel(joint=2).zj.map("peak_rate", x="q", y="mu")
+ax = ds.sel(joint=2).pipe(zj.plot.map, "peak_rate", x="q", y="mu")
 
 # %% [markdown]
 # ## Is the law right?

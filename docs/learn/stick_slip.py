@@ -138,10 +138,10 @@ both = (compare.set_valued_outcome == zj.OUTCOME.cycle) & (
 errors = abs(compare.sel(joint=2).joint_amplitude_error.where(both))
 print("errors of the amplitude where both are cycles, in rad:")
 print(errors.quantile([0, 0.5, 0.9, 1]).values)
-ax = compare.zj.map("set_valued_outcome", x="q", y="mu")
+ax = compare.pipe(zj.plot.map, "set_valued_outcome", x="q", y="mu")
 
 # %%
-ax = compare.zj.map("smoothed_outcome", x="q", y="mu")
+ax = compare.pipe(zj.plot.map, "smoothed_outcome", x="q", y="mu")
 
 # %% [markdown]
 # ## Which to take

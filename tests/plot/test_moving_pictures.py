@@ -1,4 +1,4 @@
-"""Sections, spectra, the moving column, and a map that answers to clicks."""
+"""Sections, spectra, and the moving column."""
 
 import matplotlib
 
@@ -6,7 +6,6 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.backend_bases import MouseEvent
 from matplotlib.text import Annotation
 from PIL import Image
 
@@ -96,32 +95,6 @@ def test_the_column_moves_as_its_angles_say(tmp_path):
     for bad in ("x", 0, np.nan):
         with pytest.raises(ValueError, match="`fps` must be"):
             zj.plot.animate(motion(ts, phi), fps=bad)
-
-
-def point(q, c):
-    column = zj.uniform_rods(q, damping=zj.Viscous(c, c))
-    return {"angle": zj.trajectory(column, KICK, [0.0, 1.0]).phi[1, 0]}
-
-
-def test_a_click_on_a_map_shows_the_motion_of_the_cell():
-    ds = zj.sweep(point, q=[1.0, 2.0, 2.6], c=[0.1, 0.3], progress=False)
-    view = ds.zj.explore("angle", x="q", y="c")
-    ax, canvas = view.axes["map"], view.figure.canvas
-    canvas.draw()
-    x, y = ax.transData.transform((2.5, 0.12))
-    canvas.callbacks.process("button_press_event", MouseEvent("", canvas, x, y, 1))
-    expected = zj.motion(ds, q=2.6, c=0.1)
-    np.testing.assert_array_equal(view.motion.phi, expected.phi)
-    assert "q = 2.6, c = 0.1" in view.axes["history"].get_title()
-    shown = view.axes["history"].lines[0].get_ydata()
-    np.testing.assert_array_equal(shown, expected.phi[:, 0])
-    before = view.axes["column"].lines[1].get_xydata().copy()
-    for _ in range(3):
-        view._next()
-    assert not np.array_equal(before, view.axes["column"].lines[1].get_xydata())
-    elsewhere = MouseEvent("", canvas, 1, 1, 1)
-    canvas.callbacks.process("button_press_event", elsewhere)
-    assert float(view.mark.get_xdata()[0]) == 2.6
 
 
 # Machado, Oliveira and Fernandes (2009), full deficiency, of linear RGB

@@ -6,10 +6,10 @@ import json
 import re
 import shutil
 import subprocess
-import sys
-import textwrap
 from html.parser import HTMLParser
 
+import diffrax as dfx
+import jax.numpy as jnp
 import matplotlib
 import numpy as np
 import pytest
@@ -24,12 +24,14 @@ from ziegler_jax.plot.page import TEMPLATE, thinned
 Q, MU = np.linspace(1.6, 2.8, 4), np.geomspace(0.05, 0.4, 3)
 
 
-def point(q, mu):
+def cell(q, mu):
     friction = zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.05)
+    return zj.uniform_rods(q, friction=friction), zj.State(omega=(0.0, 0.3))
+
+
+def point(q, mu):
     windows = zj.Windows(transient=60.0, length=20.0, max_windows=10)
-    column = zj.uniform_rods(q, friction=friction)  # not <b>bold</b> on the page
-    start = zj.State(omega=(0.0, 0.3))
-    return zj.settle(column, start, windows=windows, certify=False)
+    return zj.settle(*cell(q, mu), windows=windows)  # not <b>bold</b> on the page
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +72,9 @@ class Reader(HTMLParser):
 def written(ds, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "map.html"
     cells = [(2.0, 0.05), (2.75, 0.35), (2.0, 0.04), (1.6, 0.05)]
-    assert ds.zj.page(path, x="q", y="mu", cells=cells, title="A & B") == path
+    assert (
+        zj.plot.page(ds, cell, path, x="q", y="mu", cells=cells, title="A & B") == path
+    )
     return path, Reader(path)
 
 
@@ -88,7 +92,8 @@ def test_a_page_needs_nothing_beside_it(written):
 
 def test_its_numbers_are_the_maps_and_what_is_none_is_null(ds, written):
     _, page = written
-    x, y, (amplitude, outcome) = (page.json[name] for name in ("x", "y", "fields"))
+    x, y, fields = (page.json[name] for name in ("x", "y", "fields"))
+    amplitude, outcome = fields[:2]
     np.testing.assert_allclose(x["values"], Q, rtol=5e-6)
     np.testing.assert_allclose(y["values"], MU, rtol=5e-6)
     assert amplitude["values"][0][0] is None
@@ -102,12 +107,15 @@ def test_its_motions_are_those_of_the_cells(ds, written):
     _, page = written
     places = [tuple(cell["at"]) for cell in page.json["cells"]]
     assert places == [(1, 0), (3, 2), (0, 0)]  # each to the nearest, each once
-    for (i, j), cell in zip(places, page.json["cells"], strict=True):
-        motion = zj.motion(ds, q=Q[i], mu=MU[j])
-        assert len(cell["ts"]) < 600  # of 4001, measured 20 to 295
-        assert cell["ts"][-1] == motion.ts[-1]
-        nodes = (np.array(cell[name]).T for name in ("phi", "omega"))
-        cubic = CubicHermiteSpline(cell["ts"], *nodes)
+    for (i, j), shown in zip(places, page.json["cells"], strict=True):
+        # as the map's, whose method the attributes name
+        ts = np.linspace(0, min(200.0, float(ds.time[i, j])), 4001)
+        method = zj.Method(dfx.Tsit5(), rtol=1e-6)
+        motion = zj.trajectory(*cell(Q[i], MU[j]), ts, method=method)
+        assert len(shown["ts"]) < 600  # of 4001, measured 20 to 295
+        assert shown["ts"][-1] == motion.ts[-1]
+        nodes = (np.array(shown[name]).T for name in ("phi", "omega"))
+        cubic = CubicHermiteSpline(shown["ts"], *nodes)
         for ours, exact in ((cubic, motion.phi), (cubic.derivative(), motion.omega)):
             span = np.ptp(exact, axis=0).max()
             off = np.abs(ours(np.asarray(motion.ts)) - exact).max()
@@ -152,7 +160,7 @@ def test_a_circle_stands_on_its_cell(ds, written, name):
 
 def test_its_foot_says_where_the_numbers_come_from(ds, written):
     path, page = written
-    assert "zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.05)" in page.text
+    assert "zj.settle(*cell(q, mu), windows=windows)" in page.text
     assert "not <b>bold</b>" in page.text and "b" not in page.tags[-20:]
     for name in ("rtol", "ziegler_jax_version", "jax_version", "scene_axes"):
         assert name in page.text and str(ds.attrs[name]) in page.text
@@ -162,46 +170,100 @@ def test_its_foot_says_where_the_numbers_come_from(ds, written):
 
 
 def test_marks_are_spread_over_what_was_computed(ds, tmp_path):
-    path = zj.plot.page(ds, tmp_path / "a.html", x="q", y="mu", cells=12)
+    path = zj.plot.page(ds, cell, tmp_path / "a.html", x="q", y="mu", cells=12)
     places = [tuple(cell["at"]) for cell in Reader(path).json["cells"]]
     everywhere = {(i, j) for i in range(4) for j in range(3)}
     assert set(places) == everywhere - {(1, 1)} and len(places) == 11
 
 
-def test_a_store_of_another_process_makes_a_page(tmp_path, monkeypatch):
-    (tmp_path / "elsewhere.py").write_text(
-        textwrap.dedent("""
-        import ziegler_jax as zj
-        def point(q, c):
-            column = zj.uniform_rods(q, l2=0.5, damping=zj.Viscous(c, c))
-            motion = zj.trajectory(column, zj.State(omega=(0, 0.3)), [0.0, 1.0])
-            return {"angle": motion.phi[1, 0]}
-        """)
-    )
-    write = """
-        import elsewhere, ziegler_jax as zj
-        zj.sweep(elsewhere.point, q=[2.0, 2.6], c=[0.1, 0.2], store="s", progress=False)
-        """
-    run = [sys.executable, "-c", textwrap.dedent(write)]
-    subprocess.run(run, cwd=tmp_path, check=True)
-    monkeypatch.syspath_prepend(tmp_path)
-    stored = zj.open_sweep(tmp_path / "s")
-    cells = [(2.6, 0.2)]
-    path = zj.plot.page(stored, tmp_path / "p.html", "angle", x="q", y="c", cells=cells)
-    (cell,) = Reader(path).json["cells"]
-    column = zj.uniform_rods(2.6, l2=0.5, damping=zj.Viscous(0.2, 0.2))
-    at = np.array(cell["ts"])
-    direct = zj.trajectory(column, zj.State(omega=(0, 0.3)), at)
-    assert cell["l2"] == 0.5 and at[-1] == 100.0
+UNITS = zj.SI(m=0.1, l=0.2, k=0.5)
+
+
+def in_newtons(F, c):  # noqa: N803
+    damping = zj.Viscous(c, c)
+    return UNITS.uniform_rods(F, l2=0.1, damping=damping), zj.State(omega=(0.0, 0.3))
+
+
+def angle(F, c):  # noqa: N803
+    column, start = in_newtons(F, c)
+    end = zj.trajectory(column, start, [0.0, 1.0])
+    return {"angle": end.phi[1, 0], "time": zj.Variable(60.0, "time", zj.results.TIME)}
+
+
+def test_a_store_in_si_units_makes_a_page(tmp_path):
+    axes = {"F": [4.0, 6.5], "c": [0.1, 0.2]}
+    zj.sweep(angle, **axes, store=tmp_path / "s", progress=False)
+    stored = UNITS.restore(zj.open_sweep(tmp_path / "s"))
+    options = {"x": "F", "y": "c", "cells": [(6.5, 0.2)]}
+    path = zj.plot.page(stored, in_newtons, tmp_path / "p.html", "angle", **options)
+    (shown,) = Reader(path).json["cells"]
+    at = np.array(shown["ts"])
+    direct = zj.trajectory(*in_newtons(6.5, 0.2), at)
+    # the time is that of the column's own units
+    assert shown["l2"] == 0.5 and at[-1] == pytest.approx(60.0, rel=1e-12)
     # what is written is rounded, of 0.09: measured 5e-9
-    np.testing.assert_allclose(np.array(cell["phi"]).T, direct.phi, rtol=0, atol=5e-8)
+    np.testing.assert_allclose(np.array(shown["phi"]).T, direct.phi, rtol=0, atol=5e-8)
+
+
+def test_the_method_is_the_one_that_the_map_names():
+    from ziegler_jax.plot.cells import method_of
+
+    for solver in (dfx.Tsit5(), dfx.Dopri8(), zj.Taylor(5), zj.Rosenbrock()):
+        column = zj.uniform_rods(
+            2.0, friction=zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.05)
+        )
+        if isinstance(solver, zj.Taylor):
+            column = zj.uniform_rods(
+                2.0, friction=zj.SetValuedCoulomb(0.1, pin_radius=0.1)
+            )
+        method = zj.Method(solver, rtol=1e-5, atol=1e-7)
+        ran = zj.trajectory(column, zj.State(), [0.0, 0.1], method=method)
+        assert method_of(ran.attributes()) == method
+    # nothing is looked up by a name that is not of this list
+    assert method_of({"solver": "AbstractERK", "rtol": "set at each point"}) == (
+        zj.Method()
+    )
+
+
+def test_a_page_says_where_a_motion_ends_otherwise_than_its_cell(ds, tmp_path):
+    told = ds.copy(deep=True)
+    told.outcome[0, 0], told.time[0, 0] = zj.OUTCOME.escaped, 50.0  # it does not
+    moved = np.argwhere((ds.outcome == zj.OUTCOME.cycle).values)[-1].tolist()
+    rests = np.argwhere((ds.outcome == zj.OUTCOME.stuck).values)[0].tolist()
+    told["period"] = 0 * told.time + 2.0
+    at = {tuple(place): 1.05 for place in (moved, rests)}
+    for (i, j), factor in at.items():
+        told.joint_amplitude[i, j] *= factor
+
+    def cells(q, mu):  # one of these flies off where the map's does not
+        column, start = cell(q, mu)
+        kick = jnp.where((q > 2.7) & (mu < 0.06), 30.0, 0.3)
+        return column, zj.State(omega=(0.0, kick))
+
+    places = [(0, 0), tuple(moved), tuple(rests), (3, 0)]
+    values = [(Q[i], MU[j]) for i, j in places]
+    options = {"x": "q", "y": "mu", "cells": values}
+    page = Reader(zj.plot.page(told, cells, tmp_path / "p.html", **options))
+    notes = [shown["note"] for shown in page.json["cells"]]
+    assert "cell is escaped, the motion shown is not" in notes[0]
+    assert "joint 2" in notes[1] and "in the map" in notes[1]
+    assert "joint 2" in notes[2] and "in the map" in notes[2]
+    assert "joint 2" in notes[3] and "in the map" in notes[3]
+    same = zj.plot.page(ds, cell, tmp_path / "s.html", **options)
+    plain = [shown["note"] for shown in Reader(same).json["cells"]]
+    assert not any("in the map" in note or "cell is" in note for note in plain[1:])
+    told.attrs["rtol"] = told.attrs["atol"] = 1e-30  # which no step meets
+    early = zj.plot.page(told, cell, tmp_path / "e.html", **options)
+    notes = [shown["note"] for shown in Reader(early).json["cells"]]
+    assert "ended early" in notes[1] and "the map's cell is cycle" in notes[1]
 
 
 def test_what_makes_no_page_is_refused(ds, refuses, tmp_path):
     path = tmp_path / "p.html"
 
     def page(dataset=ds, path=path, **options):
-        return lambda: zj.plot.page(dataset, path, **{"x": "q", "y": "mu", **options})
+        axes = {"x": "q", "y": "mu", "cell": cell}
+        return lambda: zj.plot.page(dataset, path=path, **{**axes, **options})
 
     refuses(page(path=tmp_path / "p.pdf"), "`path`", ".html", "p.pdf")
     refuses(page(cells=[(9.0, 0.1)]), "`q`", "1.6 to 2.8", "9")
@@ -221,7 +283,9 @@ def test_what_makes_no_page_is_refused(ds, refuses, tmp_path):
     left_out = ds.assign(outcome=0 * ds.outcome)
     left_out.outcome.attrs = ds.outcome.attrs
     refuses(page(left_out, cells=3), "`cells`", "computed")
-    refuses(page(ds.drop_attrs()), "`scene`")
+    refuses(page(cell=3), "`cell`", "column and a start", "3")
+    refuses(page(cell=lambda q, tau: None), "`cell`", "`tau`", "`q`, `mu`")
+    refuses(page(cell=lambda q: q), "`cell`", "return column, start")
     refuses(page(variable="steps", y="w"), "`y`", "'w'")
     refuses(page(dataset=3), "`dataset`", "3")
     assert not path.exists()

@@ -5,7 +5,6 @@ Matplotlib is imported with this room only, on the first use of `ziegler_jax.plo
 
 from .animation import animate
 from .branches import branch
-from .explore import explore
 from .linear import sensitivity
 from .maps import bifurcation_diagram, map, up_down
 from .motions import time_history
@@ -43,7 +42,6 @@ __all__ = [
     "animate",
     "bifurcation_diagram",
     "branch",
-    "explore",
     "map",
     "page",
     "section",

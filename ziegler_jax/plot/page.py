@@ -17,21 +17,13 @@ import xarray as xr
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from ..maps.scene import (
-    Point,
-    checked_point,
-    in_own_unit,
-    motion,
-    nearest,
-    scene,
-)
 from ..motion.trajectory import Trajectory
 from ..numerics.hermite import HermiteQuartic
 from ..numerics.numbers import instance, whole_number
 from ..results import OUTCOME, UNDECIDED
 from .animation import ARROW, load_of
 from .branches import of_dims, second
-from .explore import SPEED
+from .cells import Cell, followed, nearest
 from .maps import has_motions
 from .maps import map as draw_map
 from .style import PHI1, PHI2, VERMILLION, flags_of, meaning_of
@@ -40,30 +32,39 @@ TEMPLATE = Path(__file__).with_name("page.html")
 CELLS, MOST_CELLS = 20, 400
 NEAR = 2e-3  # how far thinned motions may be off, of their range
 DPI = 200
+SPEED = 2.0  # of the moving column: time units a second
 # inches of the picture, and its letters, on wide and on narrow screens
 PICTURES = {"wide": ((7.2, 5.4), 10.0), "narrow": ((4.2, 4.4), 9.0)}
 LEFT_OUT = (OUTCOME.not_computed, OUTCOME.invalid)
 
 Json = dict[str, Any]
-Cell = tuple[int, int]  # its place along x and along y
+Place = tuple[int, int]  # of a cell, along x and along y
 
 
 def page(
     dataset: xr.Dataset,
+    cell: Cell,
     path: str | os.PathLike,
     variable: str = "joint_amplitude",
     *,
     x: str,
     y: str,
     cells: int | Sequence[tuple[float, float]] = CELLS,
-    point: Point | None = None,
     title: str | None = None,
     **style: Any,
 ) -> Path:
     r"""Write a map as one HTML file: a click on a marked cell shows its motion.
 
     ```python
-    zj.plot.page(ds.sel(mu_k=0.1), "map.html", x="q", y="mu_s", cells=[(2.0, 0.1)])
+    def cell(q, mu):
+        friction = zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.05)
+        return zj.uniform_rods(q, friction=friction), zj.State(omega=(0.0, 0.3))
+
+    def point(q, mu):
+        return zj.settle(*cell(q, mu))
+
+    ds = zj.sweep(point, q=[2.0, 2.6], mu=[0.1, 0.2])
+    zj.plot.page(ds, cell, "map.html", x="q", y="mu", cells=[(2.6, 0.1)])
     ```
 
     The file needs no server, no network and nothing beside it. It holds the map as
@@ -73,39 +74,45 @@ def page(
     reached by keys as well. An axis whose values are evenly spaced in their logarithms,
     and not in themselves, is logarithmic.
 
-    A motion is that of `zj.motion`, of whose states only some are written: the cubics
-    in time through their angles and rates are within 0.2 % of all 4001 states, of the
-    range of the angles and of that of the rates. Of a map of 41 by 20 cells with 20
-    marked ones the page takes 0.6 MB and 8 s to write, with 400 of them 3.7 MB and
-    100 s; each cell of the map takes some 10 bytes, each marked one some 8 kB.
+    A motion is a `trajectory` of 4001 times with the solver and the tolerances that
+    stand in the dataset's attributes, to the time at which the cell's own motion ended,
+    at most to 200 (100 where the dataset does not know it). Where it ends otherwise
+    than its cell, the page says so: in another outcome, or (of a cycle over its last
+    period, of rest in its last state) with an amplitude that differs by over 1 %. Only
+    some states are written: the cubics in time through their angles and rates are
+    within 0.2 % of all, of the range of the angles and of that of the rates. Of a map
+    of 41 by 20 cells with 20 marked ones the page takes 0.6 MB and 8 s to write, with
+    400 of them 3.7 MB and 100 s; each cell of the map takes some 10 bytes, each marked
+    one some 8 kB.
 
     **Arguments:**
 
     - `dataset`, `variable`, `x`, `y`, `style`: as `map`; of joint 2 or rod 2 where the
         variable has one a joint or rod and none was chosen. A stored map comes from
         `zj.open_sweep`.
+    - `cell`: the scene of a cell, `cell(q, mu, ...) -> column, start`: it is called
+        with those coordinates of the dataset that its parameters name.
     - `path`: a file that ends in `.html`; one that is there is replaced.
     - `cells`: the marked ones by their values `(x, y)`, each to the nearest, at most
         400; or about how many are spread over the map, of those that were computed.
-    - `point`: as in `zj.scene`: the function of the sweep, where it is not known here.
     - `title`: the page's heading; None names the variable and the axes.
 
     **Returns:** the path.
 
-    **Raises:** `ValueError` as `map` and `zj.motion`, for cells beside the map or too
-    many, and for a file of another kind or in a folder that is not there.
+    **Raises:** `ValueError` as `map` and `trajectory`, for a `cell` that is not the
+    map's, cells beside the map or too many, and for a file of another kind or in a
+    folder that is not there.
     """
     path = _file(path)
     if title is not None:
         instance("title", title, str)
     instance("dataset", dataset, xr.Dataset)
-    checked_point(dataset, point)
     dataset = second(dataset)
     values = of_dims(dataset, variable, {"x": x, "y": y})
     dataset = dataset.sortby([x, y])
     places = _places(dataset, x, y, cells)
+    motions = [_motion(dataset, cell, x, y, place) for place in places]
     pictures = {n: _picture(dataset, variable, x, y, n, style) for n in PICTURES}
-    motions = [_cell(dataset, x, y, place, point) for place in places]
     fields = [_field(dataset, name, x, y) for name in _read(dataset, variable, x, y)]
     wide = pictures["wide"]
     data = {
@@ -113,7 +120,7 @@ def page(
         "y": _axis(dataset, y, wide.up),
         "fields": fields,
         "frames": {name: picture.frame for name, picture in pictures.items()},
-        "cells": [cell for cell, _ in motions],
+        "cells": [about for about, _ in motions],
         "first": len(motions) // 2,
         "speed": SPEED,
         "units": {"time": "√(m l²/k)", "rate": "√(k/(m l²))"},
@@ -205,7 +212,7 @@ def _scale(axis: xr.DataArray) -> str:
 
 def _places(
     dataset: xr.Dataset, x: str, y: str, cells: int | Sequence[tuple[float, float]]
-) -> list[Cell]:
+) -> list[Place]:
     """The marked cells, each once.
 
     **Raises:** `ValueError`.
@@ -241,7 +248,7 @@ def _places(
     return places
 
 
-def _spread(dataset: xr.Dataset, x: str, y: str, count: int) -> list[Cell]:
+def _spread(dataset: xr.Dataset, x: str, y: str, count: int) -> list[Place]:
     """About so many cells, evenly over the map, but for those not computed."""
     nx, ny = dataset.sizes[x], dataset.sizes[y]
     rows = min(ny, max(1, math.isqrt(count)))
@@ -256,21 +263,11 @@ def _spread(dataset: xr.Dataset, x: str, y: str, count: int) -> list[Cell]:
     return [place for place in places if codes[place] not in LEFT_OUT]
 
 
-def _cell(
-    dataset: xr.Dataset, x: str, y: str, place: Cell, point: Point | None
+def _motion(
+    dataset: xr.Dataset, cell: Cell, x: str, y: str, place: Place
 ) -> tuple[Json, Trajectory]:
     """The motion of a cell as the page has it, and as it was computed."""
-    at = {dim: dataset[dim].values[i] for dim, i in zip((x, y), place, strict=True)}
-    moved = motion(dataset, at, point=point)
-    column, _ = scene(dataset, at, point=point)
-    outcome = OUTCOME(int(moved.outcome))
-    here = dataset.isel(dict(zip((x, y), place, strict=True)))
-    end, last = here.get("time", xr.DataArray(np.nan)), float(moved.ts[-1])
-    note = ""
-    if outcome is not OUTCOME.complete:
-        note = f"The motion shown ended early: {outcome.sentence}"
-    elif in_own_unit(end) > last:
-        note = f"Shown to t = {last:g}; it was followed to t = {in_own_unit(end):g}"
+    column, moved, note = followed(dataset, cell, dict(zip((x, y), place, strict=True)))
     written = thinned(*(np.asarray(a) for a in (moved.ts, moved.phi, moved.omega)))
     ts, phi, omega = (a.T.tolist() for a in written)
     l2, follower = load_of(column)
@@ -361,7 +358,7 @@ def _json(data: object) -> str:
 def _foot(dataset: xr.Dataset, moved: Trajectory) -> str:
     """Where the numbers come from: the scene's source, tolerances, versions."""
     about = {str(name): value for name, value in dataset.attrs.items()}
-    source = html.escape(str(about.pop("scene")))
+    source = html.escape(str(about.pop("scene", "")))
     how = ", ".join(f"{name} {value}" for name, value in moved.attributes().items())
     return (
         f"<p>The motions shown were computed for this page by trajectory: "

@@ -197,28 +197,11 @@ def origin(point: Callable[..., object]) -> dict[str, str]:
     except (OSError, TypeError):
         source = repr(point)
     module, name = (getattr(point, key, "") for key in ("__module__", "__qualname__"))
-    known = {
+    return {
         "scene": source,
         "scene_function": f"{module}:{name}" if name else "",
         "scene_constants": json.dumps(constants(point)),
     }
-    _recent[_key(known)] = point
-    while len(_recent) > RECENT_POINTS:
-        _recent.pop(next(iter(_recent)))
-    return known
-
-
-RECENT_POINTS = 32
-_recent: dict[tuple[object, ...], Callable[..., object]] = {}
-
-
-def _key(record: Mapping[Any, object]) -> tuple[object, ...]:
-    return tuple(record.get(key) for key in ("scene", "scene_constants"))
-
-
-def recent_point(record: Mapping[Any, object]) -> Callable[..., object] | None:
-    """The point of this process that has this origin, among the last ones."""
-    return _recent.get(_key(record))
 
 
 @functools.cache  # reading them takes 25 ms

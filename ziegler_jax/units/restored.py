@@ -78,7 +78,7 @@ def restored_dataset(dataset: xr.Dataset, si: Scales) -> xr.Dataset:
                 f"{', '.join(units)}, rad or 1, but is in {unit}."
             )
         factor, name_si = units[unit]
-        # `zj.motion` needs the factor: scenes are in the column's own units
+        # `plot.page` needs the factor: a cell's scene is in the column's own units
         about = {**values.attrs, "units": name_si, "si_unit": float(factor)}
         return (values * float(factor)).assign_attrs(about)
 
