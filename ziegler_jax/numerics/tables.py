@@ -9,7 +9,7 @@ lanes copies a conditional's inputs for each lane.
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.core
@@ -151,11 +151,14 @@ def _again(equation: JaxprEqn, operands: list, input_of: InputOf) -> Sequence:
                 operands[first + second :],
             )
         case "scan":
-            number, carried = params["num_consts"], params["num_carry"]
-            own, rest = operands[:number], operands[number:]
+            # by their shapes: parameters that count them have other names in JAX 0.12
+            turned = cast(ClosedJaxpr, params["jaxpr"])
+            carried = _alike(equation.outvars, turned.jaxpr.outvars)
+            still = _alike(equation.invars, turned.jaxpr.invars) - carried
+            own, rest = operands[:still], operands[still:]
 
             def turn(state, xs):
-                after = inner(params["jaxpr"], *own, *state, *xs)
+                after = inner(turned, *own, *state, *xs)
                 return after[:carried], after[carried:]
 
             how = {key: params[key] for key in ("length", "reverse", "unroll")}
@@ -166,6 +169,12 @@ def _again(equation: JaxprEqn, operands: list, input_of: InputOf) -> Sequence:
         case _:
             part = next(params[key] for key in _INSIDE if key in params)
             return inner(part, *operands)
+
+
+def _alike(outside: Sequence, inside: Sequence) -> int:
+    """How many have the same shape within a turn; others are one of several."""
+    pairs = zip(outside, inside, strict=True)
+    return sum(a.aval.shape == b.aval.shape for a, b in pairs)
 
 
 def _loop_again(loop: JaxprEqn, operands: list, input_of: InputOf) -> list:
