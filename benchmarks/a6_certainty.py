@@ -19,7 +19,7 @@ from measure import interleaved, machine, paired, rounded
 
 import ziegler_jax as zj
 from ziegler_jax.__main__ import grid, point
-from ziegler_jax.sweep.program import own_flags, traced
+from ziegler_jax.sweep.program import lowered, own_flags, traced
 
 zj.configure_cpu()
 NAMES = ("q", "mu_s", "mu_k")
@@ -40,7 +40,10 @@ def compiled():
 
     scene, tracing = processor_seconds(lambda: traced(point, NAMES, True, None))
     with own_flags(), jax.enable_x64(True):
-        stages = [processor_seconds(s.lowered.compile)[1] for s in scene.stages]
+        stages = [
+            processor_seconds(lowered(stage, scene).lowered.compile)[1]
+            for stage in scene.stages
+        ]
     loops = sorted(stages)[-2:]
     return {"trace": tracing, "compile": stages, "both_loops": sum(loops)}
 

@@ -43,6 +43,12 @@ def settled(q, mu):
     )
 
 
+def certified(q, mu):
+    friction = zj.SmoothCoulomb(mu, pin_radius=0.05, v_smooth=0.05)
+    column = zj.uniform_rods(q, friction=friction)
+    return zj.settle(column, zj.State(omega=(0.0, 0.3)))
+
+
 Q, MU = np.linspace(1.5, 3.5, 9), np.array([0.05, 0.1, 0.2])
 
 

@@ -74,6 +74,7 @@ SLOW = {
         "steady/test_rest.py::test_a_cycle_below_the_cut_is_not_rest",
         "steady/test_same_certificates.py",
         "sweep/test_cycles_in_sweeps.py::test_cycles_of_a_sweep_are_those_of_direct",
+        "sweep/test_tables.py::test_a_law_whose_fields_are_tables_is_swept",
         "test_main.py::test_another_map_is_refused_in_one_line_and_overwritten",
     ],
     LONG_RUNS: [
@@ -127,8 +128,9 @@ SLOW = {
         "plot/test_pictures.py::test_matplotlib_is_imported_only_when_used",
         "sweep/test_clusters.py",
         "sweep/test_progress.py::test_a_slow_compilation_is_announced_with_its_seconds",
-        "sweep/test_store_identity.py::test_a_scenes_hash_is_the_same_in_another",
-        "sweep/test_store_identity.py::test_a_scene_is_the_same_whatever_jax_has",
+        "sweep/test_failures_told.py::test_a_forked_process_computes_or_says_that",
+        "sweep/test_store_identity.py::test_a_scenes_digest_is_the_same_in_other",
+        "sweep/test_tables.py::test_a_point_that_closes_over_a_large_array_takes",
         "sweep/test_store_faults.py::test_killed_at_any_moment_it_goes_on_where_it_was",
         "sweep/test_stores_under_attack.py::test_of_two_that_begin_a_store_at_once_one",
         "sweep/test_stores_under_attack.py::test_a_sweep_stopped_before_a_file_operation"

@@ -30,7 +30,7 @@ from jax.extend.core import Jaxpr, Primitive, get_opaque_trace_state
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from .own_values import own_values
-from .runtime import compiles_whole_loops, own_flags
+from .runtime import compiles_whole_loops, own_flags, refuse_forked
 
 
 class Context(NamedTuple):
@@ -200,12 +200,18 @@ class Body(NamedTuple):
 
     `parts`: one, the state after some steps and its status; of a phase whose lanes are
     decided one by one `steps`, `asks` and `decide` of each decision, and the status.
-    Each takes a number of steps and the state.
+    Each takes a number of steps and the state. `whole`: what runs instead of several,
+    where XLA makes many kernels of a loop; the digest of a scene is that of its parts.
     """
 
     parts: tuple[Jaxpr, ...]
     cost: float
     every: int | None
+    whole: Jaxpr | None = None
+
+    def traced(self) -> tuple[Jaxpr, ...]:
+        """All that there is, in the order of the loop's operands."""
+        return self.parts if self.whole is None else (*self.parts, self.whole)
 
 
 def resumable(
@@ -255,16 +261,18 @@ def resumable(
     def decides(decide: Callable[[State], State], *numbers: Array) -> list[Array]:
         return flat(lambda state, _: decide(state), *numbers)
 
+    # single numbers are only fast where they are parts of one kernel
+    one_by_one = jax.default_backend() == "cpu" and compiles_whole_loops()
+
     def parts(phase: Phase[State]) -> list[Callable[..., tuple | list]]:
         stop = phase.stop
-        # single numbers are only fast where they are parts of one kernel
-        one_by_one = jax.default_backend() == "cpu" and compiles_whole_loops()
-        if stop is None or not one_by_one:
+        if stop is None:
             return [partial(whole, phase)]
         decisions: list[Callable[..., tuple | list]] = []
         for asks, decide in stop.decisions:
             decisions += [partial(says, asks), partial(decides, decide)]
-        return [partial(flat, stop.steps), *decisions, partial(says, status)]
+        several = [partial(flat, stop.steps), *decisions, partial(says, status)]
+        return several if one_by_one else [*several, partial(whole, phase)]
 
     with may_cut(None):  # a loop within is a part of this one
         closed = [
@@ -275,15 +283,19 @@ def resumable(
         *(x for each in closed for part in each for x in part.consts),
         *leaves,
         bodies=tuple(
-            Body(
-                parts=tuple(part.jaxpr for part in each),
-                cost=phase.cost,
-                every=phase.stop.every if phase.stop and len(each) > 1 else None,
-            )
+            _body(tuple(part.jaxpr for part in each), phase, one_by_one)
             for each, phase in zip(closed, phases, strict=True)
         ),
     )
     return tree.unflatten(last)
+
+
+def _body(parts: tuple[Jaxpr, ...], phase: Phase[State], one_by_one: bool) -> Body:
+    if phase.stop is None:
+        return Body(parts, phase.cost, None)
+    if one_by_one:
+        return Body(parts, phase.cost, phase.stop.every)
+    return Body(parts[:-1], phase.cost, phase.stop.every, parts[-1])
 
 
 Arguments = ParamSpec("Arguments")
@@ -296,6 +308,7 @@ def plain(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
 
     @wraps(function)
     def computed(*args: Arguments.args, **options: Arguments.kwargs) -> Result:
+        refuse_forked()
         if jnp.result_type(float) != jnp.float64 and not current_context().narrow:
             raise ValueError(
                 f"`{name}` must compute in 64-bit arithmetic, but JAX is set to 32 "

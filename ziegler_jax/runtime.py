@@ -87,6 +87,37 @@ def _backend_started() -> bool:
         return False
 
 
+_forked = False  # from a process in which JAX had started
+_asked = False  # whether anything was computed here, where JAX does not tell
+
+
+def _after_fork() -> None:
+    global _forked
+    _forked = _backend_started() or _asked
+
+
+if hasattr(os, "register_at_fork"):  # Windows forks no process
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+def refuse_forked() -> None:
+    """Refuse to compute in a process forked from one in which JAX had started.
+
+    The threads of JAX are not in it: the first computation would wait for ever.
+
+    **Raises:** `RuntimeError`.
+    """
+    global _asked
+    _asked = True
+    if _forked:
+        raise RuntimeError(
+            "This process was forked from one in which JAX had started, and its threads"
+            " are not in it: what is computed here would wait for ever. Start processes"
+            ' by `spawn`: `multiprocessing.get_context("spawn")`, or'
+            ' `ProcessPoolExecutor(mp_context=get_context("spawn"))`.'
+        )
+
+
 def configure_cache(folder: str | os.PathLike | None = None) -> str:
     """Let JAX keep compiled programs in a folder, for the processes that follow.
 

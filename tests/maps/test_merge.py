@@ -65,13 +65,24 @@ def test_xarrays_own_tools_join_sweeps_without_losing_codes():
 
 
 def other_scene(ds):
-    return ds.assign_attrs(scene="def point(x, y): ...")
+    return ds.assign_attrs(scene_digest="5eed")
+
+
+def without_digest(ds):
+    return ds.drop_attrs(deep=False)
+
+
+def with_host_callbacks(ds):
+    return ds.assign_attrs(scene_digest="none")
 
 
 @pytest.mark.parametrize(
     "change, words",
     [
-        (other_scene, ("`sweeps[1]`", "`scene`")),
+        (other_scene, ("`sweeps[1]`", "`scene_digest`", "5eed", "another program")),
+        (with_host_callbacks, ("`sweeps[1]`", "host callbacks", "xarray")),
+        (without_digest, ("`sweeps[1]`", "`ziegler_jax_version`", "None")),
+        (lambda ds: ds.assign_attrs(jax_version="9.9"), ("9.9", 'versions="any"')),
         (lambda ds: ds.assign_attrs(precision="float32"), ("`precision`", "float32")),
         (lambda ds: ds.rename(x="w"), ("axes", "'w'")),
         (lambda ds: ds.drop_vars("z"), ("holds", "'z'")),
@@ -94,3 +105,107 @@ def test_a_number_that_both_are_at_stays_and_another_is_refused():
     assert zj.merge(left, right.assign_coords(c=1.0)).c == 1.0
     with pytest.raises(ValueError, match="its `c` is"):
         zj.merge(left, right.assign_coords(c=2.0))
+
+
+def made_by(factor):
+    """Points of one factory have one source, and numbers of their own in it."""
+
+    def made(x, y):
+        return {"z": factor * x + y}
+
+    return made
+
+
+def test_points_of_one_factory_are_two_scenes_unless_their_numbers_are_one():
+    sweeps = [
+        zj.sweep(made_by(jnp.asarray(factor)), x=[x], y=[1.0], progress=False)
+        for factor, x in ((2.0, 0.0), (3.0, 1.0), (2.0, 4.0))
+    ]
+    assert sweeps[0].attrs["scene"] == sweeps[1].attrs["scene"]
+    with pytest.raises(ValueError, match="`scene_digest`"):
+        zj.merge(*sweeps[:2])
+    assert zj.merge(sweeps[0], sweeps[2]).z.values.tolist() == [[1.0], [9.0]]
+
+
+def test_one_scene_is_known_whatever_order_its_axes_and_results_stand_in():
+    def turned(y, x):
+        return dict(reversed(point(x, y).items()))
+
+    one = sweep([0.0, 1.0], [1.0])
+    other = zj.sweep(turned, y=[3.0], x=[0.0, 1.0], progress=False)
+    other = other.transpose("x", "y", "rod")
+    swapped = zj.sweep(lambda x, y: point(y, x), x=[0.0], y=[3.0], progress=False)
+    assert zj.merge(one, other).z.values.tolist() == [[10.0, 30.0], [11.0, 31.0]]
+    with pytest.raises(ValueError, match="`scene_digest`"):
+        zj.merge(one, swapped)
+
+
+def test_sweeps_of_two_versions_merge_by_consent():
+    one, other = sweep([0.0], [1.0]), sweep([1.0], [1.0])
+    newer = other.assign_attrs(jax_version="9.9", scene_digest="5eed")
+    with pytest.raises(ValueError, match="jax_version.*9.9.*versions="):
+        zj.merge(one, newer)
+    with pytest.raises(ValueError, match="`versions`.*'all'"):
+        zj.merge(one, newer, versions="all")
+    both = zj.merge(one, newer, versions="any")
+    assert both.z.values.tolist() == [[10.0], [11.0]]
+    for key in ("jax_version", "scene_digest"):
+        assert both.attrs[key] == f"{one.attrs[key]}, {newer.attrs[key]}"
+    # consent is to versions: of one version the digest still speaks
+    with pytest.raises(ValueError, match="`scene_digest`"):
+        zj.merge(one, other_scene(other), versions="any")
+    # and numbers that meet are compared
+    with pytest.raises(ValueError, match="agree where they meet"):
+        zj.merge(one, newer.assign_coords(x=[0.0]), versions="any")
+
+
+def test_axes_that_differ_by_rounding_are_one():
+    """Of np.arange and np.linspace three of five values differ, by up to 4.4e-16."""
+    a, b = np.arange(1.0, 1.5, 0.1), np.linspace(1.0, 1.4, 5)
+    assert 0 < np.abs(a - b).max() < 1e-15
+    for first, second in ((a, b), (b, a)):
+        one, two = sweep(first, [0.5, 1.0]), sweep(second, [2.0, 3.0])
+        whole = zj.merge(one, two)
+        assert whole.x.values.tolist() == first.tolist()
+        assert not np.isnan(whole.z).any()
+    # where both have a cell the first dataset's stays
+    one, two = sweep(a, [1.0]), sweep(b, [1.0])
+    whole = zj.merge(one, two)
+    assert whole.z.values.tobytes() == one.z.values.tobytes()
+    assert (whole.both.values != two.both.values).any()
+
+
+@pytest.mark.parametrize(
+    "one, other, together",
+    [
+        ([0.0, 1.0], [0.9e-9, 1.0], 2),  # of the gap beside them, 1
+        ([0.0, 1.0], [1.1e-9, 1.0], 3),
+        ([0.0, 1.0], [0.9e-9, 0.1], 4),  # the smaller gap is 0.1: one of its own
+        ([0.0, 0.1], [-5e-17, 0.2], 3),  # zero as a difference gives it
+        ([3.0], [3.0 + 2e-9], 1),  # of the magnitude
+        ([3.0], [3.0 + 4e-9], 2),
+        ([3.0], [3.0 + 2e-9, 3.5], 3),  # of the gap, which there is
+        ([0.0], [1e-300], 2),
+        ([1.0, 1.0 + 1e-12], [1.0 + 2e-12, 1.0], 3),  # a very fine axis
+    ],
+)
+def test_values_are_one_below_a_billionth_of_the_gap_beside_them(one, other, together):
+    for first, second in ((one, other), (other, one)):
+        whole = zj.merge(sweep(first, [1.0]), sweep(second, [1.0]))
+        assert whole.x.size == together
+        assert not np.isnan(whole.z).any()
+        assert set(first) <= set(whole.x.values.tolist())
+
+
+def test_a_cell_is_one_datasets_even_where_it_failed():
+    """Numbers of a near cell do not stand beside the first one's code."""
+    one, two = sweep([0.0, 0.1], [1.0]), sweep([0.0, 0.1 + 1e-14], [1.0])
+    failed = one.assign(z=one.z.where(one.x < 0.05))
+    whole = zj.merge(failed, two)
+    assert np.isnan(whole.z.values[1, 0])
+    assert whole.regime.values[1, 0] == one.regime.values[1, 0]
+    nothing = failed.assign(
+        regime=failed.regime.where(failed.x < 0.05, 0),
+        both=failed.both.where(failed.x < 0.05),
+    )
+    assert zj.merge(nothing, two).z.values[1, 0] == two.z.values[1, 0]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import partition, store
+from ziegler_jax.sweep import cluster, partition, store
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.usefixtures("optimised")  # as the workers compile
@@ -65,6 +65,9 @@ def test_results_are_gathered_or_written_by_the_workers(client, tmp_path):
     assert same(sweep(point, client=client, where=lambda x, y: x >= 0), whole)
     found = sweep(point, client=client, store=tmp_path / "a", log=tmp_path / "log")
     assert same(found, whole)
+    with pytest.MonkeyPatch.context() as patch:  # a large point is sent by itself
+        patch.setattr(cluster, "SENT_WITH_A_TASK", 0)
+        assert same(sweep(point, client=client), whole)
     assert found.attrs["blocks_done"] == found.attrs["blocks"] == 15
     written = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     assert sorted(line["block"] for line in written) == list(range(15))

@@ -14,7 +14,7 @@ from jax.extend.core import jaxpr_as_fun
 
 import ziegler_jax as zj
 from ziegler_jax import context
-from ziegler_jax.numerics.traced_key import traced_key
+from ziegler_jax.numerics.jaxpr_digest import digest_of
 from ziegler_jax.sweep import program, scheduler
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
@@ -35,12 +35,12 @@ def test_a_point_that_is_cut_computes_what_it_computes_whole(scene, threads):
 @pytest.mark.parametrize("scene, loops", SCENES.items())
 def test_there_is_a_stage_for_every_loop_that_is_read(scene, loops):
     stages = program.traced(scene, ("x", "y"), True, 8).stages
-    assert [s.stage.is_loop for s in stages] == [False, *[True, False] * loops]
+    assert [s.is_loop for s in stages] == [False, *[True, False] * loops]
 
 
 def test_what_varies_with_no_lane_is_not_taken_along():
     stages = program.traced(three, ("x", "y"), True, 8).stages
-    rows = [sum(s.stage.fixed.used) + sum(s.stage.state.used) for s in stages]
+    rows = [sum(s.fixed.used) + sum(s.state.used) for s in stages]
     # two values; a loop's target, its state of two, and what is read behind it
     assert max(rows) <= 8, rows
 
@@ -212,9 +212,9 @@ def test_no_thread_ends_while_lanes_are_led_to_a_loop(monkeypatch):
 
 def test_a_scene_that_has_not_changed_is_not_lowered_again(monkeypatch):
     calls = []
-    lowered = program._lowered
+    lowered = program.lowered
     monkeypatch.setattr(
-        program, "_lowered", lambda s, **own: calls.append(s) or lowered(s, **own)
+        program, "lowered", lambda *stage: calls.append(stage) or lowered(*stage)
     )
     held = {"factor": 3.0}
 
@@ -249,7 +249,7 @@ def test_a_batching_rule_of_the_users_own_is_asked_again():
         found = zj.sweep(lambda x: scaled(x), x=[2.0], progress=False)
         return float(found.value.item())
 
-    assert traced_key(jax.make_jaxpr(scaled)(1.0)) is None
+    assert not digest_of(jax.make_jaxpr(scaled)(1.0)).repeatable
     assert once() == 6.0
     held["factor"] = 5.0
     assert once() == 10.0
@@ -279,12 +279,12 @@ def random_in(partitionable):
         (random_in(True), random_in(False)),
     ],
 )
-def test_points_that_differ_anywhere_have_keys_of_their_own(one, other):
+def test_points_that_differ_anywhere_have_digests_of_their_own(one, other):
     def key(point):
         with context.within(context.of_its_own(narrow=False)):
-            return traced_key(jax.make_jaxpr(point)(1.5))
+            return digest_of(jax.make_jaxpr(point)(1.5))
 
-    assert key(one) is not None and key(one) == key(one) and key(one) != key(other)
+    assert key(one).repeatable and key(one) == key(one) and key(one) != key(other)
     for point in (one, other):
         found = zj.sweep(point, x=[1.5], progress=False)
         assert found.value.item() == float(point(1.5))

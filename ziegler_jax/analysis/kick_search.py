@@ -384,9 +384,11 @@ def sphere(count: int, k: int, offset: float = 0.5) -> np.ndarray:
     u = (offset + np.arange(count)[:, None] * steps) % 1.0
     if k == 2:
         angle = np.pi * u[:, 0]
-        return np.stack([np.cos(angle), np.sin(angle)], -1)
-    inner, outer = np.sqrt(u[:, 0]), np.sqrt(1 - u[:, 0])
-    a, b = 2 * np.pi * u[:, 1], 2 * np.pi * u[:, 2]
-    return np.stack(
-        [outer * np.sin(a), outer * np.cos(a), inner * np.sin(b), inner * np.cos(b)], -1
-    )
+        x = [np.cos(angle), np.sin(angle)]
+    else:
+        inner, outer = np.sqrt(u[:, 0]), np.sqrt(1 - u[:, 0])
+        a, b = 2 * np.pi * u[:, 1], 2 * np.pi * u[:, 2]
+        x = [outer * np.sin(a), outer * np.cos(a), inner * np.sin(b), inner * np.cos(b)]
+    # a sine's last bit is the processor's own, and a scene's digest would be with it
+    x = [part.astype(np.float32).astype(float) for part in x]
+    return np.stack(x, -1) / np.sqrt(sum(part * part for part in x))[:, None]

@@ -4,12 +4,14 @@ A search is not differentiated: what it found is a constant, to which a zero is 
 that carries the derivative in the scene's numbers.
 """
 
+import math
 from collections.abc import Callable
 from typing import TypeVar, TypeVarTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
@@ -23,18 +25,25 @@ Tree = TypeVar("Tree")  # a pytree of numbers, concrete ones among them
 
 
 def moving(column: Column, dtype: DTypeLike) -> tuple[Parameters, Make]:
-    """The column's traced numbers as a vector (n,), and the column of such a vector."""
+    """The column's traced numbers as a vector (n,), and the column of such a vector.
+
+    An array among them, as a table of a law of one's own has it, is that many numbers.
+    """
     # not `eqx.is_array`: concrete numbers are NumPy's, and have no derivative
     traced, known = eqx.partition(column, lambda x: not is_concrete(x))
     leaves, tree = jax.tree.flatten(traced)
-    n = len(leaves)
+    shapes = [jnp.shape(x) for x in leaves]
+    ends = np.cumsum([math.prod(shape) for shape in shapes], dtype=int).tolist()
 
     def make(p: Parameters) -> Column:
-        parts = [p[i] for i in range(n)]
+        spans = zip(shapes, [0, *ends], ends, strict=False)
+        parts = [p[i:j].reshape(shape) if shape else p[i] for shape, i, j in spans]
         return eqx.combine(jax.tree.unflatten(tree, parts), known)
 
     numbers = [jnp.asarray(x, dtype) for x in leaves]
-    return (jnp.stack(numbers) if n else jnp.zeros(0, dtype)), make
+    if any(shapes):
+        return jnp.concatenate([jnp.ravel(x) for x in numbers]), make
+    return (jnp.stack(numbers) if leaves else jnp.zeros(0, dtype)), make
 
 
 def implicit(

@@ -8,13 +8,13 @@ first end of a mode. There a joint that slid is at rest, the friction law choose
 modes, and the motion goes on.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Generic, NamedTuple, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from ..model.column import Column, joint_balance
 from ..model.set_valued import FrozenCoulomb, in_modes
@@ -45,7 +45,12 @@ from .stickslip import (
     event_tolerance,
 )
 
-NODES = 5  # of Gauss' rule for integrals over a step
+# Gauss' rule of five nodes for integrals over a step, in closed form: what LAPACK gives
+# depends on the processor in the last bit, and a scene's digest would with it
+_OUTER, _INNER = (math.sqrt(5 + i * 2 * math.sqrt(10 / 7)) / 3 for i in (1, -1))
+_LESS, _MORE = ((322 + i * 13 * math.sqrt(70)) / 900 for i in (-1, 1))
+_GAUSS = (-_OUTER, _LESS), (-_INNER, _MORE), (0.0, 128 / 225), (_INNER, _MORE)
+_GAUSS += ((_OUTER, _LESS),)
 
 
 class Taylor(eqx.Module):
@@ -290,10 +295,10 @@ def _integrals(
     if integrand is None:
         return ()
     parts = []
-    for x, weight in zip(*np.polynomial.legendre.leggauss(NODES), strict=True):
+    for x, weight in _GAUSS:
 
-        def node(share=float(1 + x) / 2):
+        def node(share=(1 + x) / 2):
             return integrand(cast(Vector4, tuple(value(c, share * s) for c in y)))
 
-        parts.append([float(weight) / 2 * s * p for p in materialise(at, node)])
+        parts.append([weight / 2 * s * p for p in materialise(at, node)])
     return tuple(sum(row[1:], row[0]) for row in zip(*parts, strict=True))

@@ -31,6 +31,8 @@ def is_odd(column: Column) -> Flag:
     modes = np.array(MODES if column.sticks else MODES[:1])
     each = np.repeat(np.arange(len(modes)), SAMPLES)
     rows = np.concatenate([np.tile(samples, len(modes)), modes[each].T])
+    # a power's last bit is the processor's own, and a scene's digest would be with it
+    rows = rows.astype(np.float32).astype(float)
     whole, zero = prepared(column), jnp.zeros((), dtype)
 
     def slope(row: Float[Array, " 6"]) -> Traced4:

@@ -16,6 +16,7 @@ which is the same step to rounding (Hairer, Norsett & Wanner, *Solving Ordinary
 Differential Equations I*, 2nd ed., Springer 1993, section II.14).
 """
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import cast
@@ -119,7 +120,7 @@ def _turn_by_turn(
     whose they are, of the state or of a vector, and by lane.
     """
     rows, b, b_error = _tableau(solver)
-    nodes, shares = (jnp.asarray(x, h.dtype) for x in (rows.sum(axis=1), b))
+    nodes, shares = (jnp.asarray(x, h.dtype) for x in ([*map(math.fsum, rows)], b))
     angles, rates = _by_whose(both, h)
     _, begun = _by_whose(first, h)
     stages = jnp.zeros((len(rows), *begun.shape), h.dtype).at[0].set(begun)
@@ -127,8 +128,8 @@ def _turn_by_turn(
 
     def moved(row, stages):
         # each row for itself: what a stage does not weigh is not read
-        far = hs * _combined(row @ rows, stages)
-        moved_angles = angles + hs * (float(row.sum()) * rates + far)
+        far = hs * _combined(_product(row, rows), stages)
+        moved_angles = angles + hs * (math.fsum(row) * rates + far)
         return moved_angles, rates + hs * _combined(row, stages)
 
     def turn(i, place):
@@ -148,7 +149,7 @@ def _turn_by_turn(
     place = angles, rates, stages, sums
     x, w, stages, sums = lax.fori_loop(0, len(rows) - 1, turn, place)
     own = stages[:, :, 0]
-    errors = h[None] * h[None] * _combined(b_error @ rows, own)
+    errors = h[None] * h[None] * _combined(_product(b_error, rows), own)
     errors = *errors, *(h[None] * _combined(b_error, own))
     integrals = tuple(lax.broadcast_to_rank(h, jnp.ndim(s)) * s for s in sums)
     return _one_by_one(x, w), errors, _one_by_one(w, stages[-1]), integrals
@@ -168,6 +169,11 @@ def _tableau(solver: Explicit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     ]
     *matrix, b, b_error = np.asarray(filled)
     return np.asarray(matrix), b, b_error
+
+
+def _product(row: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """A row times a matrix, to the same bits on every processor: BLAS has its own."""
+    return np.asarray([math.fsum(row * column) for column in matrix.T])
 
 
 def _combined(row: np.ndarray, stages: jax.Array) -> jax.Array:

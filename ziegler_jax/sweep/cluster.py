@@ -12,14 +12,14 @@ What 10^9 points ask for, at r points a second and core (the main job's kind: ab
 - 10^9 / r = 170 core hours: 40 minutes on 256 cores, and some ten seconds of tracing
   and compilation a worker.
 - To a worker go 20 to 30 kB a task (the point, the block's axes, which points): 1.5 GB
-  in all. To the store go 81 GB, 1.3 MB a block: 33 MB/s from 256 cores, in half a
+  in all. A point of more than a megabyte, which closes over a table, goes to each
+  worker once. To the store go 81 GB, 1.3 MB a block: 33 MB/s from 256 cores, in half a
   million files of 16 to 260 kB. Gathered instead, they would go through one process
   and its memory; with `store` less than a kilobyte a task comes back.
 
 Beside the lanes, a worker's event loop takes some 3 % of a core, half of which is
 `distributed.worker.profile.enabled` (false in Dask's configuration turns it off), and
-the scheduler with a client some 4 % of one. A sweep lowers its scene before the first
-task, twice with a store: a quarter of a second each.
+the scheduler with a client some 4 % of one.
 """
 
 import threading
@@ -39,6 +39,7 @@ from .program import Program, Scene, compiled, traced
 from .scheduler import Effort, run_lanes, warn_of
 from .store import SweepStore
 
+SENT_WITH_A_TASK = 1_000_000  # bytes of a point; a larger one is sent by itself
 _TASKS_A_THREAD = 3  # on their way, so that no worker waits for the next
 
 
@@ -57,6 +58,10 @@ class Client(Protocol):
 
     def submit(self, *task, **options):
         """Have a function run by a worker."""
+        ...
+
+    def scatter(self, data: list, broadcast: bool, hash: bool) -> list:
+        """Send data to the workers."""
         ...
 
     def nthreads(self) -> Mapping[str, int]:
@@ -157,6 +162,9 @@ def run_blocks(
     from distributed import as_completed
 
     started = time.perf_counter()
+    recipes = [recipe]
+    if len(recipe.point) > SENT_WITH_A_TASK:
+        recipes = client.scatter(recipes, broadcast=True, hash=False)
     waiting = iter(missing)
     flying = as_completed()
     done = own = ran = checks = mismatches = 0
@@ -167,7 +175,7 @@ def run_blocks(
         room = _TASKS_A_THREAD * max(1, sum(client.nthreads().values()))
         for number in islice(waiting, max(0, room - flying.count())):
             flying.add(
-                client.submit(_compute, recipe, blocks.block(number), pure=False)
+                client.submit(_compute, recipes[0], blocks.block(number), pure=False)
             )
 
     try:
@@ -221,7 +229,7 @@ def _compute(recipe: Recipe, block: Block) -> Ran:
         store = None if recipe.store is None else _store(recipe.store, recipe.token)
     if store is not None and store.holds(block):
         # its writer died before it could say so
-        return block.number, None, Tally(0, 0.0, 0, {}), Effort(0.0, 0, 0, 0, 0)
+        return block.number, None, Tally(0, 0.0, 0, {}, {}), Effort(0.0, 0, 0, 0, 0)
     whole: list[Any] = []
     part = Blocks(block.axes, block.chosen, points_a_block=block.chosen.size)
     assembler = BlockAssembler(
@@ -268,7 +276,8 @@ def _program(
     if scene.digest != digest:
         raise ValueError(
             "Argument `client` must have workers with the same scene, but to one of "
-            "them `point` is another program: its modules or versions differ."
+            "them `point` is another program: its modules, versions or the numbers "
+            "that it computes there differ."
         )
     return scene, compiled(scene)
 

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..results import OUTCOME, Variable
+from ..results import OUTCOME, Code, Variable
 from ..runtime import free_memory
 from .axes import empty, parameters
 
@@ -199,6 +199,19 @@ def evaluate_where(
     return valid
 
 
+_MORE_STEPS = "name more, `Method(max_steps=...)`; where it is stiff, `Rosenbrock()`"
+# Codes with which a lane failed, of whatever question, and what to do. A column that
+# turned over did not fail, nor did a motion that is undecided.
+REMEDIES = {
+    "invalid": "leave such points out by `where`",
+    "not_finite": "ask the question there alone, under `jax.debug_nans(True)`",
+    "step_vanished": "name larger `Method(rtol=..., atol=...)`, or `Rosenbrock()`",
+    "budget_spent": _MORE_STEPS,
+    "not_integrated": _MORE_STEPS,
+    "chattering": "smooth the friction, e.g. by `SmoothCoulomb`",
+}
+
+
 class Tally(NamedTuple):
     """What a block cost and how its points ended."""
 
@@ -206,6 +219,7 @@ class Tally(NamedTuple):
     seconds: float  # from its first point to its last; others ran meanwhile
     steps: int  # of its lanes; 0 where they follow no motion
     outcomes: dict[str, int]
+    failed: dict[str, dict[str, int]]  # points by variable and code, where it failed
 
     @property
     def failures(self) -> int:
@@ -276,14 +290,28 @@ class OpenBlock:
     def tally(self, variables: dict[str, Variable]) -> Tally:
         """What the block cost and how its points ended."""
         outcomes: dict[str, int] = {}
+        failed: dict[str, dict[str, int]] = {}
         for (name, variable), values in zip(variables.items(), self.flat, strict=True):
             # not what a search met on its way, as an onset's `obstacle`
+            if variable.codes is not None and not name.endswith("obstacle"):
+                failed |= _failed(name, variable.codes, values)
             if variable.codes is OUTCOME and name.endswith("outcome"):
                 here = values[..., self.points].ravel()  # several of a point: branches
                 codes = np.bincount(here, minlength=len(OUTCOME))
                 outcomes = {c.name: int(codes[c]) for c in OUTCOME if codes[c]}
         seconds = time.perf_counter() - self.began
-        return Tally(self.points.size, seconds, self.steps, outcomes)
+        return Tally(self.points.size, seconds, self.steps, outcomes, failed)
+
+
+def _failed(
+    name: str, codes: type[Code], values: np.ndarray
+) -> dict[str, dict[str, int]]:
+    """At how many points, which stand behind, a code says that the lane failed."""
+    values = values.reshape(-1, values.shape[-1])  # several of a point: branches
+    failures = [code for code in codes if code.name in REMEDIES]
+    counts = {c.name: int((values == c).any(axis=0).sum()) for c in failures}
+    counts = {code: count for code, count in counts.items() if count}
+    return {name: counts} if counts else {}
 
 
 def check_room(what: str, size: int) -> None:

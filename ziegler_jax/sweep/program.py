@@ -1,22 +1,22 @@
-"""What a sweep compiles: the scene, known by its lowered stages, for a batch of lanes.
+"""What a sweep compiles: the scene, known by its equations, for a batch of lanes.
 
 A scene is traced anew at each sweep, in a trace of its own: whatever it reads, an
 attribute of an object, a table, the environment, is read again. (A question that it
-asks of this package's own values alone is not, see `as_traced_before`.) What it is
-lowered to is kept by what was traced, and a compiled stage by what the lowered one
-computes, so that a sweep of what has not changed is neither lowered nor compiled again,
-and one of what has is never answered by the old program.
+asks of this package's own values alone is not, see `as_traced_before`.) What was traced
+is known by its digest: one of the scene, by which stores and `merge` know it, and one
+of each stage, by which its compiled program is found again. So a sweep of what has not
+changed is neither lowered nor compiled again, and one of what has is never answered by
+the old program.
 """
 
-import hashlib
 import linecache
 import sysconfig
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import repeat
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -24,16 +24,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import (
-    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
-    Jaxpr,
-)
 from jax.stages import Lowered
 
 from ..context import Cuts, may_cut, of_its_own, within
-from ..numerics.lowered_digest import lowered_digest
+from ..numerics.jaxpr_digest import Digest, digest_of, digest_of_function
 from ..numerics.packing import Packing, some_number
-from ..numerics.traced_key import traced_key
+from ..numerics.tables import tables_as_inputs
 from ..results import DIMENSIONS, Variable
 from ..runtime import (
     all_cores,
@@ -42,9 +38,10 @@ from ..runtime import (
     own_flags,
     paused_collector,
     quiet_compiler,
+    refuse_forked,
 )
 from .axes import Returned, empty, labelled
-from .stages import Stage, stages
+from .stages import Stage, needed, stages
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.
@@ -52,7 +49,6 @@ BATCH_OF_ONE_KERNEL, BATCH_OF_MANY = 128, 384
 SMALLER_BATCHES = (32, 64)  # for sweeps of two of these at most
 BATCH_WITHOUT = 8192
 CACHED_STAGES = 96
-LOWERED_SCENES = 16
 # Lanes are a multiple of four vectors of 512 bits: what is left of a vector, and loops
 # of two that the compiler unrolls, round otherwise (batches of 13 and of 8 did).
 WHOLE_VECTORS = 32
@@ -75,24 +71,8 @@ def is_the_users(file: str) -> bool:
     return not file.startswith(_NOT_THE_USERS)
 
 
-class LoweredStage(NamedTuple):
-    """A stage for a batch of lanes, not yet compiled."""
-
-    stage: Stage
-    run: Callable[..., tuple]  # the jitted function
-    lowered: Lowered
-    callbacks: tuple  # host functions, which the program's text does not show
-
-    @property
-    def digest(self) -> str:
-        """What the program computes, and what its arguments hold, as a hash."""
-        layout = self.stage.fixed.shapes, self.stage.state.shapes
-        text = f"{layout} {lowered_digest(self.lowered.as_text())}"
-        return hashlib.sha256(text.encode()).hexdigest()
-
-
 class Scene(NamedTuple):
-    """A point, traced, cut into stages, and lowered for a batch of lanes."""
+    """A point, traced and cut into stages for batches of lanes."""
 
     point: Callable[..., Returned]
     names: tuple[str, ...]
@@ -101,14 +81,15 @@ class Scene(NamedTuple):
     attributes: dict[str, object]
     coordinates: dict[str, Sequence[object]]  # of the dimensions of results
     batch_size: int
-    stages: tuple[LoweredStage, ...]
-    digests: tuple[str, ...]  # of the stages
+    stages: tuple[Stage, ...]
+    tables: tuple[jax.Array, ...]  # that the point closes over: arguments of its stages
+    known: Digest
     seconds: float
 
     @property
     def digest(self) -> str:
-        """A hash of what will be compiled."""
-        return hashlib.sha256(" ".join(self.digests).encode()).hexdigest()
+        """A hash of what is computed."""
+        return self.known.value
 
     @property
     def bytes_a_point(self) -> int:
@@ -136,13 +117,14 @@ def traced(
     batch_size: int | None,
     points: int | None = None,
 ) -> Scene:
-    """Trace and lower `point`: what has been lowered is what will be compiled.
+    """Trace `point`: what has been traced is what will be compiled.
 
     **Arguments:** `batch_size`: lanes a batch; None is what suits the point, and so few
     `points` if these are known.
 
     **Raises:** `ValueError` where it cannot be traced, with the line and a cure.
     """
+    refuse_forked()
     started = time.perf_counter()
     context = of_its_own(narrow=not wide)
     described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
@@ -165,24 +147,30 @@ def traced(
     scalar = jax.ShapeDtypeStruct((), np.float64 if wide else np.float32)
     with own_flags(), jax.enable_x64(wide):
         try:
-            traced_point = jax.make_jaxpr(leaves)(*[scalar] * len(names))
+            whole = needed(jax.make_jaxpr(leaves)(*[scalar] * len(names)))
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
         cuts = described.pop("cuts")
-        size = batch_size or _usual_size(bool(cuts.motions), points)
-        whole = WHOLE_VECTORS if wide else 2 * WHOLE_VECTORS
-        width = -(-size // whole) * whole
+        known = digest_of_function(whole, names, [*described["variables"]])
+        with_tables, tables = tables_as_inputs(whole)
+        parts = stages(with_tables, len(tables))
+    size = batch_size or _usual_size(bool(cuts.motions), points)
+    vector = WHOLE_VECTORS if wide else 2 * WHOLE_VECTORS
+    at_loop = between = -(-size // vector) * vector
+    if len(parts) > 1 and not cuts.refused:
         # between loops there is little to do, unless a motion runs whole there
-        widths = width, width if cuts.refused else width * SEGMENTS
-        lowered, digests = _lowered_stages(traced_point, widths, wide)
+        between = at_loop * SEGMENTS
     return Scene(
         point=point,
         names=names,
         wide=wide,
         **described,
         batch_size=size,
-        stages=lowered,
-        digests=digests,
+        stages=tuple(
+            part._replace(lanes=at_loop if part.is_loop else between) for part in parts
+        ),
+        tables=tables,
+        known=known,
         seconds=time.perf_counter() - started,
     )
 
@@ -200,71 +188,42 @@ def _usual_size(motions: bool, points: int | None) -> int:
     return min([*fitting, BATCH_OF_ONE_KERNEL])
 
 
-_lowered_before: OrderedDict[Hashable, tuple] = OrderedDict()
-_lowered_lock = threading.Lock()
+class Lowering(NamedTuple):
+    """A stage's jitted function, and what it was lowered to."""
+
+    run: Callable[..., tuple]
+    lowered: Lowered
 
 
-def _lowered_stages(
-    point: ClosedJaxpr, widths: tuple[int, int], wide: bool
-) -> tuple[tuple[LoweredStage, ...], tuple[str, ...]]:
-    """The stages of a traced point, lowered, and their digests.
-
-    **Arguments:** `widths`: lanes at a loop, and between loops.
-    """
-    key = traced_key(point)
-    key = None if key is None else (key, widths, wide, compiles_whole_loops())
-    with _lowered_lock:
-        if key in _lowered_before:
-            _lowered_before.move_to_end(key)
-            return _lowered_before[key]
-    parts = stages(point)
-    at_loop, between = widths if len(parts) > 1 else (widths[0], widths[0])
-    lowered = tuple(
-        _lowered(
-            part._replace(lanes=at_loop if part.is_loop else between),
-            as_one_kernel=compiles_whole_loops() and len(parts) > 1,
-        )
-        for part in parts
-    )
-    made = lowered, tuple(stage.digest for stage in lowered)
-    if key is not None:
-        with _lowered_lock:
-            _lowered_before[key] = made
-            while len(_lowered_before) > LOWERED_SCENES:
-                _lowered_before.popitem(last=False)
-    return made
-
-
-def _lowered(stage: Stage, as_one_kernel: bool) -> LoweredStage:
-    """The stage for a batch of lanes."""
-    batched = _one_kernel(stage) if as_one_kernel else stage.function
+def lowered(stage: Stage, scene: Scene) -> Lowering:
+    """A stage of the scene for a batch of lanes, not yet compiled."""
+    as_one_kernel = compiles_whole_loops() and len(scene.stages) > 1
     options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
-    # an unused argument would be left out of the text, and with it what it is
-    run = jax.jit(batched, compiler_options=options, keep_unused=True)
-    program = run.trace(*_nothing(stage))
-    callbacks = tuple(_callbacks(program.jaxpr.jaxpr))
-    return LoweredStage(stage, run, program.lower(), callbacks)
+    with own_flags(), jax.enable_x64(scene.wide):
+        batched = _one_kernel(stage, scene.tables) if as_one_kernel else stage.function
+        run = jax.jit(batched, compiler_options=options)
+        return Lowering(run, run.lower(scene.tables, *_nothing(stage)))
 
 
-def _one_kernel(stage: Stage) -> Callable:
+def _one_kernel(stage: Stage, tables: Sequence) -> Callable:
     """A loop of one turn: XLA makes all that is in it a single kernel.
 
     That runs faster, and compiles in half the time of a kernel for each of its parts.
     """
     # traced once, for its shapes and for the turn
     batched, nothing = jax.jit(stage.function), _nothing(stage)
-    shapes = jax.eval_shape(batched, *nothing)
+    shapes = jax.eval_shape(batched, tables, *nothing)
     if not stage.is_loop and some_number(jax.tree.leaves(nothing)) is None:
         return batched
 
-    def run(*rows):
+    def run(tables, *rows):
         # one turn, but the compiler cannot count it
         number = some_number(jax.tree.leaves(rows))
         once = rows[0] > 0 if number is None else ~(number * 0 > 1)
         blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
         return lax.while_loop(
             lambda turn: turn[0],
-            lambda turn: (jnp.zeros_like(turn[0]), batched(*rows)),
+            lambda turn: (jnp.zeros_like(turn[0]), batched(tables, *rows)),
             (once, blank),
         )[1]
 
@@ -308,76 +267,97 @@ def _untraceable(error: BaseException, names: tuple[str, ...]) -> str:
     )
 
 
-def _callbacks(jaxpr: Jaxpr) -> Iterator[Callable]:
-    """The host functions that a program calls."""
-    for equation in jaxpr.eqns:
-        for name, value in equation.params.items():
-            if name == "callback":
-                yield value
-            for part in value if isinstance(value, tuple | list) else (value,):
-                inner = getattr(part, "jaxpr", part)
-                if hasattr(inner, "eqns"):
-                    yield from _callbacks(inner)
+class _Key(NamedTuple):
+    """By what a stage's program is found again in this process."""
+
+    known: Digest
+    lanes: int
+    settings: tuple[Hashable, ...]
 
 
-_cache: OrderedDict[tuple, Callable] = OrderedDict()
+def _key(number: int, scene: Scene) -> _Key:
+    stage = scene.stages[number]
+    layouts = stage.is_loop, stage.fixed.shapes, stage.state.shapes
+    like = [(x.shape, x.dtype) for x in scene.tables]
+    values = sorted((name, repr(x)) for name, x in jax.config.values.items())
+    settings = jax.default_backend(), compiles_whole_loops(), scene.wide, *values
+    alone = len(scene.stages) == 1  # then it is not made one kernel
+    known = digest_of(stage.equations, layouts, like)
+    if not known.repeatable:  # two that look alike may not be
+        settings = number, *settings
+    return _Key(known, stage.lanes, (alone, *settings))
+
+
+_cache: OrderedDict[_Key, Callable] = OrderedDict()
 _kept_lock = threading.Lock()
 _library_lock = threading.Lock()
+# what calls LAPACK or a Fourier transform
+_OF_LIBRARIES = {"cholesky", "eig", "eigh", "fft", "geqp3", "geqrf", "hessenberg"}
+_OF_LIBRARIES |= {"householder_product", "lu", "ormqr", "qr", "schur", "svd"}
+_OF_LIBRARIES |= {"triangular_solve", "tridiagonal", "tridiagonal_solve"}
 
 
 @held_interrupts()
+@paused_collector()
 def compiled(scene: Scene) -> Program:
     """The scene, compiled, stages beside each other; each kept by its digest."""
     started = time.perf_counter()
-    keys = [(d, s.callbacks) for d, s in zip(scene.digests, scene.stages, strict=True)]
+    keys = [_key(number, scene) for number in range(len(scene.stages))]
     unlike = dict(zip(keys, scene.stages, strict=True))
-    pool = ThreadPoolExecutor(min(len(unlike), all_cores()))
+    runs = {key: _kept(key) for key in unlike}
+    new = {
+        key: (stage, lowered(stage, scene), key.known)
+        for key, stage in unlike.items()
+        if runs[key] is None
+    }
+    pool = ThreadPoolExecutor(max(1, min(len(new), all_cores())))
     with pool, quiet_compiler():
-        done = pool.map(_compiled, unlike.values(), unlike, repeat(scene.wide))
-        made = dict(zip(unlike, done, strict=True))
-    runs = [made[key] for key in keys]
+        done = pool.map(partial(_compiled, scene), new.values())
+        made = dict(zip(new, done, strict=True))
+    for key, run in made.items():
+        _keep(key, run)
+    runs |= made
     seconds = time.perf_counter() - started
     return Program(
         stages=tuple(
-            lowered.stage._replace(function=run)
-            for (run, _), lowered in zip(runs, scene.stages, strict=True)
+            stage._replace(function=partial(cast(Callable, runs[key]), scene.tables))
+            for stage, key in zip(scene.stages, keys, strict=True)
         ),
         results=Packing(
             cast(jax.ShapeDtypeStruct, v.value) for v in scene.variables.values()
         ),
         batch_size=scene.batch_size,
         wide=scene.wide,
-        compile_seconds=seconds if any(new for _, new in runs) else 0.0,
+        compile_seconds=seconds if made else 0.0,
     )
 
 
-def _compiled(lowered: LoweredStage, key: tuple, wide: bool) -> tuple[Callable, bool]:
-    """The stage's program, and whether it was compiled just now."""
-    key = *key, wide
+def _kept(key: _Key) -> Callable | None:
     with _kept_lock:
         if key in _cache:
             _cache.move_to_end(key)
-            return _cache[key], False
-    with own_flags(), jax.enable_x64(wide):
-        if lowered.stage.is_loop:
-            # a call of a jitted function costs half of its compiled form's
-            run = lowered.run
-            run(*_nothing(lowered.stage))
-        else:  # not run: what it would do with these numbers is not known
-            run = lowered.lowered.compile()
-    if calls_libraries(lowered):
-        run = _one_at_a_time(run)
+        return _cache.get(key)
+
+
+def _keep(key: _Key, run: Callable) -> None:
+    if not key.known.repeatable:
+        return
     with _kept_lock:
         _cache[key] = run
         while len(_cache) > CACHED_STAGES:
             _cache.popitem(last=False)
-    return run, True
 
 
-def calls_libraries(lowered: LoweredStage) -> bool:
-    """Whether the program calls LAPACK or a Fourier transform."""
-    text = lowered.lowered.as_text()
-    return "custom_call @lapack" in text or "stablehlo.fft" in text
+def _compiled(scene: Scene, new: tuple[Stage, Lowering, Digest]) -> Callable:
+    """The stage's program."""
+    stage, (run, lowered), known = new
+    with own_flags(), jax.enable_x64(scene.wide):
+        if stage.is_loop:
+            # a call of a jitted function costs half of its compiled form's
+            run(scene.tables, *_nothing(stage))
+        else:  # not run: what it would do with these numbers is not known
+            run = lowered.compile()
+    return _one_at_a_time(run) if known.primitives & _OF_LIBRARIES else run
 
 
 def _one_at_a_time(run: Callable) -> Callable:

@@ -5,14 +5,17 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TextIO
 
 import numpy as np
 from tqdm import tqdm
 
-from .partition import Block, Tally
+from ..results import Variable
+from .partition import REMEDIES, Block, Tally
 
 TICK = 0.5  # seconds
 
@@ -69,9 +72,10 @@ class Progress:
     """A bar with points per second, useful steps, failures and time left; and a log.
 
     A line of the log is a JSON object: the block's `number`, the least and the largest
-    value of each axis in `ranges`, `points`, `outcomes`, `seconds` from its first point
-    to its last (others ran meanwhile), and the `steps` of its lanes, 0 where they
-    follow no motion in chunks. `steps / points` shows a region that is slow by itself.
+    value of each axis in `ranges`, `points`, `outcomes`, those that `failed`, `seconds`
+    from its first point to its last (others ran meanwhile), and the `steps` of its
+    lanes, 0 where they follow no motion in chunks. `steps / points` shows a region that
+    is slow by itself.
     """
 
     def __init__(
@@ -92,6 +96,7 @@ class Progress:
             disable=not shown(show),
         )
         self._failures = 0
+        self.failed: dict[str, Counter[str]] = {}  # points by variable and code
 
     def __enter__(self) -> "Progress":
         """Nothing else: both are open."""
@@ -124,8 +129,25 @@ class Progress:
         """A block is whole and kept; called by any thread."""
         with self._lock:
             self._failures += tally.failures
+            for name, codes in tally.failed.items():
+                self.failed.setdefault(name, Counter()).update(codes)
             if self._log is None:
                 return
             line = {"block": block.number, "ranges": block.ranges(), **tally._asdict()}
             self._log.write(json.dumps(line) + "\n")
             self._log.flush()
+
+    def warn_of_failures(self, points: int, variables: Mapping[str, Variable]) -> None:
+        """Say how many points failed, with which code, and what to do."""
+        parts = []
+        for name, counts in self.failed.items():
+            codes = variables[name].codes
+            parts += [
+                f"At {counts[code.name]} `{name}` is `{code.name}` ({code.sentence}): "
+                f"{REMEDIES[code.name]}."
+                for code in codes or ()
+                if counts[code.name]
+            ]
+        if parts:
+            text = f"Of {points} points some failed. {' '.join(parts)}"
+            warnings.warn(text, stacklevel=4)

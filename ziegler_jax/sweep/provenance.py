@@ -1,10 +1,11 @@
 """What a sweep is: its identity, and its dataset before anything is computed.
 
-To tell whether a store belongs to a sweep, the scene is known by a hash of its lowered
-program (StableHLO). That sees globals, helpers, attributes and table values, which
-source code hides, and is the same in every process. It does not see what a host
-callback does, and it changes with the version of JAX. Labels, units and origin are
-those of the dataset.
+A scene is known by one digest: of its equations, as JAX traced them, with the bytes of
+the numbers in them. That sees globals, helpers, attributes and table values, which
+source code hides; it is the same in every process, thread and kind of CPU, and changes
+with the version of JAX. It stands in the dataset (`scene_digest`), and in stores. A
+point that has the host compute something (`jax.pure_callback`) has none: its equations
+do not show what that is. Labels, units and origin are those of the dataset.
 """
 
 import functools
@@ -12,10 +13,12 @@ import hashlib
 import inspect
 import json
 import platform
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import metadata
 from types import FunctionType, SimpleNamespace
 from typing import Any, TypeAlias, cast
+from uuid import uuid4
 
 import jax
 import numpy as np
@@ -28,6 +31,7 @@ from .axes import check_name, empty, parameters
 from .partition import Blocks
 from .program import Scene, is_the_users
 
+NONE = "none"  # the digest of a scene that has none
 _PACKAGES = ("ziegler_jax", "jax", "jaxlib")
 
 
@@ -50,8 +54,21 @@ def identity(scene: Scene, blocks: Blocks) -> dict[str, Any]:
             name: [cast(jax.ShapeDtypeStruct, v.value).dtype.name, *v.dims]
             for name, v in scene.variables.items()
         },
-        "scene": scene.digest,
+        # what the host computes is not known again: no two sweeps of it are one
+        "scene": f"{NONE} {uuid4().hex}" if scene.known.hosts else scene.digest,
     }
+
+
+def warn_of_hosts(scene: Scene) -> None:
+    """Say that a point which calls functions of the host cannot be resumed."""
+    if scene.known.hosts:
+        warnings.warn(
+            "The sweep cannot be resumed from its store: `point` has the host call "
+            f"{', '.join(sorted(scene.known.hosts))} (`pure_callback`, `io_callback`), "
+            "and what that computes does not stand in the program. `open_sweep` reads "
+            "what is finished.",
+            stacklevel=3,
+        )
 
 
 def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
@@ -96,6 +113,11 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
         return (
             f"holds {', '.join(there['results'])}, and this sweep gives "
             f"{', '.join(here['results'])}, or other types or dimensions of them"
+        )
+    if str(there["scene"]).startswith(NONE):
+        return (
+            "is of a point that has the host compute something (`pure_callback`, "
+            "`io_callback`), which cannot be resumed; `open_sweep` reads what is there"
         )
     if there["scene"] != here["scene"]:
         return "is of another scene: its program is not that of this `point`"
@@ -160,6 +182,7 @@ def provenance(scene: Scene, points: int) -> dict[str, object]:
         **_versions(),
         **origin(scene.point),
         "scene_axes": ", ".join(scene.names),
+        "scene_digest": NONE if scene.known.hosts else scene.digest,
         **scene.attributes,
         "precision": "float64" if scene.wide else "float32",
         "batch_size": scene.batch_size,
@@ -193,7 +216,7 @@ def constants(point: Callable[..., object]) -> dict[str, Plain]:
 
     By the names they go by in its code: globals, enclosed variables, defaults, those of
     the helpers that it calls (`helper.factor`) and of objects (`cfg.c`). It is a record
-    and no more: whether a scene has changed is seen from its lowered program.
+    and no more: whether a scene has changed is seen from its digest.
     """
     numbers: dict[str, Plain] = {}
     _record(numbers, "", point, set())

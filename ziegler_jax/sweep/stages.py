@@ -5,10 +5,12 @@ has 2 K + 1 stages: segment, loop, segment, ..., loop, segment. A lane goes thro
 in order, between the phases of a loop to and fro, and what it takes along from one to
 the next is a row of numbers: at a loop its state, and besides what the loop or a later
 stage reads. What depends on no value of the lane is not taken along but computed in
-each stage that reads it, at each of its calls.
+each stage that reads it, at each of its calls: of tables, which are arguments of every
+stage, and of constants.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple, cast
 
 import jax
@@ -22,7 +24,6 @@ from jax.extend.core import (
     JaxprEqn,
     Literal,
     Var,
-    jaxpr_as_fun,
 )
 
 from ..context import resumable_loop, steps_of_turn, turns
@@ -34,15 +35,16 @@ from ..numerics.packing import Packing, Run, some_number
 class Stage(NamedTuple):
     """A part of a point as a function of a batch of lanes, which stand behind.
 
-    A segment maps (fixed, state) to the next stage's (fixed, state), the last one to
-    the results; a loop's phase maps (max_steps, fixed, state) to the state and an array
-    of two rows, phases and steps. `max_steps` is a number, all others are tuples of
-    packed arrays.
+    A segment maps (tables, fixed, state) to the next stage's (fixed, state), the last
+    one to the results; a loop's phase maps (tables, max_steps, fixed, state) to the
+    state and an array of two rows, phases and steps. `max_steps` is a number, `tables`
+    a tuple of arrays that all lanes share, all others are tuples of packed arrays.
     """
 
     function: Callable[..., tuple]
     fixed: Packing
     state: Packing
+    equations: tuple  # what the function consists of, for its digest
     # of a loop the stages of its phases, and behind them where lanes go that have ended
     ways: tuple[int, ...] = ()
     cost: float = 1.0  # about that of a step against one of a motion alone
@@ -54,18 +56,34 @@ class Stage(NamedTuple):
         return bool(self.ways)
 
 
-def stages(whole: ClosedJaxpr) -> list[Stage]:
-    """The stages of a traced point, each with the layout of what goes into it."""
-    jaxpr = whole.jaxpr.replace(eqns=_needed(whole.jaxpr.eqns, whole.jaxpr.outvars))
-    varies, parts, begin = _varying(jaxpr), [], 0
-    fixed, state = list(jaxpr.invars), []
+Layouts = tuple[Packing, Packing]  # of what a stage only reads, and of its state
+
+
+def needed(whole: ClosedJaxpr) -> ClosedJaxpr:
+    """The same function, without equations that nothing asks for."""
+    jaxpr = whole.jaxpr
+    equations = _needed(jaxpr.eqns, jaxpr.outvars)
+    return ClosedJaxpr(jaxpr.replace(eqns=equations), whole.consts)
+
+
+def stages(whole: ClosedJaxpr, tables: int = 0) -> list[Stage]:
+    """The stages of a traced point, each with the layout of what goes into it.
+
+    **Arguments:** `whole`: what nothing asks for is left out already; `tables`: how
+    many of its inputs, the first ones, are no values of a lane.
+    """
+    jaxpr = whole.jaxpr
+    shared, fixed = list(jaxpr.invars[:tables]), list(jaxpr.invars[tables:])
+    varies, parts, begin = _varying(jaxpr, fixed), [], 0
+    state: list[Var] = []
 
     def free(place):
         return [e for e in jaxpr.eqns[:place] if _free(e, varies)]
 
     def segment(end, after, begun):
         own = [*free(begin), *jaxpr.eqns[begin:end]]
-        function = _function(whole, own, [*fixed, *state], [*after, *begun])
+        inputs = [*shared, *fixed, *state]
+        function = _function(whole, own, inputs, [*after, *begun])
         return function, (Packing(_avals(fixed)), Packing(_avals(state)))
 
     for cut, loop in enumerate(jaxpr.eqns):
@@ -76,47 +94,51 @@ def stages(whole: ClosedJaxpr) -> list[Stage]:
         after = list(dict.fromkeys(v for v in read if v in varies))
         function, layouts = segment(cut, after, begun)
         results = Packing(_avals(after)), Packing(_avals(begun))
-        parts.append(Stage(_between(function, layouts, results), *layouts))
+        parts.append(_between(function, layouts, results))
         bodies = loop.params["bodies"]
         ways = tuple(len(parts) + i for i in range(len(bodies) + 1))
         for body in bodies:
             traced = []
-            for jaxpr_of in body.parts:
+            for jaxpr_of in body.traced():
                 count = len(jaxpr_of.constvars)
                 mine, constants = constants[:count], constants[count:]
-                numbers = _function(whole, free(cut), after, mine)
+                numbers = _function(whole, free(cut), [*shared, *after], mine)
                 moves = tuple(isinstance(v, Var) and v in varies for v in mine)
                 traced.append(_Part(jaxpr_of, results[1], numbers, moves))
-            if body.every is None:
+            if body.whole is not None:
+                traced = traced[-1:]
+            if body.every is None or body.whole is not None:
                 function = _loop(traced[0], results)
             else:
                 function = _with_stops(traced, body.every, results)
-            parts.append(Stage(function, *results, ways, body.cost))
+            about = [(x.jaxpr, x.numbers.closed, x.moves) for x in traced], body.every
+            parts.append(Stage(function, *results, about, ways, body.cost))
         fixed, state, begin = after, list(loop.outvars), cut + 1
     function, layouts = segment(len(jaxpr.eqns), [], jaxpr.outvars)
     results = Packing(_avals(jaxpr.outvars))
-    return [*parts, Stage(_last(function, layouts, results), *layouts)]
+    return [*parts, _last(function, layouts, results)]
 
 
-def _between(function, layouts, results):
+def _between(function: "_Equations", layouts: Layouts, results: Layouts) -> Stage:
     fixed, state = layouts
 
-    def segment(packed, begun):
-        leaves = of_lanes(function)(*fixed.unpack(packed), *state.unpack(begun))
+    def segment(tables, packed, begun):
+        leaves = *fixed.unpack(packed), *state.unpack(begun)
+        leaves = of_lanes(partial(function, *tables))(*leaves)
         count = len(results[0].shapes)
         return results[0].pack(leaves[:count]), results[1].pack(leaves[count:])
 
-    return segment
+    return Stage(segment, fixed, state, (function.closed, len(results[0].shapes)))
 
 
-def _last(function, layouts, results):
+def _last(function: "_Equations", layouts: Layouts, results: Packing) -> Stage:
     fixed, state = layouts
 
-    def segment(packed, begun):
+    def segment(tables, packed, begun):
         leaves = *fixed.unpack(packed), *state.unpack(begun)
-        return results.pack(of_lanes(function)(*leaves))
+        return results.pack(of_lanes(partial(function, *tables))(*leaves))
 
-    return segment
+    return Stage(segment, fixed, state, (function.closed, "results"))
 
 
 class _Part(NamedTuple):
@@ -127,7 +149,7 @@ class _Part(NamedTuple):
 
     jaxpr: Jaxpr
     state: Packing
-    numbers: Callable[..., list]  # that it only reads, of what is taken along
+    numbers: "_Equations"  # that it only reads, of tables and what is taken along
     moves: tuple[bool, ...]  # which of them belong to the lane
 
     def of_batch(self, values: list, rows: Sequence, max_steps: Count = 0) -> list:
@@ -191,8 +213,9 @@ def _of_lane(array: jax.Array, lane: jax.Array) -> jax.Array:
 def _loop(part: _Part, layouts):
     fixed, state = layouts
 
-    def loop(max_steps, packed, begun):
-        *leaves, phase, steps = part.of_batch(fixed.unpack(packed), begun, max_steps)
+    def loop(tables, max_steps, packed, begun):
+        values = [*tables, *fixed.unpack(packed)]
+        *leaves, phase, steps = part.of_batch(values, begun, max_steps)
         return state.pack(leaves), jnp.stack([phase, steps])
 
     return loop
@@ -208,8 +231,8 @@ def _with_stops(parts: Sequence[_Part], every: int, layouts):
     advance, *decisions, status = parts
     decisions = list(zip(decisions[::2], decisions[1::2], strict=True))
 
-    def loop(max_steps, packed, begun):
-        values = fixed.unpack(packed)
+    def loop(tables, max_steps, packed, begun):
+        values = [*tables, *fixed.unpack(packed)]
 
         def turn(number, rows):
             changes = advance.changes(values, rows, steps_of_turn(number, every))
@@ -248,7 +271,17 @@ def of_lanes(function: Callable) -> Callable:
     return jax.vmap(function, in_axes=-1, out_axes=-1)
 
 
-def _function(whole, equations, inputs, outputs):
+class _Equations(NamedTuple):
+    """A function that is known by its equations."""
+
+    closed: ClosedJaxpr
+
+    def __call__(self, *inputs) -> list:
+        """What they give."""
+        return eval_jaxpr(self.closed.jaxpr, self.closed.consts, *inputs)
+
+
+def _function(whole, equations, inputs, outputs) -> _Equations:
     """The outputs as a function of the inputs, by those equations that they need."""
     equations = _needed(equations, outputs)
     read = _read_by(equations, outputs)
@@ -261,7 +294,7 @@ def _function(whole, equations, inputs, outputs):
         eqns=equations,
         debug_info=whole.jaxpr.debug_info.with_unknown_names(),
     )
-    return jaxpr_as_fun(ClosedJaxpr(jaxpr, [value for _, value in constants]))
+    return _Equations(ClosedJaxpr(jaxpr, [value for _, value in constants]))
 
 
 def _read_by(equations: list[JaxprEqn], outputs: list) -> set[Var]:
@@ -279,9 +312,9 @@ def _needed(equations: list[JaxprEqn], outputs: list) -> list[JaxprEqn]:
     return needed[::-1]
 
 
-def _varying(jaxpr: Jaxpr) -> set[Var]:
+def _varying(jaxpr: Jaxpr, of_lane: Sequence[Var]) -> set[Var]:
     """The variables that depend on the lane; of a loop all, it ends lane by lane."""
-    varies = set(jaxpr.invars)
+    varies = set(of_lane)
     for equation in jaxpr.eqns:
         read = _variables(equation.invars)
         if equation.primitive is resumable_loop or _any_of(read, varies):
@@ -299,7 +332,7 @@ def _read_behind(jaxpr: Jaxpr, cut: int) -> list[Var]:
 def _operands(loop: JaxprEqn) -> tuple[list, list]:
     """What a loop's bodies read besides its state, and the state's first values."""
     bodies = loop.params["bodies"]
-    count = sum(len(part.constvars) for body in bodies for part in body.parts)
+    count = sum(len(part.constvars) for body in bodies for part in body.traced())
     return list(loop.invars[:count]), list(loop.invars[count:])
 
 

@@ -3,6 +3,7 @@
 import inspect
 import math
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ from .partition import (
 )
 from .program import Scene, compiled, traced
 from .progress import Progress, tracing
-from .provenance import check_names, identity, provenance, template
+from .provenance import check_names, identity, provenance, template, warn_of_hosts
 from .scheduler import Effort, run_lanes
 from .store import Store, SweepStore, prepared
 
@@ -106,9 +107,11 @@ def sweep(
         The same sweep with the same store computes only what is missing or damaged,
         also after it was killed, and ends in the same numbers to the last bit (on the
         same kind of processor). A store of another scene, other axes, tolerances,
-        precision or versions is refused. The scene is known by its lowered program,
-        which does not show what a host callback does. `open_sweep` reads the store at
-        any time; `Store(path, overwrite=True)` replaces the sweep that is in it.
+        precision or versions is refused. The scene is known by a digest of what JAX
+        traced, which does not show what a host callback computes: a sweep of a point
+        with one (`jax.pure_callback`, `io_callback`) warns that it cannot be resumed,
+        and its store is refused to the next. `open_sweep` reads the store at any time;
+        `Store(path, overwrite=True)` replaces the sweep that is in it.
     - `client`: a `dask.distributed.Client`: blocks become tasks of its cluster, one a
         worker's thread at a time. Its workers must be able to import the package and
         what `point` needs, and to write to `store` where there is one.
@@ -126,13 +129,16 @@ def sweep(
         dataset and in pictures: `xr.DataArray(F, attrs={"units": "N"})`.
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
-    or were left out are NaN; `outcome`, a CF flag variable, says why. The attributes
-    hold versions, precision, the scene's source with the numbers that it takes from
-    around it, and what this run cost: seconds, the share of useful steps (NaN where
-    no motion runs in chunks), and how many of the batches that were computed a second
-    time, one of 256, gave other bits (`canary_mismatches`, of `canary_checks`; it warns
-    where there are any). With `store`, its arrays stay on the disk until they are
-    looked at.
+    or were left out are NaN; `outcome`, a CF flag variable, says why. One warning at
+    the end says how many failed in which way, and what to do (a column that turned
+    over, `escaped`, is no failure). The attributes
+    hold versions, precision, the scene's digest (`scene_digest`: two sweeps of one are
+    of one scene; `none` for a point with host callbacks), its source with the numbers
+    that it takes from around it for people to read, and what this run cost: seconds,
+    the share of useful steps (NaN where no motion runs in chunks), and how many of the
+    batches that were computed a second time, one of 256, gave other bits
+    (`canary_mismatches`, of `canary_checks`; it warns where there are any). With
+    `store`, its arrays stay on the disk until they are looked at.
 
     **Raises:** `ValueError` that names the argument, its value and the rule; a
     sweep in memory that would take more than half of what is free; what `point` raises
@@ -189,11 +195,14 @@ def sweep(
         backend = prepared(
             store.path, nothing, blocks, identity(scene, blocks), store.overwrite
         )
+        warn_of_hosts(scene)
     dataset = _filled(run, backend, progress, log)
     if share is not None:
         late = settled_late(dataset, blocks.shape)
         sample = drawn(blocks.chosen(), round(share * blocks.points), late)
-        with within(Context(factor=FINER)):
+        with within(Context(factor=FINER)), warnings.catch_warnings():
+            # of what fails again it has been told
+            warnings.filterwarnings("ignore", "Of .* points some failed")
             finer = sweep(
                 point,
                 where=lambda **_: sample,
@@ -265,6 +274,7 @@ def _filled(
             effort = run_blocks(
                 run.client, recipe, blocks, missing, write_block, progress.advance
             )
+        progress.warn_of_failures(left, scene.variables)
         return backend.dataset({**_cost(effort, left, seconds), "threads": run.threads})
 
 

@@ -1,0 +1,114 @@
+"""What a sweep says beside its numbers: lanes that failed, a forked process."""
+
+import subprocess
+import sys
+import warnings
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ziegler_jax as zj
+
+
+def coded(codes):
+    def point(x):
+        return {"outcome": zj.Variable(x.astype(jnp.int8), "how it ended", codes=codes)}
+
+    return point
+
+
+def told(codes, x, **options):
+    """The warnings of a sweep whose points end as `x` says."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        zj.sweep(coded(codes), x=x, progress=False, **options)
+    return [str(warning.message) for warning in caught]
+
+
+def test_a_sweep_in_which_lanes_failed_warns_once_and_names_the_cure(small_blocks):
+    codes = np.linspace(2.9, 4.9, 21)  # in three blocks: 1, 10 and 10 of each
+    (sentence,) = told(zj.OUTCOME, codes)
+    for part in (
+        "Of 21 points", "At 10 `outcome` is `step_vanished`", "`Method(rtol=",
+        "At 10 `outcome` is `budget_spent`", "`Method(max_steps=",
+        "At 1 `outcome` is `not_finite`",
+    ):  # fmt: skip
+        assert part in sentence, sentence
+
+
+@pytest.mark.parametrize(
+    "codes, code", [(zj.OUTCOME, "chattering"), (zj.ORBIT, "not_integrated"),
+                    (zj.CRITICAL, "invalid"), (zj.OUTCOME, "invalid")]
+)  # fmt: skip
+def test_each_failure_has_a_remedy(codes, code):
+    (sentence,) = told(codes, [float(codes[code])])
+    assert f"`{code}` ({codes[code].sentence}): " in sentence
+
+
+@pytest.mark.parametrize(
+    "codes, names",
+    [
+        (zj.OUTCOME, ("not_computed", "escaped", "unsettled", "stuck", "cycle")),
+        (zj.VERDICT, ("undecided", "chaotic")),
+        (zj.ONSET, ("undecided", "rests")),
+        (zj.ORBIT, ("collapsed", "found")),
+    ],
+)
+def test_what_a_column_does_is_no_failure(codes, names):
+    assert told(codes, [float(codes[name]) for name in names]) == []
+
+
+def test_an_audit_and_a_finished_store_say_nothing_twice(path):
+    assert len(told(zj.OUTCOME, [3.0, 11.0], audit=1.0)) == 1
+    assert len(told(zj.OUTCOME, [3.0, 11.0], store=path)) == 1
+    assert told(zj.OUTCOME, [3.0, 11.0], store=path) == []
+
+
+FORKED = """
+import os, sys, time, warnings
+warnings.simplefilter("ignore")  # JAX warns at a fork
+import jax
+jax.config.update("jax_enable_x64", True)
+import ziegler_jax as zj
+
+def sweep():
+    return zj.sweep(lambda x: 2 * x, x=[1.0, 2.0], progress=False).value.values
+
+def critical():
+    return zj.critical_load(zj.uniform_rods(1.0)).q_cr
+
+def child(question):
+    pid = os.fork()
+    if not pid:
+        try:
+            print(question(), flush=True)
+        except RuntimeError as error:
+            print(type(error).__name__, error, flush=True)
+        os._exit(0)
+    os.waitpid(pid, 0)
+
+if sys.argv[1] == "after":
+    sweep()
+child(sweep)
+child(critical)
+"""
+
+
+@pytest.mark.skipif(not hasattr(sys, "getdlopenflags"), reason="Windows forks none")
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_forked_process_computes_or_says_that_it_cannot(when):
+    """After a sweep in the parent it waited for ever."""
+    done = subprocess.run(
+        [sys.executable, "-c", FORKED, when],
+        capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+    lines = done.stdout.splitlines()
+    assert len(lines) == 2, done.stderr
+    if when == "before":
+        assert lines[0] == "[2. 4.]"
+        assert 0 < float(lines[1]) < np.inf
+    else:
+        for line in lines:
+            assert line.startswith("RuntimeError") and "fork" in line
+            assert '`spawn`: `multiprocessing.get_context("spawn")`' in line

@@ -1,0 +1,197 @@
+"""Large constants of a traced function, made arguments of it.
+
+XLA is given a program's constants as text, ten times their size, and folds what is
+computed of them. An array of some size that a function closes over therefore becomes an
+input: calls that hold one are inlined, loops around them traced anew. Numbers and small
+arrays stay constants, and so does what a call within a conditional holds: a batch of
+lanes copies a conditional's inputs for each lane.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.core import eval_jaxpr
+from jax.extend.core import (
+    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
+    Jaxpr,
+    JaxprEqn,
+    Literal,
+)
+
+from ..context import Body, resumable_loop
+
+LARGEST_CONSTANT = 1200  # bytes; the largest table of this package's own has 1152
+_CALLS = {"jit", "pjit", "closed_call", "core_call", "checkpoint", "remat"}
+_CALLS |= {"custom_jvp_call", "custom_vjp_call", "custom_vjp_call_jaxpr"}
+_INSIDE = ("jaxpr", "call_jaxpr", "fun_jaxpr")  # of a call
+InputOf = Callable[[object], object]  # the input that stands for a constant
+
+
+def tables_as_inputs(whole: ClosedJaxpr) -> tuple[ClosedJaxpr, tuple[jax.Array, ...]]:
+    """The same function, whose first inputs are its large constants; and these."""
+    large = {id(x): x for x in whole.consts if _is_large(x)}
+    large |= _Tables().within(whole.jaxpr)
+    if not large:
+        return whole, ()
+
+    def function(tables, *args):
+        inputs = dict(zip(large, tables, strict=True))
+
+        def input_of(x):
+            return inputs.get(id(x), x)
+
+        return _run(whole.jaxpr, whole.consts, args, input_of)
+
+    tables = tuple(
+        x if isinstance(x, jax.Array) else jax.device_put(np.asarray(x))
+        for x in large.values()
+    )
+    return jax.make_jaxpr(function)(tables, *whole.in_avals), tables
+
+
+def _is_large(x: Any) -> bool:
+    dtype = getattr(x, "dtype", None)
+    if dtype is None or jnp.issubdtype(dtype, jax.dtypes.extended):
+        return False
+    if isinstance(x, jax.core.Tracer):
+        return False
+    return math.prod(np.shape(x)) * dtype.itemsize > LARGEST_CONSTANT
+
+
+class _Tables:
+    """The large constants within equations, looked for once in each part."""
+
+    def __init__(self):
+        self.known: dict[Jaxpr, dict[int, object]] = {}
+
+    def within(self, jaxpr: Jaxpr) -> dict[int, object]:
+        """By their identity."""
+        if jaxpr not in self.known:
+            large: dict[int, object] = {}
+            for equation in jaxpr.eqns:
+                large |= self.of_equation(equation)
+            self.known[jaxpr] = large
+        return self.known[jaxpr]
+
+    def of_equation(self, equation: JaxprEqn) -> dict[int, object]:
+        """Where it can be reached: not in a rule or a foreign primitive."""
+        large: dict[int, object] = {}
+        if not _is_opened(equation):
+            return large
+        for part in _parts(equation):
+            constants = getattr(part, "consts", ())
+            large |= {id(x): x for x in constants if _is_large(x)}
+            large |= self.within(getattr(part, "jaxpr", part))
+        return large
+
+
+def _is_opened(equation: JaxprEqn) -> bool:
+    name = equation.primitive.name
+    return name in _CALLS or name in {"while", "scan", resumable_loop.name}
+
+
+def _parts(equation: JaxprEqn) -> list:
+    """The equations within an equation, closed or not."""
+    if equation.primitive is resumable_loop:
+        return [part for body in equation.params["bodies"] for part in body.traced()]
+    values = equation.params.values()
+    values = [x for v in values for x in (v if isinstance(v, tuple) else (v,))]
+    return [x for x in values if isinstance(x, ClosedJaxpr | Jaxpr)]
+
+
+def _run(
+    jaxpr: Jaxpr, consts: Sequence[object], args: Sequence[object], input_of: InputOf
+) -> list:
+    """What equations give, with inputs for constants."""
+    variables = [*jaxpr.constvars, *jaxpr.invars]
+    values = dict(zip(variables, [*map(input_of, consts), *args], strict=True))
+
+    def read(v):
+        return v.val if isinstance(v, Literal) else values[v]
+
+    unknown = jaxpr.debug_info.with_unknown_names()
+    tables = _Tables()
+    for equation in jaxpr.eqns:
+        operands = [read(v) for v in equation.invars]
+        if tables.of_equation(equation):
+            results = _again(equation, operands, input_of)
+        else:
+            mine = {v: values[v] for v in equation.invars if not isinstance(v, Literal)}
+            alone = jaxpr.replace(
+                constvars=[], invars=[*mine], outvars=equation.outvars,
+                eqns=[equation], debug_info=unknown,
+            )  # fmt: skip
+            results = eval_jaxpr(alone, (), *mine.values())
+        values |= dict(zip(equation.outvars, results, strict=True))
+    return [read(v) for v in jaxpr.outvars]
+
+
+def _again(equation: JaxprEqn, operands: list, input_of: InputOf) -> Sequence:
+    """An equation that holds large constants, traced with inputs for them."""
+    params = equation.params
+
+    def inner(part: ClosedJaxpr | Jaxpr, *args) -> list:
+        if isinstance(part, ClosedJaxpr):
+            return _run(part.jaxpr, part.consts, args, input_of)
+        return _run(part, (), args, input_of)
+
+    match equation.primitive.name:
+        case "while":
+            first, second = params["cond_nconsts"], params["body_nconsts"]
+            asks, does = operands[:first], operands[first : first + second]
+            return lax.while_loop(
+                lambda state: inner(params["cond_jaxpr"], *asks, *state)[0],
+                lambda state: inner(params["body_jaxpr"], *does, *state),
+                operands[first + second :],
+            )
+        case "scan":
+            # by their shapes: parameters that count them have other names in JAX 0.12
+            turned = cast(ClosedJaxpr, params["jaxpr"])
+            carried = _alike(equation.outvars, turned.jaxpr.outvars)
+            still = _alike(equation.invars, turned.jaxpr.invars) - carried
+            own, rest = operands[:still], operands[still:]
+
+            def turn(state, xs):
+                after = inner(turned, *own, *state, *xs)
+                return after[:carried], after[carried:]
+
+            how = {key: params[key] for key in ("length", "reverse", "unroll")}
+            state, ys = lax.scan(turn, rest[:carried], rest[carried:], **how)
+            return [*state, *ys]
+        case resumable_loop.name:
+            return _loop_again(equation, operands, input_of)
+        case _:
+            part = next(params[key] for key in _INSIDE if key in params)
+            return inner(part, *operands)
+
+
+def _alike(outside: Sequence, inside: Sequence) -> int:
+    """How many have the same shape within a turn; others are one of several."""
+    pairs = zip(outside, inside, strict=True)
+    return sum(a.aval.shape == b.aval.shape for a, b in pairs)
+
+
+def _loop_again(loop: JaxprEqn, operands: list, input_of: InputOf) -> list:
+    """A loop that a sweep cuts, its parts traced again."""
+    bodies, constants = [], []
+    for body in loop.params["bodies"]:
+        parts = []
+        for part in body.traced():
+            count = len(part.constvars)
+            mine, operands = operands[:count], operands[count:]
+            like = [v.aval for v in part.invars]
+            closed = jax.make_jaxpr(
+                lambda *args, part=part, mine=mine: _run(part, mine, args, input_of)
+            )(*like)
+            parts.append(closed.jaxpr)
+            constants += closed.consts
+        count = len(body.parts)
+        whole = parts[count] if body.whole is not None else None
+        bodies.append(Body(tuple(parts[:count]), body.cost, body.every, whole))
+    return resumable_loop.bind(*constants, *operands, bodies=tuple(bodies))
