@@ -126,6 +126,8 @@ def main():
     parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=SCENES)
     parser.add_argument("--measure", choices=MEASURES, help="one, in this process")
     options = parser.parse_args()
+    if options.measure and len(options.scenes) != 1:
+        parser.error("--measure takes one of --scenes, as it runs in this process")
     if options.measure:
         print(json.dumps(MEASURES[options.measure](*options.scenes)))
         return

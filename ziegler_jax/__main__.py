@@ -230,7 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     written += f", {marks}" if options.sensitive else ""
     if printed and _say(written):
         return 0
-    print(f"Standard output is closed; {written}", file=sys.stderr)
+    print(f"Standard output took nothing; {written}", file=sys.stderr)
     return 3
 
 

@@ -4,7 +4,9 @@ import gc
 import os
 import re
 import signal
+import tempfile
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from importlib import metadata
@@ -130,13 +132,24 @@ def configure_cache(folder: str | os.PathLike | None = None) -> str:
     **Arguments:** `folder`: made if need be; None is `ziegler_jax` in the user's cache
     folder (`$XDG_CACHE_HOME` or `~/.cache`).
 
-    **Returns:** a sentence that says where.
+    **Returns:** a sentence that says where; where the folder cannot be written to a
+    warning, and nothing is set.
     """
     if folder is None:
         home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         folder = Path(home) / "ziegler_jax"
     folder = Path(folder).absolute()
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        sentence = (
+            f"Compiled programs are not kept: {folder} cannot be written to ({error}); "
+            "name another folder, `configure_cache(folder)`."
+        )
+        warnings.warn(sentence, stacklevel=2)
+        return sentence
     settings = {
         "jax_compilation_cache_dir": str(folder),
         "jax_persistent_cache_min_compile_time_secs": 0.5,

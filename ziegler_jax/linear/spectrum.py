@@ -20,7 +20,7 @@ from jaxtyping import Array, Int
 from ..context import plain
 from ..model.column import Column
 from ..model.damping import Sum, Viscous
-from ..model.friction import AbstractRateFriction
+from ..model.friction import AbstractRateFriction, slopes_at_rest
 from ..numerics.numbers import Pair, Scalar, instance
 from ..numerics.series import value
 from ..results import REGIME
@@ -140,7 +140,7 @@ def tangent_column(column: Column) -> Column:
         )
     load = law.load_law()
     n1, n2 = (1.0, 1.0) if load is None else load.at_rest(jnp.asarray(column.q))
-    _, (slope1, slope2) = jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))
+    slope1, slope2 = slopes_at_rest(law)
     damping = Viscous(slope1 * n1, slope2 * n2)
     return Column(
         column.q,

@@ -203,14 +203,22 @@ def vector_field(t: Scalar, y: Vector4, column: Column) -> Vector4:
     return w1, w2, *forces.accelerations(_friction_torques(column, forces, y))
 
 
-def energy(column: Column, y: Vector4) -> jax.Array:
+def scalars_of(y: Vector4 | State) -> Vector4:
+    """The four scalars of a state, however it is given."""
+    return y.y if isinstance(y, State) else y
+
+
+def energy(column: Column, y: Vector4 | State) -> jax.Array:
     r"""Kinetic energy and that of the springs, in units of k.
 
     $$E = \tfrac12 a\omega_1^2 + b \cos D\,\omega_1\omega_2 + \tfrac12 d\omega_2^2
     + \tfrac12\kappa\phi_1^2 + \tfrac12(\phi_2-\phi_1)^2$$
 
     The follower load has no potential: its work is in `power`.
+
+    **Arguments:** `column`; `y`: a `State`, or its four scalars.
     """
+    y = scalars_of(y)
     phi1, phi2, w1, w2 = y
     _, cos_d = sincos(phi1 - phi2)
     kinetic = column.a * w1 * w1 / 2 + column.d * w2 * w2 / 2
@@ -233,17 +241,18 @@ class Power(NamedTuple):
     friction: Scalar | None
 
 
-def power(column: Column, y: Vector4) -> Power:
+def power(column: Column, y: Vector4 | State) -> Power:
     r"""What the load feeds in, and what damping and friction take out.
 
     $$\frac{dE}{dt} = P_{follower} - P_{damping} - P_{friction}$$
 
-    **Arguments:** `column`; `y`: four scalars $\phi_1, \phi_2, \omega_1, \omega_2$, a
-    state's `y`.
+    **Arguments:** `column`; `y`: a `State`, or its four scalars $\phi_1, \phi_2,
+    \omega_1, \omega_2$.
 
     **Returns:** a `Power`: scalars in $k\sqrt{k/(m l^2)}$; a part that the column does
     not have is None, not zero.
     """
+    y = scalars_of(y)
     _, _, w1, w2 = y
     forces = _Forces(column, y)
     load1, load2 = forces.load
@@ -287,13 +296,13 @@ def joint_balance(column: Column, y: Vector4) -> Dynamics:
     return _Forces(column, y).balance()
 
 
-def reactions(column: Column, y: Vector4) -> jax.Array:
+def reactions(column: Column, y: Vector4 | State) -> jax.Array:
     r"""The forces that the joints transmit, in units of k/l.
 
     $R_2 = m_2 \ddot r_{c2} - F$ on rod 2 at the knee, $R_1 = m_1 \ddot r_{c1} + R_2$
     at the base; at rest both balance the load, $|R_i| = |q|$.
 
-    **Arguments:** `column`, with `m2` and `s1`; `y`: four scalars.
+    **Arguments:** `column`, with `m2` and `s1`; `y`: a `State`, or its four scalars.
 
     **Returns:** an array of shape (2, 2): joint 1 and 2, components along the
     horizontal x and the vertical z.
@@ -301,6 +310,7 @@ def reactions(column: Column, y: Vector4) -> jax.Array:
     **Raises:** `ValueError` if the column was built without `m2` and `s1`.
     """
     _needs_masses(column, "`reactions`")
+    y = scalars_of(y)
     _, _, a1, a2 = vector_field(0.0, y, column)
     forces = joint_reactions(column, _Forces(column, y))
     (along1, across1), (along2, across2) = forces.at(a1, a2)

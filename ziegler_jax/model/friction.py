@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from typing import ClassVar, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from ..numerics.elementary import LOG2_E
@@ -118,6 +119,42 @@ class AbstractRateFriction(AbstractFriction):
     @abc.abstractmethod
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
         r"""Torque per unit of normal load, $\rho_i \mu_i(u_i)$, of both joints."""
+
+
+BESIDE = 1e-5  # of the rate cut: where a law's slope at rest is looked at
+ALIKE = 0.1  # how far that may be from the derivative
+
+
+def slopes_at_rest(law: AbstractRateFriction) -> Pair:
+    r"""How steep both levers are at rest, $\partial(\rho_i \mu_i)/\partial u_i$ at 0.
+
+    JAX's derivative of `sign(u) * f(abs(u))` there is 0, whatever f does. So a law that
+    is not of this package is compared with differences on both sides.
+
+    **Raises:** `ValueError` where both do not agree, NaN where numbers are traced.
+    """
+    _, slopes = jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))
+    if isinstance(law, SmoothCoulomb):
+        return slopes
+    cut = law.rate_cut()
+    cuts = jnp.broadcast_to(jnp.asarray(1.0 if cut is None else cut, float), (2,))
+    near, checked_ones = BESIDE * cuts, []
+    ahead, behind, at_cut = (law.levers(*u) for u in (near, -near, cuts))
+    rows = zip(slopes, ahead, behind, at_cut, near, cuts, strict=True)
+    for joint, (slope, a, b, far, u, whole) in enumerate(rows, 1):
+        seen = (a - b) / (2 * u)
+        # a law that begins flat has no slope on either side
+        within = ALIKE * jnp.abs(seen) + BESIDE * jnp.abs(far / whole)
+        agrees = jnp.abs(slope - seen) <= within
+        if is_concrete(agrees) and not agrees:
+            raise ValueError(
+                f"Argument `friction` must have the slope at rest that JAX sees, but "
+                f"`{type(law).__name__}` rises by {float(seen):.3g} a unit of rate in "
+                f"joint {joint}, and its derivative there is {float(slope):.3g}: write "
+                "it as a smooth odd function of the rate, without `sign` and `abs`."
+            )
+        checked_ones.append(jnp.where(agrees, slope, jnp.nan))
+    return checked_ones[0], checked_ones[1]
 
 
 class SmoothCoulomb(AbstractRateFriction):

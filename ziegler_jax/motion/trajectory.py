@@ -24,7 +24,16 @@ from ..numerics.numbers import (
     keeps,
     whole_number,
 )
-from ..results import OUTCOME, RATE, TIME, AbstractResult, Settings, Variable, quantity
+from ..results import (
+    OUTCOME,
+    RATE,
+    TIME,
+    AbstractResult,
+    Settings,
+    Variable,
+    labels,
+    quantity,
+)
 from ..solvers import AbstractFold, Explicit
 from . import not_finite
 from .integrate import FIRST_STEP, Motion, follow
@@ -169,11 +178,39 @@ class Trajectory(AbstractResult):
         return {n: v._replace(units=si.get(v.units, v.units)) for n, v in own.items()}
 
     def to_dataset(self) -> xr.Dataset:
-        """The time history with names and units."""
-        ds = super().to_dataset()
+        """The time history with names and units; see `event_dataset` for its events."""
+        alone = eqx.tree_at(lambda t: t.events, self, None, is_leaf=lambda x: x is None)
+        ds = AbstractResult.to_dataset(alone)
         if self.in_si and "ts" in ds.coords:
             ds["ts"].attrs["units"] = "s"
         return ds
+
+    def event_dataset(self) -> xr.Dataset:
+        """The changes of modes with names and units, as many as there are.
+
+        Of several lanes as many as the longest has; `event_count` says how many are a
+        lane's own.
+
+        **Raises:** `ValueError` for a motion without stick and slip, which has none.
+        """
+        if self.events is None:
+            raise ValueError(
+                "The motion must have set-valued friction, whose modes change, for "
+                "`event_dataset`, but has none."
+            )
+        named = self.events.variables()
+        room = self.events.times.shape[-1]
+        longest = min(int(np.max(np.asarray(self.events.count))), room)
+        data = {}
+        for name, variable in named.items():
+            values = np.asarray(variable.value)
+            lanes = [f"lane_{i + 1}" for i in range(values.ndim - len(variable.dims))]
+            dims = (*lanes, *variable.dims)
+            units = "s" if self.in_si and variable.units == TIME else variable.units
+            cut = {"event": slice(longest)} if "event" in dims else {}
+            labelled = xr.Variable(dims, values, labels(variable._replace(units=units)))
+            data[name] = labelled.isel(cut)
+        return xr.Dataset(data, {"joint": [1, 2]}, self.attributes())
 
     def _variables(self) -> dict[str, Variable]:
         along = "sample" if self.times is None else "ts"

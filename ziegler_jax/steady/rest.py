@@ -35,6 +35,7 @@ from ..solvers import Step
 NOISE = 100.0
 ROUNDING = 1e-12  # of Hurwitz' terms: a column on the boundary does not grow
 SHARES = (0.25, 0.5, 0.75, 1.0)  # of the way from the slope at rest to another
+BESIDE = 1e-6  # of the largest rate: what counts as at rest
 JOINTS = ((1.0, 1.0), (0.0, 1.0))  # the rods that the angle of one joint turns
 
 
@@ -139,7 +140,8 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     """
     column, zero = prepared(column), 0.0 * y[0]
     free = column.friction is None and column.damping is None
-    sizes = (0,) if free else (0, 1, -1)
+    # beside rest, not at it: there a law of |u| has no slope to JAX
+    sizes = (0,) if free else (BESIDE, 1, -1)
     # K's two columns, then C's two for each size, one after the other: a program of one
     rows = [(0.0, 0.0, 0.0, *joint) for joint in JOINTS]
     rows += [(size, *joint, 0.0, 0.0) for size in sizes for joint in JOINTS]

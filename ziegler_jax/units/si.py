@@ -278,9 +278,9 @@ class SI(eqx.Module):
 
         and for both joints:
 
-        - `v_smooth`: in $\sqrt{k/(m l^2)}$; None is a tenth of v_stribeck, of the
-            smaller one where joints differ.
-        - `load`: in k/l; None is `JointReaction()`. A constant torque
+        - `v_smooth`: in rad/s; None is a tenth of v_stribeck, of the smaller one where
+            joints differ.
+        - `load`: see `constant_load`; None is `JointReaction()`. A constant torque
             (`FRICTION_TORQUE_PRELOAD`) alone is `ConstantLoad`; axial and bending
             reactions are none in the plane.
 
@@ -293,6 +293,8 @@ class SI(eqx.Module):
         v_stribeck = _each(lambda x: factor * x, rate)
         if v_smooth is None:
             v_smooth = _smaller(*both(v_stribeck)) / RATIO
+        else:
+            v_smooth = v_smooth * self.time
         return SmoothCoulomb(
             mu_s,
             mu_k,
