@@ -253,12 +253,23 @@ def first_fall(course: Quintic | QuinticRate) -> tuple[Flag, Scalar, Scalar]:
 
 
 def _turn(course: Quintic | QuinticRate, x: Scalar) -> Scalar:
-    """The extremum near x, an end where there is none."""
-    for _ in range(ITERATIONS):
+    """The extremum near x, an end where there is none.
+
+    Between slopes of unlike sign there is one: there Newton's method keeps a bracket.
+    """
+    way = jnp.where(course.v0 > 0, 1.0, -1.0)
+    free = x
+
+    def falls(x: Scalar) -> Pair:
         bend = (course.slope(x + APART) - course.slope(x - APART)) / (2 * APART)
-        moved = x - course.slope(x) / jnp.where(bend == 0, jnp.inf, bend)
-        x = jnp.clip(moved, 0.0, 1.0)
-    return x
+        return way * course.slope(x), way * bend
+
+    for _ in range(ITERATIONS):
+        slope, bend = falls(free)
+        free = jnp.clip(free - slope / jnp.where(bend == 0, jnp.inf, bend), 0.0, 1.0)
+    zero = jnp.zeros_like(free)
+    bound = falling_root(falls, x, zero, zero + 1, 2 * ITERATIONS)
+    return jnp.where(course.v0 * course.v1 < 0, bound, free)
 
 
 def bezier_verdict(course: HermiteQuartic, tol: Scalar) -> Flags:

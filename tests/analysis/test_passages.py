@@ -1,0 +1,64 @@
+"""Passages that come in pairs within a step are seen: just below the top of a swing."""
+
+import jax
+import numpy as np
+import pytest
+from models import flow
+
+import ziegler_jax as zj
+
+SHARES = np.array([0.9, 0.99, 0.999, 0.9999, 0.999999])
+TOLERANCES = np.array([1e-4, 1e-6, 1e-9])
+KICK = zj.State(omega=(0.0, 0.5))
+TIMES = {"points": 60, "transient": 300.0, "max_time": 100.0}
+
+LAWS = {
+    "viscous": {"damping": zj.Viscous(0.05, 0.05)},
+    "dry": {"friction": zj.SetValuedCoulomb(0.26, pin_radius=0.1)},
+    "smoothed": {"friction": zj.SmoothCoulomb(0.26, pin_radius=0.1, v_smooth=0.05)},
+}
+
+
+def sections(law, plane, falling=False):
+    """Of lanes of levels and tolerances."""
+    column = zj.uniform_rods(2.6, **LAWS[law])
+
+    def passages(level, rtol):
+        section = zj.SectionPlane(plane, level, rising=not falling)
+        return zj.poincare(
+            column, KICK, section=section, method=zj.Method(rtol=rtol), **TIMES
+        )
+
+    return jax.jit(jax.vmap(passages))
+
+
+@pytest.mark.parametrize("rod", [1, 2])
+@pytest.mark.parametrize("law", LAWS)
+def test_all_passages_below_the_top_of_an_angle(law, rod):
+    """The tops are where the rate falls through zero; rates pass alone."""
+    at_top = sections(law, f"omega{rod}", falling=True)(
+        np.zeros(len(TOLERANCES)), TOLERANCES
+    )
+    tops = [row[:n, rod - 1] for row, n in zip(at_top.phi, at_top.count, strict=True)]
+    tops = [row[row > 0.5 * row.max()] for row in map(np.asarray, tops)]
+    assert all(15 <= len(row) <= 21 for row in tops)
+    levels = np.stack([SHARES * row.min() for row in tops])
+    rtol = np.broadcast_to(TOLERANCES[:, None], levels.shape)
+    found = sections(law, f"phi{rod}")(levels.ravel(), rtol.ravel())
+    expected = [[len(row)] * len(SHARES) for row in tops]
+    np.testing.assert_array_equal(found.count.reshape(levels.shape), expected)
+
+
+def test_all_passages_below_the_top_of_a_rate():
+    """The tops are another code's, of a motion that has settled on its cycle."""
+    about = (2.6, 0.0, 1.0, 0.05, 0.05)
+    settled = flow((0, 0, 0, 0.5), 300.0, about, 1e-10).y[:, -1]
+    ts = np.linspace(0.0, 10.0, 100_001)  # more than a period
+    top = flow(settled, 10.0, about, 1e-10, t_eval=ts).y[3].max()
+    run = sections("viscous", "omega2")
+    loose, fine = run(np.repeat(0.5 * top, 2), TOLERANCES[[0, 2]]).count
+    assert loose == fine > 15  # one in each period
+    # a rate's course is O(h^5) from its own: at 1e-4 off by some 1e-5
+    for rtol, shares in ((1e-4, SHARES[:4]), (1e-6, SHARES[:4]), (1e-9, SHARES)):
+        count = run(shares * top, np.full(len(shares), rtol)).count
+        np.testing.assert_array_equal(count, fine)
