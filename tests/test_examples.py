@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("optimised")  # a user's own, one a long ru
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 WRITTEN = {  # what each leaves
-    "cell": ["cell.png"],
+    "cell": ["cell.png", "cells.html"],
     "chaos_map": ["chaos.png"],
     "critical_load": [],
     "dask_cluster": ["dask.png", "dask.zarr"],

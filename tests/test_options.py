@@ -107,6 +107,9 @@ def test_the_tables_say_what_each_question_does_on_its_own(value):
     for name, what, cell in table(value):
         question = TOLD[name]
         record = records.setdefault(name, record_of(question))
+        if cell == "none":  # where cycles are certified
+            assert what not in record
+            continue
         said = record[RECORDED[value].get(what, what)]
         if what == "solver":
             assert said == cell.split()[-1]  # with set-valued friction

@@ -119,8 +119,8 @@ def test_numbers_are_nan_where_the_lane_failed_and_only_there(lanes, name):
 def test_effort_and_time_tell_where_a_lane_ended(lanes):
     assert lanes["budget_spent"].steps == 10_000
     assert lanes["invalid"].steps == 0 and lanes["invalid"].time == 0
-    assert lanes["cycle"].time == 100 + 20 * lanes["cycle"].windows
-    assert lanes["cycle"].windows >= 2 and lanes["cycle"].drift <= 1e-3
+    assert lanes["repeats"].time == 100 + 20 * lanes["repeats"].windows
+    assert lanes["repeats"].windows >= 2 and lanes["repeats"].drift <= 1e-3
     assert lanes["unsettled"].windows == 4 and lanes["unsettled"].time == 180
     assert lanes["escaped"].time < 100
     assert np.abs(lanes["escaped"].final.phi).max() > 0.4
@@ -145,7 +145,7 @@ def test_without_friction_a_column_comes_to_rest():
 
 
 def test_what_was_not_observed_is_named(lanes):
-    bare = lanes["cycle"]
+    bare = lanes["repeats"]
     with pytest.raises(AttributeError) as caught:
         _ = bare.lyapunov_exponent
     sentence = str(caught.value)

@@ -145,8 +145,8 @@ def test_what_cannot_be_certified_is_refused():
     start = zj.State(omega=KICK)
     with pytest.raises(ValueError, match="`certify` must be False or None with"):
         zj.settle(column(2.6), start, method=zj.Method(zj.Rosenbrock()), certify=True)
-    with pytest.raises(ValueError, match="has `period`, which a certificate has"):
-        zj.settle(column(2.6), start, observers=(zj.Period(),))
+    with pytest.raises(ValueError, match="`agreement` of `windows` must be None"):
+        zj.settle(column(2.6), start, windows=zj.Windows(agreement=1e-3))
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.9, 1.1, 1.9])

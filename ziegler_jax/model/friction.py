@@ -142,14 +142,14 @@ def slopes_at_rest(law: AbstractRateFriction) -> Pair:
     ahead, behind, at_cut = (law.levers(*u) for u in (near, -near, cuts))
     rows = zip(slopes, ahead, behind, at_cut, near, cuts, strict=True)
     for joint, (slope, a, b, far, u, whole) in enumerate(rows, 1):
-        seen = (a - b) / (2 * u)
+        rise = (a - b) / (2 * u)
         # a law that begins flat has no slope on either side
-        within = ALIKE * jnp.abs(seen) + BESIDE * jnp.abs(far / whole)
-        agrees = jnp.abs(slope - seen) <= within
+        within = ALIKE * jnp.abs(rise) + BESIDE * jnp.abs(far / whole)
+        agrees = jnp.abs(slope - rise) <= within
         if is_concrete(agrees) and not agrees:
             raise ValueError(
                 f"Argument `friction` must have the slope at rest that JAX sees, but "
-                f"`{type(law).__name__}` rises by {float(seen):.3g} a unit of rate in "
+                f"`{type(law).__name__}` rises by {float(rise):.3g} a unit of rate in "
                 f"joint {joint}, and its derivative there is {float(slope):.3g}: write "
                 "it as a smooth odd function of the rate, without `sign` and `abs`."
             )

@@ -124,8 +124,8 @@ class SettleFold(AbstractSpans[WindowState]):
 
         fresh = self.observation.init(column, step.t1, step.y1)
         if window and before:
-            kept = Before(swings, window.lost, window.energy)
-            before = tree_where(begins, kept, before)
+            last_one = Before(swings, window.lost, window.energy)
+            before = tree_where(begins, last_one, before)
             loss = loss_at_end(column, step)
             window = tree_where(begins, begun(column, step.y1, loss), window)
         watch = WindowState(
