@@ -12,8 +12,8 @@ import ziegler_jax as zj
 from ziegler_jax import CURVE, MEETING, ORBIT
 from ziegler_jax.curves.degeneracy import Flip, Fold, Torus
 from ziegler_jax.curves.fill import Knots, evenly
-from ziegler_jax.curves.jets import Jet
 from ziegler_jax.curves.start import of_points
+from ziegler_jax.steady.jets import Jet
 
 # Folds, equal constant torques --------------------------------------------------------
 

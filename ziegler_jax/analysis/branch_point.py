@@ -189,7 +189,8 @@ class Continuation(AbstractContinuation):
         self.arc = Arc(direction, arc.step, points, arc.bounds, arc.error)
         self.method = cycle_method(question, method, made(make_column, at))
         # what the function closes over, without its derivatives
-        self.make = fixed(eqx.filter_closure_convert(make_column, at))
+        self.live = eqx.filter_closure_convert(make_column, at)
+        self.make = fixed(self.live)
         self.section = fixed(orbit.section)
         y0 = fixed(float_state(orbit.state))
         z = [*(y0[i] for i in self.section.others), fixed(orbit.period)]

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State, power
+from ..motion.implicit import refused
 from ..motion.not_finite import motion
 from ..motion.options import Method, Spans, spans_for
 from ..motion.scene import (
@@ -35,6 +36,7 @@ from ..steady.rest import Rest, Speeds
 from .lyapunov import (
     ERRORS,
     EXPONENTS,
+    NO_DERIVATIVE,
     GrowthSums,
     growth_options,
     growth_settings,
@@ -136,10 +138,14 @@ def verdict(
 
     **Returns:** `Verdict`.
 
-    **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
-    session.
+    **Raises:** `ValueError` for arguments that break a rule, in a 32-bit session, and
+    where a derivative is taken: averages over long motions have none to rely on.
     """
     check_scene(column, start)
+    scene = column, start, spans, rtol_return, zero_rate, rate_cut, method
+    column, start, spans, rtol_return, zero_rate, rate_cut, method = refused(
+        NO_DERIVATIVE.format("verdict"), scene
+    )
     method = explicit_method("verdict", method)
     spans = spans_for("verdict", spans)
     if rate_cut is None:

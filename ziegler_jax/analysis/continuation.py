@@ -24,15 +24,15 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..context import plain
 from ..model.column import Column
-from ..motion.implicit import fixed, solve, undifferentiated
+from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
-from ..motion.variational import Flow
 from ..numerics.numbers import Count, Scalar, is_concrete, whole_number
 from ..results import (
     ORBIT,
@@ -44,10 +44,11 @@ from ..results import (
     Variable,
     quantity,
 )
+from ..steady.jets import Bundle, carried_extent, carried_monodromy, follow_bundle
 from .branch_point import Arc, BranchPoint, Continuation
 from .march import Walk
 from .periodic_orbit import PeriodicOrbit, attracts, multipliers
-from .shooting import attached, start_of
+from .shooting import start_of
 
 ALONG = ("point",)
 
@@ -139,9 +140,8 @@ class Branch(AbstractResult):
 class CycleFold(AbstractResult):
     """The fold at which two cycles meet, as a value of the parameter.
 
-    `fold` carries derivatives; `cycle`: `CyclePoints` of one, without; `outcome`: a
-    code of `ORBIT`, unless that is `found`, fold and cycle are NaN; `steps` of all
-    motions.
+    `fold`; `cycle`: `CyclePoints` of one, there; `outcome`: a code of `ORBIT`, unless
+    that is `found`, fold and cycle are NaN; `steps` of all motions.
     """
 
     fold: Float[Array, "*lanes"] = eqx.field(
@@ -191,18 +191,23 @@ def continue_cycle(
     - `method`: an explicit one; its step budget is that of all motions of the branch
         together, which ends as `not_integrated` where it is spent.
 
-    **Returns:** `Branch`, without derivatives. With set-valued friction it may end as
-    `not_converged` before its cycle ends: begin once more beyond, at a cycle that
-    `settle` finds there.
+    **Returns:** `Branch`. With set-valued friction it may end as `not_converged` before
+    its cycle ends: begin once more beyond, at a cycle that `settle` finds there.
+
+    **Derivatives:** NaN: where its points lie on the arc is a matter of the steps. Of a
+    cycle take those of `periodic_orbit`, of a special point those of `cycle_fold` or
+    `bifurcation_curve`, which may begin at a branch.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
     specials = whole_number("max_special_points", max_special_points)
     problem = Continuation("continue_cycle", make_column, orbit, parameter, arc, method)
     end = fixed(Walk(problem, specials, (True,) * 4, False).follow())
+    scene = problem.live, orbit, parameter, arc
+    ordinary = jnp.zeros(problem.arc.points, jnp.int8)
     return Branch(
-        points=_points(problem, end.points, jnp.zeros(problem.arc.points, jnp.int8)),
-        special=_points(problem, end.special, end.kind.astype(jnp.int8)),
+        points=lost(_points(problem, end.points, ordinary), scene),
+        special=lost(_points(problem, end.special, end.kind.astype(jnp.int8)), scene),
         count=end.count,
         outcome=end.outcome.astype(jnp.int8),
         steps=cast(Count, problem.method.max_steps) - end.left,
@@ -231,31 +236,83 @@ def cycle_fold(
 
     **Returns:** `CycleFold`.
 
-    **Derivatives:** of `fold`, forward and reverse, first order, in every number that
-    `make_column` was made from: at the fold a row w annuls the Jacobian in z, so that
-    $d\lambda = -w \cdot R_p\,dp / (w \cdot R_\lambda)$.
+    **Derivatives:** of `fold` and `cycle`, forward and reverse, first order, in every
+    number that `make_column` was made from: at the fold a row w annuls the Jacobian in
+    z, so that $d\lambda = -w \cdot R_p\,dp / (w \cdot R_\lambda)$. The cycle's have
+    second derivatives in them, central differences, good to some four digits. On the
+    orbit and the `parameter` where the way begins the fold does not depend.
     """
     problem = Continuation("cycle_fold", make_column, orbit, parameter, arc, method)
     end = fixed(Walk(problem, 1, (True, False, False, False), True).follow())
-    z, matrix = end.special.x[0] * problem.scale, end.special.matrix[0]
+    there = end.special
     is_fold = end.kind[0] == SPECIAL.fold
-    # the row that annuls R_z, with 1 for R_lambda; the tangent there annuls from right
-    bordered = jnp.zeros((5, 5), z.dtype).at[:4, :4].set(matrix[:, :4].T)
-    right = end.special.tangent[0, :4] * problem.scale[:4]
-    bordered = bordered.at[:4, 4].set(right).at[4, :4].set(matrix[:, 4])
-    row = solve(bordered, jnp.eye(5, dtype=z.dtype)[4])[:4]
-    y0 = start_of(problem.section, z[:4])
-    column = make_column(fixed(z[4]))
-    change = attached(1, column, y0, z[3], problem.method, _fold_moves, row)[0]
-    mark = jnp.where(is_fold, 1.0, jnp.nan).astype(z.dtype)
+    moves = _fold_moves(problem, make_column, there)
+    x = there.x.at[0].add(moves / problem.scale)
+    z = x[0] * problem.scale
+    y0, column = start_of(problem.section, z[:4]), make_column(z[4])
+    extent = carried_extent(column, y0, z[3], problem.method)
+    bends = carried_monodromy(column, y0, z[3], problem.method)
+    there = there._replace(
+        x=x, extent=there.extent.at[0].add(extent), moved=there.moved.at[0].add(bends)
+    )
     outcome = jnp.where(is_fold, ORBIT.found, end.outcome)
     return CycleFold(
-        fold=(z[4] + change) * mark,
-        cycle=_points(problem, end.special, end.kind.astype(jnp.int8)),
+        fold=z[4] * jnp.where(is_fold, 1.0, jnp.nan),
+        cycle=_points(problem, there, end.kind.astype(jnp.int8)),
         steps=cast(Count, problem.method.max_steps) - end.left,
         outcome=outcome.astype(jnp.int8),
         settings=_settings(problem),
     )
+
+
+def _fold_moves(
+    problem: Continuation,
+    make_column: Callable[[Scalar], Column],
+    there: BranchPoint,
+) -> Float[Array, "5"]:
+    r"""Zeros that carry the derivatives of the first point's cycle and its parameter.
+
+    With the null vector v and the row w of $R_z$, and S = w R_z v, which is zero at a
+    fold, $R_z\,dz + R_\lambda\,d\lambda + R_p\,dp = 0$ and $dS = w\,(\partial_v R_z\,dz
+    + \partial_v R_\lambda\,d\lambda + \partial_v R_p\,dp) = 0$.
+    """
+    z, matrix = there.x[0] * problem.scale, there.matrix[0]
+    dtype, others = z.dtype, [*problem.section.others, 4]
+    # the row that annuls R_z, with 1 for R_lambda; the tangent there annuls from right
+    bordered = jnp.zeros((5, 5), dtype).at[:4, :4].set(matrix[:, :4].T)
+    null = there.tangent[0, :4] * problem.scale[:4]
+    bordered = bordered.at[:4, 4].set(null).at[4, :4].set(matrix[:, 4])
+    row = solve(bordered, jnp.eye(5, dtype=dtype)[4])[:4]
+    p, make = moving(make_column(fixed(z[4])), dtype)
+    if not p.size:
+        return jnp.zeros(5, dtype)
+    leaves = lambda x: moving(problem.make(x), dtype)[0]  # noqa: E731
+    line = jax.jvp(leaves, (z[4],), (jnp.ones_like(z[4]),))[1]
+
+    def slope(
+        p: Float[Array, " n"],
+        y0: Float[Array, "4"],
+        span: Float[Array, ""],
+        null: Float[Array, "4"],
+        row: Float[Array, "4"],
+        line: Float[Array, " n"],
+        method: Method,
+    ) -> Float[Array, "5 n"]:
+        a = jnp.concatenate([y0, span[None], p])
+        along = jnp.zeros_like(a).at[jnp.asarray(others)].set(null)
+        jet = follow_bundle(Bundle(make, a, along[None], method), jnp.ones((), dtype))
+        first = jet.first.at[:, :4].add(-jnp.eye(4, dtype=dtype))
+        both = jnp.concatenate([first, (row @ jet.second[0])[None]])
+        in_z, in_p = both[:, jnp.asarray(others)], both[:, 5:]
+        moves = -solve(jnp.concatenate([in_z, (in_p @ line)[:, None]], axis=1), in_p)
+        mark = jnp.where(jet.arrived & ~jet.mixed, 1.0, jnp.nan)
+        # the parameter's own has no difference in it
+        fold = -(row @ first[:, 5:]) * jnp.where(jet.arrived, 1.0, jnp.nan)
+        return jnp.concatenate([moves[:4] * mark, fold[None]])
+
+    y0 = start_of(problem.section, z[:4])
+    still = y0, z[3], null, row, line, problem.method
+    return implicit((5,), slope, p, *still)
 
 
 def _settings(problem: Continuation) -> Settings:
@@ -273,11 +330,6 @@ def _settings(problem: Continuation) -> Settings:
     )
 
 
-def _fold_moves(flow: Flow, row: Float[Array, "4"]) -> Float[Array, "1 n"]:
-    """Derivatives of the fold's parameter in the n others, (1, n)."""
-    return -(row @ flow.moved[:, 4:])[None]
-
-
 def _points(
     problem: Continuation, cycles: BranchPoint, kind: Int[Array, " n"]
 ) -> CyclePoints:
@@ -285,7 +337,7 @@ def _points(
     x = cycles.x * problem.scale[None]
     y = start_of(problem.section, x[:, :4])
     return CyclePoints(
-        parameter=undifferentiated(x[:, 4]),
+        parameter=x[:, 4],
         phi=y[:, :2],
         omega=y[:, 2:],
         period=x[:, 3],

@@ -25,7 +25,7 @@ from jaxtyping import Array, Float, Int
 
 from ..context import plain
 from ..model.column import Column, State, energy
-from ..motion.implicit import fixed, fixed_direction
+from ..motion.implicit import fixed, lost, refused
 from ..motion.options import Method, Windows, recorded
 from ..motion.scene import check_scene, check_takes
 from ..motion.sequence import run_in_sequence
@@ -72,6 +72,10 @@ from .threshold import Place, carried, manifold_at
 FREE = {"rates": (2, 3), "angles": (0, 1), "both": (0, 1, 2, 3)}
 COUNTS = {2: 24, 4: 96}  # of rays, by the numbers that are free
 TURNS = 4  # of the march: how many of its looks at a batch make one of the sequence
+NO_DERIVATIVE = (
+    "The start of a least kick has no derivatives here: they would need second "
+    "variations. Differentiate `energy`, or take differences."
+)
 SMOOTH = 0.05  # a misalignment above it is an edge
 
 
@@ -191,7 +195,7 @@ class LeastKick(AbstractResult):
 
     @property
     def _y(self) -> Float[Array, "*lanes 4"]:
-        return fixed_direction(jnp.sqrt(2 * self.energy)[..., None] * self.ray)
+        return refused(NO_DERIVATIVE, jnp.sqrt(2 * self.energy)[..., None] * self.ray)
 
 
 @plain
@@ -247,7 +251,8 @@ def least_kick(
     the column: at a minimum those along its ray (J. M. Danskin, 1967), see
     `flutter_onset`. They are NaN unless the outcome is `found`, where `misalignment`
     is above 0.05, an edge of the manifold that may move along, and where tangents
-    disagree.
+    disagree. Those of the edge state are its own, see `periodic_orbit`. Those of the
+    width, the ray and the misalignment are NaN: they would need second variations.
 
     **Raises:** `ValueError` for arguments that break a rule.
 
@@ -354,11 +359,12 @@ class _Problem:
         outcome = jnp.where(misled, KICK.undecided, search.outcome)
         change = carried(scene, r, width, smooth, motion.last, motion.horizon, method)
         mark = jnp.where(named, 1.0, jnp.nan)
+        none = partial(lost, inputs=(self.column, self.rays.norm))
         return LeastKick(
             energy=(r + change) ** 2 / 2 * mark,
-            width=r * width * mark,
-            ray=y / r * mark,
-            misalignment=misalignment,
+            width=none(r * width * mark),
+            ray=none(y / r * mark),
+            misalignment=none(misalignment),
             edge=edge.code,
             edge_state=edge.y,
             edge_period=edge.period,

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..model.column import Column, State
+from ..motion.implicit import refused
 from ..motion.not_finite import motion
 from ..motion.options import Method, Spans, recorded, spans_for
 from ..motion.scene import check_scene, ending, explicit_method, nan_where
@@ -32,6 +33,11 @@ from ..numerics.numbers import (
 from ..results import OUTCOME, RATE, AbstractMotionResult, Settings, Variable
 from ..solvers import Explicit
 
+NO_DERIVATIVE = (
+    "`{}` has no derivatives: differences grow along a motion, and what is summed of "
+    "them says nothing of its averages. Take it out of what is differentiated "
+    "(`jax.lax.stop_gradient` of its arguments), or take differences of its results."
+)
 EXPONENTS = Variable(None, "Lyapunov exponent", RATE, ("exponent",))
 ERRORS = Variable(None, "standard error of the exponent", RATE, ("exponent",))
 
@@ -89,10 +95,14 @@ def lyapunov_exponents(
     **Returns:** `Exponents`, in $\sqrt{k/(m l^2)}$; `outcome` is `complete`, or a
     failure with NaN.
 
-    **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
-    session.
+    **Raises:** `ValueError` for arguments that break a rule, in a 32-bit session, and
+    where a derivative is taken: averages over long motions have none to rely on.
     """
     check_scene(column, start)
+    scene = column, start, spans, method
+    column, start, spans, method = refused(
+        NO_DERIVATIVE.format("lyapunov_exponents"), scene
+    )
     count = whole_number("count", count)
     if count > 4:
         raise ValueError(f"Argument `count` must be at most 4, but is {count}.")

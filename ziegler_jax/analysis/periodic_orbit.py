@@ -13,7 +13,6 @@ sticks makes one zero.
 """
 
 from collections.abc import Mapping
-from functools import partial
 from typing import ClassVar, NamedTuple, cast
 
 import diffrax as dfx
@@ -24,12 +23,13 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..context import plain
 from ..model.column import Column, State
-from ..motion.implicit import fixed, solve, undifferentiated
+from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
 from ..motion.scene import check_scene, explicit_method, float_state, valid_scene
 from ..motion.section import SectionPlane
-from ..motion.variational import Flow
+from ..motion.variational import Flow, flow_of, varied_motion
+from ..numerics.eigenvalues import eigenvalues
 from ..numerics.numbers import (
     Count,
     Option,
@@ -43,9 +43,9 @@ from ..numerics.numbers import (
 from ..results import ORBIT, TIME, AbstractResult, Settings, Variable, quantity
 from ..runtime import own_flags
 from ..solvers import Explicit
+from ..steady.jets import carried_monodromy
 from .shooting import (
     SHORTEST,
-    attached,
     blank_shot,
     closing,
     first_return,
@@ -103,7 +103,7 @@ class PeriodicOrbit(AbstractResult):
         """The Floquet multipliers, (4,) complex.
 
         The one nearest to 1, which belongs to the motion itself, stands first; then
-        the others by falling modulus. They have no derivatives here (`ValueError`).
+        the others by falling modulus. Of one that is double the derivative is NaN.
         """
         return multipliers(self.monodromy)
 
@@ -152,10 +152,13 @@ def periodic_orbit(
     **Returns:** `PeriodicOrbit`. With set-valued friction the derivatives pass through
     every change of modes by its saltation matrix.
 
-    **Derivatives:** of `state`, `period` and the amplitudes, forward and reverse, first
-    order, in every leaf of the column, by the implicit function theorem: those of this
-    orbit, at this section. Where it repels (`stable` is False, as of every orbit inside
-    chaos) they say nothing of long motions nearby.
+    **Derivatives:** of `state`, `period`, the amplitudes, `monodromy` and multipliers,
+    forward and reverse, first order, in every leaf of the column and in the section's
+    level (with a `period` the guess's), by the implicit function theorem: those of this
+    orbit, at this section. On the rest of the guess, and on options, it does not
+    depend. The monodromy's are central differences, good to some five digits. Where the
+    orbit repels (`stable` is False, as of every orbit inside chaos) they say nothing of
+    long motions nearby. `residual` is rounding; its derivative is NaN.
 
     **Raises:** `ValueError` for arguments that break a rule.
 
@@ -167,9 +170,9 @@ def periodic_orbit(
     instance("section", section, SectionPlane)
     returns = whole_number("returns", returns)
     still = fixed(column)
-    start = fixed(float_state(guess))
+    start = float_state(guess)
     first = approximation(still, start, period, section, returns, max_time, method)
-    at = first.section
+    at = fixed(first.section)
 
     def shot(z, left):
         share = method.at_most(left)
@@ -196,18 +199,20 @@ def periodic_orbit(
     outcome = jnp.where(first.failure == 0, outcome, first.failure)
     mark = jnp.where(outcome == ORBIT.found, 1.0, jnp.nan).astype(z.dtype)
     span = jnp.maximum(z[3], SHORTEST)
-    change = attached(7, column, y0 * mark, span, method, partial(_moves, at))
+    change = _carried(column, first.section, y0 * mark, span, method)
     z, extent = z + change[:4], extent + change[4:]
     z, extent = z * mark, extent * mark
-    y = start_of(at, z)
+    y = start_of(first.section, z)
+    bends = carried_monodromy(column, y, z[3], method)
+    known = column, start, first.section
     return PeriodicOrbit(
         state=State((y[0], y[1]), (y[2], y[3])),
-        section=at,
+        section=first.section,
         period=z[3],
         rod_amplitude=extent[:2],
         joint_amplitude=extent[jnp.array([0, 2])],
-        monodromy=flow.moved * fixed(mark),
-        residual=jnp.max(jnp.abs(solution.shot.residual)) * fixed(mark),
+        monodromy=(flow.moved + bends) * mark,
+        residual=lost(jnp.max(jnp.abs(solution.shot.residual)) * mark, known),
         iterations=solution.count,
         steps=cast(Count, method.max_steps) - solution.left,
         outcome=outcome.astype(jnp.int8),
@@ -230,37 +235,55 @@ def _first_approximation(
     return {**record, "max_time": number("max_time", max_time)}
 
 
+def _carried(
+    column: Column,
+    section: SectionPlane,
+    y0: Float[Array, "4"],
+    span: Float[Array, ""],
+    method: Method,
+) -> Float[Array, "7"]:
+    r"""Zeros that carry the derivatives of z and of the largest angles.
+
+    In the column and the section's level s, with $R_z\,dz = -R_p\,dp - R_s\,ds$.
+    """
+    p, make = moving(column, y0.dtype)
+    numbers = jnp.append(p, jnp.asarray(section.level, y0.dtype))
+
+    def slope(
+        numbers: Float[Array, " n"],
+        y0: Float[Array, "4"],
+        span: Float[Array, ""],
+        method: Method,
+    ) -> Float[Array, "7 n"]:
+        motion = varied_motion(make, numbers[:-1], y0, span, method)
+        return _moves(section, flow_of(motion.advance(motion.begin())))
+
+    return implicit((7,), slope, numbers, y0, span, method)
+
+
 def _moves(section: SectionPlane, flow: Flow) -> Float[Array, "7 n"]:
-    """Derivatives of z and of the largest angles in the n parameters, (7, n)."""
-    jacobian = closing(section, flow.moved, flow.slope)
-    z = -solve(jacobian, flow.moved[:, 4:])
-    others = jnp.asarray(section.others)
-    extent = flow.extent_moved[:, others] @ z[:3] + flow.extent_moved[:, 4:]
-    return jnp.concatenate([z, extent])
+    """Derivatives of z and of the largest angles in n - 1 parameters and the level."""
+    at, others = section.index, jnp.asarray(section.others)
+    level = flow.moved[:, at] - jnp.eye(4, dtype=flow.y.dtype)[at]
+    by_numbers = jnp.concatenate([flow.moved[:, 4:], level[:, None]], axis=1)
+    z = -solve(closing(section, flow.moved, flow.slope), by_numbers)
+    own = jnp.concatenate([flow.extent_moved[:, 4:], flow.extent_moved[:, at, None]], 1)
+    return jnp.concatenate([z, flow.extent_moved[:, others] @ z[:3] + own])
 
 
 def multipliers(monodromy: Float[Array, "*n 4 4"]) -> Complex[Array, "*n 4"]:
     """Eigenvalues (..., 4): the one nearest to 1, then by falling modulus."""
     with own_flags():
-        return _multipliers(undifferentiated(monodromy))
+        values = eigenvalues(monodromy)
+        off = jnp.abs(values - 1)
+        trivial = off == jnp.min(off, axis=-1, keepdims=True)
+        order = jnp.argsort(-jnp.where(trivial, jnp.inf, jnp.abs(values)), axis=-1)
+        return jnp.take_along_axis(values, order, axis=-1)
 
 
 def attracts(monodromy: Float[Array, "*n 4 4"]) -> Bool[Array, "*n"]:
     """Whether all multipliers but the first lie inside the unit circle."""
-    with own_flags():
-        others = _multipliers(undifferentiated(monodromy))[..., 1:]
-        return jnp.all(jnp.abs(others) < 1, axis=-1)
-
-
-def _multipliers(monodromy: Float[Array, "*n 4 4"]) -> Complex[Array, "*n 4"]:
-    bad = ~jnp.all(jnp.isfinite(monodromy), axis=(-1, -2), keepdims=True)
-    eye = jnp.broadcast_to(jnp.eye(4, dtype=monodromy.dtype), monodromy.shape)
-    values = jnp.linalg.eigvals(jnp.where(bad, eye, monodromy))
-    off = jnp.abs(values - 1)
-    trivial = off == jnp.min(off, axis=-1, keepdims=True)
-    order = jnp.argsort(-jnp.where(trivial, jnp.inf, jnp.abs(values)), axis=-1)
-    values = jnp.take_along_axis(values, order, axis=-1)
-    return jnp.where(bad[..., 0], jnp.nan, values)
+    return jnp.all(jnp.abs(multipliers(fixed(monodromy))[..., 1:]) < 1, axis=-1)
 
 
 def cycle_method(question: str, method: Method, column: Column) -> Method:
@@ -294,16 +317,18 @@ def approximation(
     left, failure = jnp.asarray(method.max_steps, jnp.int32), 0
     if period is not None:
         level, period = start[section.index], number("period", period, "positive")
-        free = [start[i] for i in section.others]
-        z = jnp.stack([*free, jnp.asarray(period, dtype)])
+        free = [fixed(start[i]) for i in section.others]
+        z = jnp.stack([*free, fixed(jnp.asarray(period, dtype))])
     else:
         max_time = number("max_time", max_time, "positive")
         valid &= keeps("finite", section.level) & keeps("positive", max_time)
-        level = fixed(jnp.asarray(section.level, dtype))
+        level = jnp.asarray(section.level, dtype)
         # only as good as Newton's method needs
         rough = Method(Explicit(), 1e-6, 1e-6).at_most(cast(Count, method.max_steps))
-        span = jnp.where(valid, max_time, 0.0)
-        z, back, steps = first_return(column, start, section, returns, span, rough)
+        span = fixed(jnp.where(valid, max_time, 0.0))
+        z, back, steps = first_return(
+            column, fixed(start), fixed(section), returns, span, rough
+        )
         left = left - steps
         late = jnp.where(left > 0, ORBIT.no_return, ORBIT.not_integrated)
         failure = jnp.where(back, 0, late)

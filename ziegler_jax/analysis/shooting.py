@@ -1,4 +1,4 @@
-r"""Shooting: where a motion returns, Newton's method, and what carries derivatives."""
+r"""Shooting: where a motion returns, and Newton's method."""
 
 from collections.abc import Callable
 from typing import Generic, NamedTuple, Protocol, TypeVar, TypeVarTuple, cast
@@ -10,7 +10,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column
-from ..motion.implicit import implicit, moving, solve
+from ..motion.implicit import solve
 from ..motion.integrate import Motion, Run, follow
 from ..motion.options import Method
 from ..motion.section import SectionPlane, passage
@@ -214,31 +214,3 @@ def closing(
     others = jnp.asarray(section.others)
     free = (moved[:, :4] - jnp.eye(4, dtype=moved.dtype))[:, others]
     return jnp.concatenate([free, slope[:, None]], axis=1)
-
-
-def attached(
-    size: int,
-    column: Column,
-    y0: Float[Array, "4"],
-    span: Float[Array, ""],
-    method: Method,
-    linear: Callable[[Flow, *Extra], Float[Array, "size n"]],
-    *extra: *Extra,
-) -> Float[Array, " size"]:
-    """Zeros (size,) that carry derivatives in the column's traced leaves p.
-
-    The derivative is `linear(flow, *extra)`, an array (size, n), times dp, where `flow`
-    is the motion from y0 over the span with its derivatives in all n leaves: one
-    product with a Jacobian, forward or reverse.
-    """
-    p, make = moving(column, y0.dtype)
-    if not p.size:
-        return jnp.zeros(size, y0.dtype)
-
-    def slope(
-        p: Parameters, y0: Float[Array, "4"], span: Float[Array, ""], *extra: *Extra
-    ) -> Float[Array, "size n"]:
-        motion = varied_motion(make, p, y0, span, method)
-        return linear(flow_of(motion.advance(motion.begin())), *extra)
-
-    return implicit((size,), slope, p, y0, span, *extra)

@@ -9,9 +9,15 @@ change of both that stays on the manifold has no part along v,
 $$\frac{dx^*}{dp} = -\frac ba = -\lim \frac{\partial_x y \cdot \partial_p y}
 {\partial_x y \cdot \partial_x y},$$
 
-and the ratio is followed until the ends of the search's last interval have parted. What
-did not grow is by then in the ratio as that interval is to the motion. The tangents
-pass through stick and slip by saltation.
+and the ratio is followed until the ends of the search's last interval have parted. By a
+cycle the largest part that does not grow is that along the motion itself, of its phase,
+which shifts for as long: there both tangents are taken across the flow. (By an
+equilibrium the motion leaves along v.) What else does not grow is a share $c / |
+\partial_x y|$ of the ratio, and goes out with a look ten times earlier,
+
+$$r = \frac{L_2 r_2 - L_1 r_1}{L_2 - L_1}, \qquad L = |\partial_x y|.$$
+
+The tangents pass through stick and slip by saltation.
 
 Source: J. Palis, Topology 8 (1969) 385-404, on how differences turn near a saddle.
 """
@@ -36,7 +42,10 @@ from ..solvers import AbstractFold, Explicit
 
 PARTED = 0.1  # of the largest state: the ends of the last interval have parted
 DECADE = 10.0  # of growth from one look at the ratio to the next
-CERTAIN = 0.05  # of the largest relative derivative: an error above it refuses all
+CERTAIN = 0.05  # of the largest relative derivative: the looks may differ by so much
+WIDE = 1.5e-3  # relative, of a threshold's interval: 2 % of the derivatives are wrong
+FAR = 0.1  # and by so much the phase may shift the ratio
+ACROSS = 0.1  # of a tangent lies across the flow: it does not leave along that
 
 
 class Ratio(NamedTuple):
@@ -46,14 +55,34 @@ class Ratio(NamedTuple):
     length: Float[Array, ""]
 
 
+class Look(NamedTuple):
+    """At the tangents themselves, and at their parts across the flow."""
+
+    whole: Ratio
+    across: Ratio
+
+    @property
+    def length(self) -> Float[Array, ""]:
+        """Of the tangent itself."""
+        return self.whole.length
+
+
+def _ratio(moved: Float[Array, "4 k"], along: Float[Array, " k"]) -> Ratio:
+    tangent = moved @ along
+    square = tangent @ tangent
+    return Ratio(
+        -(tangent @ moved) / jnp.where(square > 0, square, 1.0), jnp.sqrt(square)
+    )
+
+
 class ManifoldSlopeState(NamedTuple):
     """The running numbers of `ManifoldSlope`."""
 
     varied: Varied
-    best: Ratio  # where the tangent was longest
+    best: Look  # where the tangent was longest
     when: Float[Array, ""]
-    mark: Ratio  # a decade of growth ago at most
-    earlier: Ratio  # one more
+    mark: Look  # a decade of growth ago at most
+    earlier: Look  # one more
     largest: Float[Array, ""]  # state so far
     middle: "Middle"
     outcome: Int[Array, ""]
@@ -84,28 +113,33 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
         """Before the first step."""
         varied = self.inner.init(column, t0, y0)
         zero = 0.0 * y0[0]
-        ratio = Ratio(jnp.zeros_like(self.along), zero)
-        none = jnp.asarray(OUTCOME.not_computed, jnp.int32)
+        blank = Ratio(jnp.zeros_like(self.along), zero)
+        look = Look(blank, blank)
+        runs = jnp.asarray(OUTCOME.not_computed, jnp.int32)
         start = Middle(jnp.asarray(False), jnp.stack(y0), jnp.ones(2) + zero)
         return ManifoldSlopeState(
-            varied, ratio, t0 + zero, ratio, ratio, zero, start, none
+            varied, look, t0 + zero, look, look, zero, start, runs
         )
 
     def step(self, column, state, step):
         """Look at the ratio; at an end where it has grown enough, or grows no more."""
         varied, *_ = self.inner.step(column, state.varied, step)
-        moved = jnp.stack(varied.y)
-        tangent = moved @ self.along
-        square = tangent @ tangent
-        now = Ratio(
-            -(tangent @ moved) / jnp.where(square > 0, square, 1.0), jnp.sqrt(square)
+        flow, moved = jnp.stack(step.f1), jnp.stack(varied.y)
+        speed = flow @ flow
+        part = (flow @ moved) / jnp.where(speed > 0, speed, 1.0)
+        now = Look(
+            _ratio(moved, self.along),
+            _ratio(moved - flow[:, None] * part[None], self.along),
         )
-        longer = now.length > state.best.length
-        further = now.length > DECADE * state.mark.length
+        # where an event ends a step the flow is another one behind it
+        quiet = step.event[0] == 0 if step.event else True
+        longer = quiet & (now.length > state.best.length)
+        further = quiet & (now.length > DECADE * state.mark.length)
         size = jnp.sqrt(sum((y * y for y in step.y1), 0.0 * step.t1))
+        best = tree_where(longer, now, state.best)
         after = ManifoldSlopeState(
             varied=varied,
-            best=tree_where(longer, now, state.best),
+            best=best,
             when=jnp.where(longer, step.t1, state.when),
             mark=tree_where(further, now, state.mark),
             earlier=tree_where(further, state.mark, state.earlier),
@@ -151,9 +185,10 @@ def carried(
 ) -> Float[Array, ""]:
     """A zero that carries the derivative of the threshold x in the numbers of `scene`.
 
-    It is NaN where no threshold is `known` or the error is above `CERTAIN`.
+    It is NaN where no threshold is `known` well enough, or tangents disagree.
     """
     x = fixed(x)
+    known &= fixed(width) <= WIDE * jnp.abs(x)
     dtype = jnp.result_type(float)
     _, make = moving(scene(x)[0], dtype)
 
@@ -194,14 +229,23 @@ def _certain_row(
     numbers: Float[Array, " k"], place: Place, after: ManifoldSlopeState
 ) -> Float[Array, " k"]:
     """The ratio at its best; NaN where it is not known well enough."""
-    best, before = after.best, after.earlier
-    # what does not grow is a share 1 / length of the ratio
-    share = before.length / jnp.where(best.length > 0, best.length, 1.0)
-    error = jnp.abs(best.row - before.row) * share
-    sizes = jnp.abs(numbers)
-    certain = jnp.max(error * sizes) < CERTAIN * jnp.max(jnp.abs(best.row) * sizes)
+    best, before, sizes = after.best, after.earlier, jnp.abs(numbers)
+
+    def largest(row):
+        return jnp.max(jnp.abs(row) * sizes)
+
+    by_cycle = best.across.length > ACROSS * best.whole.length
+    late = tree_where(by_cycle, best.across, best.whole)
+    early = tree_where(by_cycle, before.across, before.whole)
+    share = early.length / jnp.where(late.length > 0, late.length, 1.0)
+    change = (late.row - early.row) * share / jnp.where(share < 1, 1 - share, 1.0)
+    row = late.row + change
+    # the phase's part, ten times what is left without it, where the cycle is near
+    phase = jnp.where(by_cycle, largest(best.whole.row - best.across.row), 0.0)
+    certain = largest(change) < CERTAIN * largest(row)
+    certain &= phase < FAR * largest(row)
     certain &= place.known & (before.length > 0)
-    return jnp.where(certain, best.row, jnp.nan)
+    return jnp.where(certain, row, jnp.nan)
 
 
 def manifold_at(

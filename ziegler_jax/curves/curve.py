@@ -16,6 +16,7 @@ di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), chapter 8.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import cast
 
 import equinox as eqx
@@ -30,7 +31,7 @@ from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from ..analysis.shooting import start_of
 from ..context import plain
 from ..model.column import Column
-from ..motion.implicit import fixed
+from ..motion.implicit import fixed, lost
 from ..motion.options import Method, recorded
 from ..motion.scene import check_maker, made
 from ..numerics.numbers import Scalar, choice, instance, is_concrete, number
@@ -39,7 +40,7 @@ from .bifurcations import BifurcationCurve, BifurcationPoints
 from .codes import CURVE, MEETING
 from .course import Course
 from .degeneracy import Torus
-from .derivative import moves_of_point
+from .derivative import moving_point
 from .fill import Filled, Knots, at_values, corrected, evenly, joined
 from .problem import MEETINGS, CurveProblem, N
 from .start import (
@@ -105,11 +106,12 @@ def bifurcation_curve(
 
     **Returns:** `BifurcationCurve`; of symmetric cycles, half a period is shot.
 
-    **Derivatives:** of `points.first`, `phi`, `omega`, `period`, forward and reverse,
-    first order, in every number that `make_column` was made from but the two
-    parameters: how the curve moves at a fixed second parameter, by the implicit
-    function theorem. The second derivatives in it are central differences, good to
-    some five digits; in `first` at folds none is left. All else is constant to JAX.
+    **Derivatives:** of the numbers of `points` at the `values` of a `course`, forward
+    and reverse, first order, in these and in every number that `make_column` was made
+    from, by the implicit function theorem. The second derivatives in it are central
+    differences, good to some five digits; in `first` at folds none is left. NaN are
+    those of points that are spread evenly, whose places depend on the ends, of
+    `special` and of `residual`.
 
     Where the sequence of stick and slip changes smoothly, a joint beginning to stick
     where its rate passes zero, the curve goes on. Where the cycle grazes, curves of
@@ -130,7 +132,8 @@ def bifurcation_curve(
     at = fixed(second)
     begin, about = _begun(make_column, kind, start, at, first, arc, method)
     method = cycle_method("bifurcation_curve", method, about)
-    still = fixed(eqx.filter_closure_convert(make_column, begin.first, at))
+    live = eqx.filter_closure_convert(make_column, begin.first, at)
+    still = fixed(live)
     cycle, closing, shot_steps = cycle_of(kind, still, begin, at, method)
     degeneracy = degeneracy_of(kind)
     problem = CurveProblem(still, degeneracy, cycle, course.arc, course.bounds, method)
@@ -151,17 +154,16 @@ def bifurcation_curve(
         x, rows = at_values(knots, values)
         rows = jnp.zeros_like(rows).at[:, N - 1].set(1.0)
     filled = fixed(corrected(problem, x, rows))
-
-    def moves(point):
-        values = point.x[N - 2 : N] * problem.scale[N - 2 :]
-        column = make_column(fixed(values[0]), fixed(values[1]))
-        return moves_of_point(problem, column, point)
-
+    if course.values is not None:
+        moved = partial(moving_point, problem, make_column)
+        values = jnp.asarray(course.values, dtype)
+        filled = filled._replace(point=jax.vmap(moved)(filled.point, values))
     settings = _settings(kind, course, method, begin)
-    points = _points(
-        problem, filled, jnp.zeros(course.count, jnp.int32), settings,
-        jax.vmap(moves)(filled.point),
-    )  # fmt: skip
+    points = _points(problem, filled, jnp.zeros(course.count, jnp.int32), settings)
+    scene = live, start, second, first, course, arc
+    if course.values is None:
+        points = lost(points, scene)
+    points = eqx.tree_at(lambda p: p.residual, points, lost(points.residual, scene))
     ends = jax.vmap(lambda way: _end(problem, way))(ways)
     special, kinds = _specials(ways, jnp.stack([down.count, up.count]), ends)
     there = kinds > 0
@@ -175,7 +177,7 @@ def bifurcation_curve(
     )
     return BifurcationCurve(
         points=points,
-        special=_points(problem, notable, kinds, settings),
+        special=lost(_points(problem, notable, kinds, settings), scene),
         ends=ends.astype(jnp.int8),
         knots=ways.count,
         outcome=jnp.where(started, ORBIT.found, failed).astype(jnp.int8),
@@ -317,12 +319,8 @@ def _points(
     filled: Filled,
     meeting: Int[Array, " n"],
     settings: Settings,
-    moves: Float[Array, "n 5"] | float = 0.0,
 ) -> BifurcationPoints:
-    """The points in their own units; NaN where there is none.
-
-    **Arguments:** `moves`: zeros that carry derivatives.
-    """
+    """The points in their own units; NaN where there is none."""
     point, good = filled.point, filled.good
 
     def shown(a: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
@@ -330,7 +328,6 @@ def _points(
         return jnp.where(mask, a, jnp.nan)
 
     x = point.x[:, :N] * problem.scale[None]
-    x = x.at[:, : N - 1].add(moves)
     y = start_of(problem.section, x[:, :4])
     half = problem.cycle.sign < 0
     moved = point.moved

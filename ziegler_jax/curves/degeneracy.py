@@ -27,7 +27,7 @@ from jaxtyping import Array, Float
 
 from ..analysis.branch_point import characteristic_cubic, circles, products
 from ..motion.contact import AbstractContact
-from .jets import Jet
+from ..steady.jets import Jet
 
 Extra = Float[Array, " e"]  # the unknowns beside the cycle's: null vectors, an angle
 

@@ -18,8 +18,8 @@ from ..motion.implicit import solve
 from ..motion.options import Method
 from ..motion.section import SectionPlane
 from ..numerics.numbers import Count, Flag, Pair, Scalar
+from ..steady.jets import Bundle, Jet, blank_jet, jet_of
 from .degeneracy import AbstractDegeneracy, Torus, closing_of
-from .jets import Bundle, Jet, blank_jet, jet_of
 
 NEWTON_STEPS = 10  # more say that the step was too long
 ON_A_BOUND = 1e-12  # what lies so little outside is on it

@@ -19,6 +19,7 @@ from ..motion.options import Method
 from ..motion.section import Coordinate, SectionPlane
 from ..numerics.numbers import Scalar
 from ..results import ORBIT, SPECIAL
+from ..steady.jets import Bundle, Jet, follow_bundle
 from ..steady.oddness import is_odd
 from .degeneracy import (
     AbstractDegeneracy,
@@ -28,7 +29,6 @@ from .degeneracy import (
     Torus,
     closing_of,
 )
-from .jets import Bundle, Jet, follow_bundle
 from .problem import Cycle
 
 Kind = Literal[

@@ -1,49 +1,55 @@
-"""Derivatives of what a search found, by the implicit function theorem.
+"""The derivatives of numbers that a search, or a motion of its own length, has found.
 
-A search is not differentiated: what it found is a constant, to which a zero is added
-that carries the derivative in the scene's numbers.
+A search is not differentiated: its result is a constant, to which a zero is added that
+carries the derivative in the scene's numbers. A number's derivative is right, NaN, or a
+sentence, never a silent zero: where a number has none, it is `lost` (NaN) if others of
+the same result have theirs, and else the function refuses with `refused` (a sentence).
+`fixed` is for inside of a search alone.
 """
 
-import math
 from collections.abc import Callable
 from typing import TypeVar, TypeVarTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from ..model.column import Column
+from ..numerics.no_number import forward_alone, no_number
 from ..numerics.numbers import is_concrete
-from .variational import Make, Parameters
+from .variational import Parameters
 
 Numbers = Float[Array, "..."]
 Still = TypeVarTuple("Still")  # what a slope is asked with, not differentiated
 Tree = TypeVar("Tree")  # a pytree of numbers, concrete ones among them
 
 
-def moving(column: Column, dtype: DTypeLike) -> tuple[Parameters, Make]:
-    """The column's traced numbers as a vector (n,), and the column of such a vector.
-
-    An array among them, as a table of a law of one's own has it, is that many numbers.
-    """
+def moving(
+    tree: Tree, dtype: DTypeLike
+) -> tuple[Parameters, Callable[[Parameters], Tree]]:
+    """A tree's traced real numbers as a vector (n,), and the tree of such a vector."""
     # not `eqx.is_array`: concrete numbers are NumPy's, and have no derivative
-    traced, known = eqx.partition(column, lambda x: not is_concrete(x))
-    leaves, tree = jax.tree.flatten(traced)
-    shapes = [jnp.shape(x) for x in leaves]
-    ends = np.cumsum([math.prod(shape) for shape in shapes], dtype=int).tolist()
+    traced, known = eqx.partition(tree, _moves)
+    leaves, structure = jax.tree.flatten(traced)
+    ends = [0]
+    for leaf in leaves:
+        ends.append(ends[-1] + leaf.size)
 
-    def make(p: Parameters) -> Column:
-        spans = zip(shapes, [0, *ends], ends, strict=False)
-        parts = [p[i:j].reshape(shape) if shape else p[i] for shape, i, j in spans]
-        return eqx.combine(jax.tree.unflatten(tree, parts), known)
+    def make(p: Parameters) -> Tree:
+        parts = [
+            p[begin] if leaf.ndim == 0 else p[begin:end].reshape(leaf.shape)
+            for leaf, begin, end in zip(leaves, ends, ends[1:], strict=False)
+        ]
+        return eqx.combine(jax.tree.unflatten(structure, parts), known)
 
-    numbers = [jnp.asarray(x, dtype) for x in leaves]
-    if any(shapes):
-        return jnp.concatenate([jnp.ravel(x) for x in numbers]), make
-    return (jnp.stack(numbers) if leaves else jnp.zeros(0, dtype)), make
+    numbers = [jnp.ravel(jnp.asarray(x, dtype)) for x in leaves]
+    return (jnp.concatenate(numbers) if leaves else jnp.zeros(0, dtype)), make
+
+
+def _moves(x: object) -> bool:
+    """Whether it is a number that a derivative may be taken in."""
+    return not is_concrete(x) and jnp.issubdtype(jnp.result_type(x), jnp.floating)
 
 
 def implicit(
@@ -56,18 +62,42 @@ def implicit(
 
     @jax.custom_jvp
     def zeros(p, *still):
-        del still
-        return jnp.zeros(shape, p.dtype)
+        return zeros_of(shape, p, *still)
 
     @zeros.defjvp
     def rule(primals: tuple[Parameters, *Still], tangents):
-        return zeros(*primals), first_order(slope(*primals)) @ tangents[0]
+        return zeros(*primals), _moved(first_order(slope(*primals)), tangents[0])
 
     return zeros(p, *fixed(still))
 
 
-def _refusing(sentence: str) -> Callable[[Numbers], Numbers]:
-    """The same numbers; a derivative of them is refused."""
+def _moved(slope: Float[Array, "*shape n"], dp: Parameters) -> Float[Array, "*shape"]:
+    """The product; NaN of a slope is NaN where it is asked for, in either mode."""
+    bad = jnp.isnan(slope)
+    spread = jnp.broadcast_to(no_number(dp), slope.shape)
+    none = jnp.sum(jnp.where(bad, spread, 0.0), axis=-1)
+    return jnp.where(bad, 0.0, slope) @ dp + no_number(none)
+
+
+def zeros_of(shape: tuple[int, ...], p: Parameters, *still: object) -> Numbers:
+    """Zeros that are a batch where one of the arguments is.
+
+    JAX derives a batch of a function with a rule of its own wrongly (a `TypeError`)
+    where the function's result is the same for all of it, and the rule's is not.
+    """
+    zero = jnp.zeros((), p.dtype)
+    for x in jax.tree.leaves((p, still)):
+        if isinstance(x, jax.Array) and x.size:
+            first = jnp.ravel(x)[0]
+            zero += jnp.where(first == first, zero, zero)
+    return jnp.broadcast_to(zero, shape)
+
+
+# ---- what has no derivative
+
+
+def refused(sentence: str, tree: Tree) -> Tree:
+    """The same numbers; to take a derivative in them is a `ValueError`."""
 
     @jax.custom_jvp
     def same(x: Numbers) -> Numbers:
@@ -75,28 +105,69 @@ def _refusing(sentence: str) -> Callable[[Numbers], Numbers]:
 
     @same.defjvp
     def refuse(primals, tangents):
+        del primals, tangents
         raise ValueError(sentence)
 
-    return same
+    return jax.tree.map(lambda x: same(x) if _moves(x) else x, tree)
 
 
-first_order = _refusing(
-    "Periodic orbits, their folds and thresholds have first derivatives only: "
-    "the second ones would need second variations. Take differences of the first."
-)
-fixed_direction = _refusing(
-    "The start of a least kick and its edge have no derivatives here: they would need "
-    "second variations. Differentiate `energy`, or take differences."
-)
-undifferentiated = _refusing(
-    "The monodromy matrix, its multipliers and `stable` have no derivatives here: "
-    "they would need second variations. Read them outside of what is "
-    "differentiated, or take differences."
-)
+def first_order(x: Numbers) -> Numbers:
+    """A first derivative; one of it is refused."""
+    return refused(
+        "Periodic orbits, their folds and thresholds have first derivatives only: "
+        "the second ones would need second variations. Take differences of the first.",
+        x,
+    )
+
+
+def lost(tree: Tree, inputs: object) -> Tree:
+    """The same numbers; their derivatives in the traced numbers of `inputs` are NaN.
+
+    A cotangent of zero stays zero, so that reverse mode of other numbers of the same
+    result is not spoilt.
+    """
+    p, _ = moving(inputs, jnp.result_type(float))
+    if not p.size:
+        return tree
+
+    @jax.custom_jvp
+    def nothing(p: Parameters) -> Float[Array, ""]:
+        return zeros_of((), p)
+
+    @nothing.defjvp
+    def rule(primals, tangents):
+        moved = jnp.sum(no_number(tangents[0]))
+        return nothing(*primals), moved
+
+    # broadcast behind the zero, for cotangents of unlike sign may have no sum
+    zero = nothing(p)
+
+    def without(x: Numbers) -> Numbers:
+        spread = jnp.broadcast_to(zero, jnp.shape(x)).astype(x.dtype)
+        return x + no_number(spread)
+
+    return jax.tree.map(lambda x: without(x) if _moves(x) else x, tree)
+
+
+def forward_only(question: str, tree: Tree) -> Tree:
+    """The same numbers; to take their derivatives in reverse mode is a `ValueError`."""
+    sentence = (
+        f"`{question}` has derivatives in forward mode only (the number of its steps "
+        "is not known beforehand): use `jax.jvp` or `jax.jacfwd` for `jax.grad`, "
+        "`jax.vjp` and `jax.jacrev`."
+    )
+
+    def marked(x: Numbers) -> Numbers:
+        return forward_alone(x, sentence) if _moves(x) else x
+
+    return jax.tree.map(marked, tree)
 
 
 def fixed(tree: Tree) -> Tree:
-    """The same numbers without derivatives; concrete ones stay concrete."""
+    """The same numbers without derivatives; concrete ones stay concrete.
+
+    Of a search's own numbers alone. What is shown to a user passes through `lost`.
+    """
     return jax.tree.map(
         lambda x: jax.lax.stop_gradient(x) if isinstance(x, jax.Array) else x, tree
     )

@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, energy, power
-from ..numerics.elementary import larger, smaller
+from ..numerics.elementary import larger
+from ..numerics.hermite import HermiteQuartic, share_within
 from ..numerics.numbers import (
     Flag,
     Joints,
@@ -235,8 +236,8 @@ class StickFraction(AbstractObserver):
 
     A smoothed law never sticks, it creeps: the cut says how slow counts as sticking.
     With set-valued friction the modes say it, without a cut unless one is named.
-    The time below the cut is that of the rate's straight line over each step. The
-    result has shape (2,).
+    The time below the cut is that of the rate's cubic over each step, by its values
+    and accelerations at both ends. The result has shape (2,).
 
     **Arguments:** `rate_cut`: in $\sqrt{k/(m l^2)}$, one number or one a joint; None is
     the friction law's own (`v_smooth` of the smoothed law, below which its torque has
@@ -286,10 +287,11 @@ class StickFraction(AbstractObserver):
                 time + jnp.where(m == 0, h, 0.0)
                 for time, m in zip(state, step.modes, strict=True)
             )
-        rates0, rates1 = joint_rates(step.y0), joint_rates(step.y1)
+        ends = (joint_rates(y) for y in (step.y0, step.y1, step.f0, step.f1))
         return tuple(
-            time + h * _share_within(u0, u1, c)
-            for time, u0, u1, c in zip(state, rates0, rates1, both(cut), strict=True)
+            time
+            + h * share_within(HermiteQuartic(u0, u1, h * a0, h * a1, 0.0 * h), c, h)
+            for time, u0, u1, a0, a1, c in zip(state, *ends, both(cut), strict=True)
         )
 
     def result(self, column, state, span, y):
@@ -349,13 +351,3 @@ class EnergyBalance(AbstractObserver):
 def joint_rates(y: Vector4) -> tuple[Scalar, Scalar]:
     """u1 = omega1 and u2 = omega2 - omega1."""
     return y[2], y[3] - y[2]
-
-
-def _share_within(u0, u1, cut):
-    """The share of a straight line from u0 to u1 that lies within +-cut."""
-    low, high = smaller(u0, u1), larger(u0, u1)
-    inside = smaller(high, cut) - larger(low, -cut)
-    length = high - low
-    flat = length <= 0
-    share = larger(inside, 0.0) / jnp.where(flat, 1.0, length)
-    return jnp.where(flat, jnp.where(jnp.abs(u0) < cut, 1.0, 0.0), share)

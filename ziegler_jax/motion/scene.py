@@ -84,8 +84,9 @@ def ending(run: Ended) -> Ending:
 
 
 def nan_where(failed: Flag, values: Tree) -> Tree:
-    """Values, NaN where a motion failed."""
-    return jax.tree.map(lambda x: jnp.where(failed, jnp.nan, x), values)
+    """Values, NaN where a motion failed, and so are their derivatives."""
+    mark = jnp.where(failed, jnp.nan, 1.0)
+    return jax.tree.map(lambda x: x * mark.astype(x.dtype), values)
 
 
 def prepared(column: Column) -> Column:

@@ -6,12 +6,14 @@ is seen.
 """
 
 from collections.abc import Callable
+from functools import reduce
 from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 
 from .elementary import larger, smaller
+from .materialise import if_any_lane, materialise
 from .numbers import Flag, Flags, Pair, Scalar
 
 ITERATIONS = 4  # of a Newton method that is kept in a bracket
@@ -215,6 +217,54 @@ def extrema(course: HermiteQuartic) -> Pair:
 
     x1, x2 = inside(sum_, 3 * c3), inside(v0, sum_)
     return jnp.minimum(x1, x2), jnp.maximum(x1, x2)
+
+
+def share_within(course: HermiteQuartic, most: Scalar, at: Scalar) -> Scalar:
+    """The share of [0, 1] in which the cubic lies within +-most.
+
+    Between its extrema it is monotone and crosses either level once, at the root of
+    Newton's method, which carries the derivative.
+
+    **Arguments:** `at`: any number of the lane.
+    """
+    chord = course.g1 - course.g0
+    polygon = (
+        course.g0, course.g0 + course.v0 / 3, course.g1 - course.v1 / 3, course.g1,
+    )  # fmt: skip
+    # no cubic leaves its Bezier polygon
+    low, high = reduce(smaller, polygon), reduce(larger, polygon)
+    inside = jnp.asarray((low > -most) & (high < most))
+    crosses = ~inside & jnp.asarray((low < most) & (high > -most))
+
+    def measure(blank):
+        del blank
+        ends = (0.0 * chord, *extrema(course), 0.0 * chord + 1.0)
+        share = 0.0 * chord
+        for left, right in zip(ends, ends[1:], strict=False):
+            falls = course(left) >= course(right)
+            falling = HermiteQuartic(*(jnp.where(falls, x, -x) for x in course))
+            enters, leaves = (
+                _passes(falling, level, left, right) for level in (most, -most)
+            )
+            share += leaves - enters
+        return share
+
+    share = jnp.where(inside, 1.0, 0.0) + 0.0 * chord
+    part = if_any_lane(crosses, lambda blank: materialise(at, measure, blank), share)
+    return jnp.where(crosses, part, share)
+
+
+def _passes(
+    course: HermiteQuartic, level: Scalar, left: Scalar, right: Scalar
+) -> Scalar:
+    """Where a course that falls from left to right passes a level, else the end."""
+    begins_below, ends_above = course(left) <= level, course(right) >= level
+    lowered = course._replace(g0=course.g0 - level, g1=course.g1 - level)
+    about = place(course, level, chord_root(lowered, left, right), left, right)
+    x = jax.lax.stop_gradient(about)
+    slope = course.slope(x)
+    x = x - (course(x) - level) / jnp.where(slope < 0, slope, -jnp.inf)
+    return jnp.where(begins_below, left, jnp.where(ends_above, right, x))
 
 
 def falls_below(

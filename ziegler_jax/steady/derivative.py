@@ -6,8 +6,12 @@ $R(z, p) = \sigma\,y(T) - y_0 = 0$ with $z = (x, T)$, and a number $g(z, p)$ of 
 $$dg = \partial_p g\,dp + \partial_z g\,dz, \qquad dz = -(\partial_z R)^{-1}\,
 \partial_p R\,dp,$$
 
-from one more turn, at the tolerance of the shot that verified it. A motion that is not
-certified is followed once more, with one tangent. Forward mode only.
+from one more shot, that which verified it. Its multipliers are numbers of the
+derivative that the shot carries, and theirs are second derivatives of the motion. A
+motion that neither is certified nor came to rest ends at a given time, and so does one
+whose joints stick: it is followed once more, with one tangent. Under a smoothed law
+rest is judged at the end of a step: when that is, no derivative says, and what creeps
+on depends on it. Its derivatives are NaN. Forward mode only.
 """
 
 from typing import NamedTuple, cast
@@ -17,15 +21,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..model.column import Column
-from ..motion.implicit import fixed, moving, solve
+from ..motion.implicit import fixed, moving, solve, zeros_of
 from ..motion.integrate import Motion
 from ..motion.options import Method
-from ..numerics.numbers import Count, Scalar, Traced4, Vector4
+from ..numerics.eigenvalues import eigenvalues
+from ..numerics.numbers import Scalar, Traced, Traced4, Vector4
 from ..results import Variable
 from .certified import CertifiedMotion
+from .contraction import Matrix3
 from .observation import Observation, Record
 from .rest import Rest
-from .shots import FINE, FINEST
+from .shots import SHORTEST, blank_attempt, return_of, shot_motion
 from .window_rule import SettleFold
 
 Outputs = Float[Array, " m"]
@@ -35,95 +41,123 @@ class Place(NamedTuple):
     """What was followed at last: a cycle's turn, or the end of a motion."""
 
     closed: Bool[Array, ""]
+    known: Bool[Array, ""]  # whether an end is at a time that does not move
     z: Float[Array, "4"]  # of the cycle: x, T
     sign: Scalar
     before: Scalar  # the end: when it begins, and for how long it was observed
     span: Scalar
     rest: Rest
-    observation: Observation
-    tolerances: tuple[Scalar, Scalar]  # of the motion
+    method: Method  # of the motion
 
 
-def carried(
-    motion: CertifiedMotion, start: Traced4, place: Place, size: int
-) -> Float[Array, " size"]:
-    """Zeros that carry derivatives: of what observers saw, the span, the last state.
+class Carried(NamedTuple):
+    """Zeros that carry derivatives."""
+
+    observed: Outputs  # the observers' numbers, in the order of their names
+    span: Traced
+    radius: Traced  # of the derivative of the last shot's return
+    y: Float[Array, "4"]  # the last state
+
+
+def carried(motion: CertifiedMotion, place: Place, size: int) -> Carried:
+    """What the numbers of a motion's result carry.
 
     **Arguments:** `motion`: of the scene as it is, derivatives included; `size`: of the
-    observers' numbers, in the order of their names.
+    observers' numbers.
     """
-    dtype, how = jnp.result_type(float), motion.method
-    p, make = moving(motion.column, dtype)
-    y0 = jnp.stack([jnp.asarray(x, dtype) for x in start])
+    dtype = jnp.result_type(float)
+    p, make = moving((motion.column, motion.observation), dtype)
+    y0 = jnp.stack([jnp.asarray(x, dtype) for x in motion.y0])
 
     @jax.custom_jvp
     def zeros(p, y0, place):
-        del p, y0, place
-        return jnp.zeros(size + 5, dtype)
+        return zeros_of((size + 6,), p, y0, place)
 
     @zeros.defjvp
     def rule(primals, tangents):
         p, y0, place = primals
         dp, dy0, _ = tangents
-
-        def outputs(z, p, y0):
-            return _outputs(make(p), y0, z, place, how)
-
-        def along(dz, dp, dy0):
-            return jax.jvp(outputs, (place.z, p, y0), (dz, dp, dy0))[1]
-
-        unit = jnp.eye(5, 4, k=0, dtype=dtype)
-        last = jnp.arange(5) == 4
-        rows = jax.vmap(along)(
-            unit,
-            jnp.where(last[:, None], dp[None], 0.0),
-            jnp.where(last[:, None], dy0[None], 0.0),
-        )
-        moved, by_scene = rows[:4].T, rows[4]  # of outputs, the last four the state
-        jacobian = place.sign * moved[-4:] - jnp.eye(4, k=-1, dtype=dtype)
-        dz = -solve(jacobian, place.sign * by_scene[-4:])
-        cycle = by_scene[:-4] + moved[:-4] @ dz
+        cycle = _cycle_moves(lambda z, p: _turn(*make(p), z, place), place, p, dp)
+        end = jax.jvp(lambda p, y: _end(*make(p), y, place), (p, y0), (dp, dy0))[1]
         nothing = jnp.full(4, jnp.nan, dtype)
-        closed = jnp.concatenate([cycle, dz[3:], nothing])
-        motion_ = jnp.concatenate([by_scene[:-4], jnp.zeros(1, dtype), by_scene[-4:]])
-        return zeros(*primals), jnp.where(place.closed, closed, motion_)
+        none = jnp.zeros(1, dtype)
+        end = jnp.concatenate([end[:-4], none, nothing[:1], end[-4:]])
+        end = jnp.where(place.known, end, jnp.nan)
+        cycle = jnp.concatenate([cycle, nothing])
+        return zeros(*primals), jnp.where(place.closed, cycle, end)
 
-    return zeros(p, y0, fixed(place))
+    row = zeros(p, y0, fixed(place))
+    return Carried(row[:size], row[size], row[size + 1], row[size + 2 :])
 
 
-def _outputs(
-    column: Column,
-    y0: Float[Array, "4"],
-    z: Float[Array, "4"],
-    place: Place,
-    how: Method,
+def _cycle_moves(turn, place: Place, p: Outputs, dp: Outputs) -> Outputs:
+    """The changes of the observed numbers, of T and of the radius along dp."""
+
+    def along(dz, dp):
+        return jax.jvp(turn, (place.z, p), (dz, dp))
+
+    unit = jnp.eye(5, 4, dtype=p.dtype)
+    last = jnp.arange(5)[:, None] == 4
+    shown, rows = jax.vmap(along, out_axes=(None, 0))(
+        unit, jnp.where(last, dp[None], 0.0)
+    )
+    moved, by_scene = rows[:4].T, rows[4]
+    observed, image, slope = slice(0, -13), slice(-13, -9), slice(-9, None)
+    jacobian = place.sign * moved[image] - jnp.eye(4, k=-1, dtype=p.dtype)
+    dz = -solve(jacobian, place.sign * by_scene[image])
+    after = by_scene + moved @ dz
+    matrices = (x[slope].reshape(3, 3) for x in (shown, after))
+    radius = jax.jvp(_radius, (next(matrices),), (next(matrices),))[1]
+    return jnp.concatenate([after[observed], dz[3:], radius[None]])
+
+
+def _radius(slope: Matrix3) -> Traced:
+    """The largest modulus of an eigenvalue."""
+    return jnp.max(jnp.abs(eigenvalues(slope)))
+
+
+def _turn(
+    column: Column, observation: Observation, z: Float[Array, "4"], place: Place
 ) -> Outputs:
-    """What observers see of a turn or an end, and the state behind it."""
-    share = jnp.where(place.closed, FINE, 1.0)
-    rtol, atol = (jnp.maximum(share * x, FINEST) for x in place.tolerances)
-    method = Method(how.solver, rtol, atol).at_most(cast(Count, how.max_steps))
-    span = jnp.where(place.closed, z[3], place.span)
+    """What a shot at the cycle shows, where it arrives, and its return's derivative."""
+    span = jnp.where(place.closed, z[3], SHORTEST)
+    attempt = blank_attempt(0.0 * span)
+    attempt = attempt._replace(
+        x=z[:3], span=span, sign=place.sign + 0.0 * span, fine=jnp.asarray(True)
+    )
+    start = cast(Traced4, (0.0 * z[0], z[0], z[1], z[2]))
+    shot = shot_motion(column, start, attempt, place.method, observation)
+    run = shot.advance(shot.begin())
+    record = Record(run.folded.record, span, run.y)
+    slope = return_of(run, attempt).slope
+    named = observation.variables(column, record)
+    return jnp.concatenate([floats(named), jnp.stack(run.y), jnp.ravel(slope)])
+
+
+def _end(
+    column: Column, observation: Observation, y0: Float[Array, "4"], place: Place
+) -> Outputs:
+    """What observers see of the end of a motion, and its last state."""
     fold = SettleFold(
-        transient=jnp.where(place.closed, 0.0, place.before),
-        span=span,
+        transient=jnp.where(place.known, place.before, 0.0),
+        span=jnp.where(place.known, place.span, SHORTEST),
         most=1,
         agreement=1.0,
         escape=jnp.inf,
         rest=place.rest,
-        observation=place.observation,
+        observation=observation,
     )
-    start = jnp.where(place.closed, jnp.stack((0.0 * z[0], *z[:3])), y0)
     begin = Motion(
         column,
-        cast(Traced4, tuple(start)),
+        cast(Traced4, tuple(y0)),
         fold,
-        method,
+        place.method,
         first_stop=fold.first_stop(),
         end=fold.last_stop(),
     )
     run = begin.advance(begin.begin())
-    record = Record(run.folded.watch.observed, span, run.y)
-    named = place.observation.variables(column, record)
+    record = Record(run.folded.watch.observed, fold.span, run.y)
+    named = observation.variables(column, record)
     return jnp.concatenate([floats(named), jnp.stack(cast(Vector4, run.y))])
 
 

@@ -11,12 +11,13 @@ from jaxtyping import Array, Float, Shaped
 from ..context import resumable
 from ..model.column import Column, State
 from ..motion import not_finite
-from ..motion.implicit import fixed
+from ..motion.implicit import fixed, forward_only, lost
 from ..motion.integrate import Run, follow
 from ..motion.observers import AbstractObserver
 from ..motion.options import Method, Windows, recorded
 from ..motion.scene import check_scene, ending, nan_where
 from ..motion.spans import SpanState
+from ..numerics.materialise import tree_where
 from ..numerics.numbers import Scalar, instance
 from ..results import (
     OUTCOME,
@@ -135,25 +136,29 @@ def settle(
     **Returns:** `Settled`. Where the outcome is a failure (before `unsettled` in
     `OUTCOME`), observed numbers and `drift` are NaN.
 
-    **Derivatives:** forward (`jax.jvp`), first order. Of a certified cycle they are
-    those of its fixed point, see `steady/derivative.py`; its `final` state, `drift`,
-    multiplier and `growth` have none (NaN, zero). Else they are those of the motion's
-    steps, whose size does not follow the tangents' error: it grows with the time, and
-    at the usual tolerance the first digit can be wrong. With `certify=False` ask for
-    `Method(rtol=1e-10)`, and compare with differences. `jax.grad` does not pass: the
-    number of steps is not known beforehand.
+    **Derivatives:** forward (`jax.jvp`, `jax.jacfwd`), first order. Of a certified
+    cycle they are those of its fixed point, see `steady/derivative.py`; on the start
+    and the options it does not depend. Its `final` state and `time` depend on when the
+    verdict came, which no derivative says, as do all numbers of a motion that came to
+    rest under a smoothed law or without friction: theirs are NaN, and so are those of
+    `drift` and `growth`. Else they are those of the motion's steps, whose size does
+    not follow the tangents' error: it grows with the time, and at the usual tolerance
+    the first digit can be wrong. With `certify=False` ask for `Method(rtol=1e-10)`, and
+    compare with differences. Reverse mode is refused (`ValueError`): the number of
+    steps is not known beforehand.
 
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit session.
     """
     scene = column, start, "settle", windows, observers, method
     motion = settling(*scene, certify)
     if not isinstance(motion, CertifiedMotion):
-        return settled(motion, follow(motion))
+        return forward_only("settle", settled(motion, follow(motion)))
     fixed_scene = (*fixed((column, start)), "settle", *fixed(scene[3:]))
     still = CertifiedMotion(*fixed_scene, odd=fixed(motion.odd))
     first = still.begin()
     last = resumable(first, still.phases, lambda now: (now.phase, now.steps))
-    return settled(motion, still.to_the_end(first) if last is None else last)
+    last = still.to_the_end(first) if last is None else last
+    return forward_only("settle", settled(motion, last))
 
 
 Settling = CertifiedMotion | SettleProblem
@@ -214,12 +219,16 @@ def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settle
     failed = run.outcome < OUTCOME.unsettled
     named = _nan_where_failed(failed, named)
     named["windows"] = Variable(run.folded.spans, "observed windows")
+    how, scene = ending(run), (motion.column, motion.y0, motion.windows, motion.method)
+    # a failure is noticed at the end of a step: when that is, no derivative says
+    ends = how["final"], how["time"]
+    how["final"], how["time"] = tree_where(failed, lost(ends, scene), ends)
     return Settled(
         numbers={name: cast(jax.Array, v.value) for name, v in named.items()},
         quantities=without_values(named),
         drift=nan_where(failed | ~jnp.isfinite(watch.drift), watch.drift),
         settings=recorded(**motion.settings()),
-        **ending(run),
+        **how,
     )
 
 
@@ -230,26 +239,28 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     )
     closed = end.outcome == OUTCOME.cycle
     twice = fixed(motion.odd) & (candidate.returns % 2 == 1)
+    unsettled = end.outcome == OUTCOME.unsettled
+    sticks = motion.rest.by_modes & (end.outcome == motion.rest.outcome(motion.column))
     place = Place(
         closed=closed,
+        known=unsettled | sticks,
         z=jnp.stack([*orbit.y[1:], orbit.span]),
         sign=jnp.where(twice, -1.0, 1.0),
         before=end.march.time,
         span=orbit.span,
         rest=Rest(motion.windows.rate_cut, at_once=False),
-        observation=motion.observation,
-        tolerances=(
-            cast(Scalar, motion.method.rtol),
-            cast(Scalar, motion.method.atol),
-        ),
+        method=motion.method,
     )
-    size = floats(named).size
-    zeros = carried(motion, motion.y0, place, size)
+    move = carried(motion, place, floats(named).size)
+    # a cycle does not depend on options, the end of another motion does
+    options = motion.windows, motion.method
+    move = tree_where(closed, move, lost(move, options))
     named = _nan_where_failed(
-        end.outcome < OUTCOME.unsettled, with_zeros(named, zeros[:size])
+        end.outcome < OUTCOME.unsettled, with_zeros(named, move.observed)
     )
-    period = jnp.where(twice, 2, 1) * (orbit.span + zeros[size])
-    radius = jnp.where(twice, candidate.radius**2, candidate.radius)
+    period = jnp.where(twice, 2, 1) * (orbit.span + move.span)
+    radius = candidate.radius + move.radius
+    radius = jnp.where(twice, radius**2, radius)
     halves = jnp.where(fixed(motion.odd) & ~twice, 2, 1)
     returns = jnp.where(closed, candidate.returns // halves, 0)
     certificate = {
@@ -266,15 +277,19 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     named |= certificate
     if motion.grows:
         largest = cast(Grown, end.march.folded.grown).largest
+        largest = lost(largest, (motion.column, motion.y0, motion.method))
         failed = end.outcome < OUTCOME.unsettled
         named |= growth_variables(largest, failed, cast(Scalar, motion.method.rtol))
-    how = ending(end)
-    y = jnp.stack(how["final"].y) + zeros[size + 1 :]
+    how, scene = ending(end), (motion.column, motion.y0, *options)
+    y = jnp.stack(how["final"].y) + move.y
     how["final"] = State((y[0], y[1]), (y[2], y[3]))
+    # the horizon is no matter of the scene, when another verdict came is one
+    horizon, verdict = (lost(how["time"], of) for of in (options, scene))
+    how["time"] = jnp.where(unsettled, horizon, verdict)
     return Settled(
         numbers={name: cast(jax.Array, v.value) for name, v in named.items()},
         quantities=without_values(named),
-        drift=nan_where(~closed, orbit.residual),
+        drift=lost(nan_where(~closed, orbit.residual), scene),
         settings=recorded(**motion.settings()),
         **how,
     )

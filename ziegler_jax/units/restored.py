@@ -8,7 +8,7 @@ import equinox as eqx
 import xarray as xr
 
 from ..motion.trajectory import Trajectory
-from ..numerics.numbers import Scalar
+from ..numerics.numbers import Scalar, is_concrete
 
 LOAD = " F l/k"  # ends the name of a number that is a load
 
@@ -42,8 +42,13 @@ def restored_motion(motion: Trajectory, si: Scales) -> Trajectory:
         omega=motion.omega / si.time,
         events=events,
         settings=(*motion.settings, ("units", "SI")),
-        times=times and tuple(float(t * si.time) for t in times),
+        times=times and _known(times, si.time),
     )
+
+
+def _known(times: tuple[float, ...], unit: Scalar) -> tuple[float, ...] | None:
+    """In seconds, where the unit is known now."""
+    return tuple(float(t * unit) for t in times) if is_concrete(unit) else None
 
 
 def restored_dataset(dataset: xr.Dataset, si: Scales) -> xr.Dataset:

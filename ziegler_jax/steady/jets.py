@@ -18,12 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..analysis.shooting import SHORTEST
 from ..context import Phase, place_of
+from ..model.column import Column
 from ..motion.contact import AbstractContact, Nearest
+from ..motion.implicit import implicit, moving
 from ..motion.integrate import Motion, Run
 from ..motion.options import Method
 from ..motion.variational import Flow, Make, Varied, flow_of, varied_motion
+from .shots import SHORTEST
 
 # Of the difference. With 1e-10 for a step's tolerance the derivatives' noise is some
 # 1e-9: the second ones are then good to four or five digits, which is what Newton's
@@ -150,3 +152,45 @@ def follow_bundle(bundle: Bundle, sign: Float[Array, ""]) -> Jet:
 
 
 Jets = Callable[[Ambient, Float[Array, "k a"]], Jet]
+
+
+# ---- what a cycle's numbers carry
+
+
+def carried_extent(
+    column: Column, y0: Float[Array, "4"], span: Float[Array, ""], method: Method
+) -> Float[Array, "3"]:
+    """Zeros that carry the derivatives of a motion's largest angles.
+
+    In the start and the column; they stand still within the span, so that its length
+    is no matter.
+    """
+    p, make = moving(column, y0.dtype)
+
+    def slope(
+        a: Float[Array, " a"], span: Float[Array, ""], method: Method
+    ) -> Float[Array, "3 a"]:
+        motion = varied_motion(make, a[4:], a[:4], span, method)
+        flow = flow_of(motion.advance(motion.begin()))
+        return flow.extent_moved * jnp.where(flow.arrived, 1.0, jnp.nan)
+
+    return implicit((3,), slope, jnp.concatenate([y0, p]), span, method)
+
+
+def carried_monodromy(
+    column: Column, y0: Float[Array, "4"], span: Float[Array, ""], method: Method
+) -> Float[Array, "4 4"]:
+    r"""Zeros that carry the derivatives of $\partial y(T) / \partial y_0$.
+
+    In the start, the span and the column: central differences, good to some five
+    digits; NaN where the motions beside it stick and slip in another order.
+    """
+    p, make = moving(column, y0.dtype)
+
+    def slope(a: Ambient, method: Method) -> Float[Array, "4 4 a"]:
+        along = jnp.eye(4, a.size, dtype=a.dtype)
+        jet = follow_bundle(Bundle(make, a, along, method), jnp.ones((), a.dtype))
+        mark = jnp.where(jet.arrived & ~jet.mixed, 1.0, jnp.nan)
+        return jnp.swapaxes(jet.second, 0, 1) * mark
+
+    return implicit((4, 4), slope, jnp.concatenate([y0, span[None], p]), method)

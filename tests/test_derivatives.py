@@ -1,0 +1,382 @@
+"""Every derivative is right, NaN or refused: a walk over what the package returns.
+
+Each function, each number of its result, each argument that may be traced. Right is
+what differences say; each NaN has its reason here, and nothing else is NaN. One program
+a function: all arguments are directions of one `jvp`, the rows of one `vjp` beside it
+where reverse mode is promised.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from derivative_walk import (
+    NUMBERS,
+    OF_DRY,
+    OF_SMOOTH,
+    OF_START,
+    Case,
+    P,
+    column,
+    dry,
+    given,
+    smooth,
+    start,
+    verdicts,
+)
+
+import ziegler_jax as zj
+
+MOMENT = "when the verdict comes is a matter of steps"
+ROUNDING = "rounding: by how much an equation is missed"
+CREEPS = "what creeps on depends on the moment at which it was judged"
+SECOND = "would need second variations"
+ON_THE_ARC = "where a point lies on the arc is a matter of the steps"
+DOUBLE = "two multipliers are 1 there"
+OPTION = "the end of a motion without a verdict depends on them"
+
+
+def settled(p, law=smooth, begin=None, **options):
+    """Of `settle`, the numbers by name and the ending."""
+    end = zj.settle(column(p, law), begin or start(p), **options)
+    return end.numbers | {
+        "final": jnp.stack(end.final.y), "time": end.time, "drift": end.drift,
+    }  # fmt: skip
+
+
+FINE = zj.Method(rtol=1e-10, atol=1e-11)
+
+# The first tier -----------------------------------------------------------------------
+
+
+def _fields_of_a_column(p):
+    """What is a closed form: forces, energies, matrices, loads, sticking sets."""
+    smoothed, bare, y = column(p, smooth), column(p), start(p).y
+    held = zj.sticking_set(
+        zj.uniform_rods(p.q, l2=p.l2, kappa=p.kappa, friction=dry(p))
+    )
+    sliding = column(p, dry)
+    powers = zj.power(smoothed, y)
+    tangent = zj.tangent_column(smoothed)
+    load = zj.critical_load(zj.tangent_column(smoothed))
+    rows = zj.linearise(bare)
+    return {
+        "field": jnp.stack(zj.vector_field(0.0, y, smoothed)),
+        "sliding": jnp.stack(zj.vector_field(0.0, y, sliding)),
+        "reactions": zj.reactions(smoothed, y),
+        "energy": zj.energy(bare, y),
+        "power": jnp.stack(powers),
+        "linear": jnp.stack(rows),
+        "damping": jnp.array(tangent.damping.matrix(1.0, (0.0, 0.0))),
+        "q_cr": load.q_cr,
+        "frequency": load.frequency,
+        "divergence": zj.critical_load(
+            zj.uniform_rods(kappa=p.kappa, follower=0.3 * p.eta, l2=p.l2), "divergence"
+        ).q_cr,
+        "spectrum": zj.spectrum(tangent),
+        "abscissa": zj.spectral_abscissa(bare),
+        "corners": held.corners,
+        "area": held.area,
+        "torques": jnp.stack(held.torques(p.phi1, p.phi2)),
+        "static": jnp.stack(held.static),
+    }
+
+
+def _units(p):
+    """SI: what is made of metres, newtons and seconds, and back."""
+    units = zj.SI(p.m, p.l, p.k)
+    law = units.smooth_coulomb(
+        p.mu_s, p.mu_k, pin_radius=p.radius, v_smooth=p.v, v_stribeck=p.v_s,
+        load=units.constant_load(p.n),
+    )  # fmt: skip
+    joint = units.joint_friction(
+        p.mu_s, p.mu_k, pin_radius=p.radius, transition_velocity=p.v
+    )
+    made = units.uniform_rods(
+        p.F, m1=p.m1, l2=p.l2, friction=law, damping=units.viscous(p.c1, p.c1)
+    )
+    begin = units.state((0.1, 0.2), (p.w1, p.w1))
+    windows = units.windows(p.t, p.t, p.w1)
+    motion = zj.trajectory(
+        units.uniform_rods(p.F), begin, np.array([0.0, 0.1]), method=FINE
+    )
+    back = units.restore(motion)
+    return {
+        "column": jnp.stack(jax.tree.leaves(made)),
+        "joint": jnp.stack([x for x in jax.tree.leaves(joint) if jnp.ndim(x) == 0]),
+        "rate": units.transition_rate(p.radius, p.v),
+        "units": jnp.stack([units.time, units.force]),
+        "state": jnp.stack(begin.y),
+        "windows": jnp.stack([windows.transient, windows.length, windows.rate_cut]),
+        "omega": back.omega,
+        "ts": back.ts,
+    }
+
+
+def _history(p):
+    history = zj.trajectory(
+        column(p, smooth), start(p), jnp.array([0.0, 1.0, 2.0]) * p.t, method=FINE
+    )
+    return {"ts": history.ts, "phi": history.phi, "omega": history.omega}
+
+
+def _orbit(p, period=None):
+    section = zj.SectionPlane("phi1", p.level)
+    guess = zj.State((p.level, 0.9), (0.7, 0.9))
+    orbit = zj.periodic_orbit(column(p, smooth), guess, section=section)
+    return orbit_numbers(orbit)
+
+
+def orbit_numbers(orbit):
+    return {
+        "state": jnp.stack(orbit.state.y),
+        "level": orbit.section.level,
+        "period": orbit.period,
+        "rod_amplitude": orbit.rod_amplitude,
+        "joint_amplitude": orbit.joint_amplitude,
+        "monodromy": orbit.monodromy,
+        "multipliers": orbit.multipliers,
+        "largest_multiplier": orbit.largest_multiplier,
+        "residual": orbit.residual,
+    }
+
+
+SI_NUMBERS = {
+    "m": 0.1, "l": 0.2, "k": 0.5, "F": 6.5, "m1": 0.12, "l2": 0.18, "c1": 1e-3,
+    "mu_s": 0.15, "mu_k": 0.1, "radius": 0.004, "v": 0.3, "v_s": 2.0, "n": 3.0,
+    "w1": 2.0, "t": 10.0,
+}  # fmt: skip
+
+QUICK = {
+    # measured: 2e-9
+    "closed forms": Case(_fields_of_a_column, NUMBERS | {"q": 1.5}, reverse=True),
+    "SI": Case(_units, SI_NUMBERS, step=1e-3),
+    "trajectory": Case(_history, NUMBERS | {"t": 2.0}),
+    # measured: 2e-7
+    "periodic_orbit": Case(
+        _orbit,
+        given(*OF_SMOOTH, level=0.05) | {"q": 2.8},
+        {("residual", "*"): ROUNDING},
+        reverse=True,
+        rtol=5e-5,
+        step=1e-4,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_derivatives_are_right_or_listed(name):
+    wrong, worst, tally = verdicts(QUICK[name])
+    print(name, tally, f"worst {worst:.1e}")
+    assert not wrong, wrong
+    assert tally["right"] > 0
+
+
+def test_averages_over_long_motions_have_no_derivatives(refuses):
+    """Lyapunov exponents and verdicts: they were 9e14 for 0.47."""
+
+    def exponents(q, length=5.0):
+        spans = zj.Spans(20.0, length, 4)
+        c = column(P(NUMBERS | {"q": q}), smooth)
+        return zj.lyapunov_exponents(c, zj.State(omega=(0, 0.3)), spans=spans)
+
+    def verdict(q):
+        c = column(P(NUMBERS | {"q": q}), smooth)
+        return zj.verdict(c, zj.State(omega=(0, 0.3)))
+
+    for question, name in ((exponents, "lyapunov_exponents"), (verdict, "verdict")):
+        for derive in (jax.jacfwd, jax.jacrev):
+            derived = derive(jax.jit(lambda q, f=question: f(q).exponents))
+            refuses(lambda d=derived: jax.make_jaxpr(d)(2.6), name, "no derivatives")
+    in_length = jax.jacfwd(lambda t: exponents(2.6, t).exponents)
+    refuses(lambda: jax.make_jaxpr(in_length)(5.0), "lyapunov_exponents")
+
+
+@pytest.mark.parametrize("certify", [True, False])
+def test_reverse_mode_through_a_motion_of_unknown_length_is_refused(refuses, certify):
+    def amplitude(q):
+        c = column(P(NUMBERS | {"q": q}), smooth)
+        return zj.settle(c, zj.State(omega=(0, 0.3)), certify=certify).rod_amplitude[0]
+
+    derived = jax.grad(jax.jit(amplitude))
+    refuses(lambda: jax.make_jaxpr(derived)(2.6), "`settle`", "jax.jacfwd")
+
+
+# The second ---------------------------------------------------------------------------
+
+
+def _smooth(p):
+    windows = zj.Windows(transient=p.transient, length=p.length, max_windows=3)
+    watched = zj.StickFraction(p.cut), zj.Mean(), zj.EnergyBalance()
+    return settled(p, windows=windows, observers=watched, method=FINE)
+
+
+def _dry(p):
+    watched = zj.StickFraction(), zj.Mean()
+    return settled(p, dry, observers=watched, method=FINE, certify=True)
+
+
+def _by_windows(p):
+    windows = zj.Windows(transient=p.transient, length=p.length, max_windows=3)
+    watched = zj.StickFraction(), zj.Mean(), zj.EnergyBalance()
+    return settled(p, dry, windows=windows, observers=watched, method=FINE)
+
+
+def _passages(p):
+    found = zj.poincare(
+        column(p, smooth), start(p), section=zj.SectionPlane("phi2", p.level),
+        points=2, transient=p.transient, method=FINE,
+    )  # fmt: skip
+    return {"times": found.times, "phi": found.phi, "omega": found.omega}
+
+
+def _up_and_down(p):
+    windows = zj.Windows(transient=2.0, length=3.0, max_windows=2)
+    kick = zj.State((0.0, 0.0), (p.w1, p.w2))
+    found = zj.sweep_up_down(
+        lambda q: column(p, dry, q), [2.4, 2.6], kick=kick, windows=windows, method=FINE
+    )
+    return {n: v for n, v in found.numbers.items() if n != "outcome"}
+
+
+def _branch(p):
+    """A fold from an orbit that is a constant, and its branch."""
+
+    def make(q):
+        return column(p, smooth, q)
+
+    orbit, arc = known_orbit(), zj.Arc(direction=-1)
+    fold = zj.cycle_fold(make, orbit, p.q, arc=arc)
+    short = zj.Arc(direction=-1, points=3)
+    branch = zj.continue_cycle(make, orbit, p.q, arc=short, max_special_points=1)
+    return {
+        "fold": fold.fold,
+        "period": fold.period,
+        "cycle": numbers_of_points(fold.cycle),
+        "branch": numbers_of_points(branch.points),
+    }
+
+
+def numbers_of_points(points):
+    names = "phi", "omega", "period", "rod_amplitude", "joint_amplitude", "monodromy"
+    named = {name: getattr(points, name) for name in names}
+    if hasattr(points, "parameter"):
+        named["parameter"] = points.parameter
+    return named | {"multipliers": points.multipliers[..., 2:]}
+
+
+BRANCH = given("q", *OF_SMOOTH[1:], v=0.1) | {"q": 2.6}
+
+
+@functools.cache
+def known_orbit():
+    """The stable cycle at the numbers of `BRANCH`."""
+    with jax.ensure_compile_time_eval():
+        at = P(BRANCH)
+        orbit = jax.jit(
+            lambda: zj.periodic_orbit(column(at, smooth), zj.State((0, 0.7), (0.6, 1)))
+        )()
+    assert orbit.outcome == zj.ORBIT.found and orbit.stable
+    return jax.tree.map(np.asarray, orbit)
+
+
+def _curve(p):
+    course = zj.Course(values=jnp.array([p.value]), second=(0.09, 0.11))
+    curve = zj.bifurcation_curve(
+        lambda q, mu: column(P(p | {"mu_s": mu}), smooth, q), "fold", known_fold(),
+        second=0.1, course=course,
+    )  # fmt: skip
+    points = curve.points
+    return numbers_of_points(points) | {
+        "first": points.first, "second": points.second, "residual": points.residual,
+    }  # fmt: skip
+
+
+@functools.cache
+def known_fold():
+    with jax.ensure_compile_time_eval():
+        at = P(BRANCH)
+        fold = jax.jit(
+            lambda: zj.cycle_fold(
+                lambda q: column(at, smooth, q), known_orbit(), at.q,
+                arc=zj.Arc(direction=-1),
+            )
+        )()  # fmt: skip
+    assert fold.outcome == zj.ORBIT.found
+    return jax.tree.map(np.asarray, fold.cycle)
+
+
+def _onset(p):
+    found = zj.flutter_onset(
+        lambda q: column(p, smooth, q), start(p), (1.0 + 0 * p.low, 3.0),
+        search=zj.Search(6, 22),
+    )  # fmt: skip
+    return {"threshold": found.threshold, "width": found.width, "rises": found.rises}
+
+
+VERDICT = {("final", "*"): MOMENT, ("time", "*"): MOMENT, ("drift", "*"): ROUNDING}
+USUAL = {"cut": 0.05, "transient": 300.0, "length": 20.0}
+SETTLE = given(*OF_SMOOTH, *OF_START)
+SLOW = {
+    "settle: a certified cycle": Case(
+        _smooth, SETTLE | USUAL, VERDICT, rtol=1e-4, least=1e-8, step=1e-3
+    ),
+    "settle: rest under a smoothed law": Case(
+        _smooth, SETTLE | USUAL | {"q": 1.0}, {("*", "*"): CREEPS}
+    ),
+    "settle: undecided": Case(
+        _smooth,
+        SETTLE | {"cut": 0.05, "transient": 5.0, "length": 6.0},
+        {("drift", "*"): ROUNDING, ("*", "transient"): OPTION, ("*", "length"): OPTION},
+    ),
+    "settle: a certified cycle of dry friction": Case(
+        _dry, given(*OF_DRY, *OF_START), VERDICT, rtol=1e-4, step=1e-3
+    ),
+    "settle: dry friction sticks": Case(
+        _dry,
+        given(*OF_DRY, *OF_START) | {"q": 1.0},
+        {("time", "*"): MOMENT, ("drift", "*"): ROUNDING},
+        rtol=1e-4,
+    ),
+    "settle: by windows": Case(
+        _by_windows,
+        given(*OF_DRY, *OF_START, transient=5.0, length=6.0),
+    ),
+    "poincare": Case(
+        _passages, given(*OF_SMOOTH, *OF_START, level=0.1, transient=5.0), rtol=1e-4
+    ),
+    "sweep_up_down": Case(_up_and_down, given(*OF_DRY, "w1", "w2"), rtol=1e-4),
+    "cycle_fold, continue_cycle": Case(
+        _branch,
+        BRANCH,
+        {},
+        rtol=1e-3,
+        step=1e-4,
+        reverse=True,
+    ),
+    "bifurcation_curve": Case(
+        _curve,
+        {n: x for n, x in BRANCH.items() if n not in ("q", "mu_s")} | {"value": 0.1},
+        {("residual", "*"): ROUNDING},
+        rtol=1e-3,
+        reverse=True,
+    ),
+    "flutter_onset": Case(
+        _onset,
+        given(*OF_SMOOTH[1:], *OF_START, low=1.0),
+        {("width", "low"): "it is a share of the bracket"},
+        rtol=5e-3,
+        step=1e-3,
+        least=3e-7,
+        reverse=True,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SLOW)
+def test_derivatives_of_long_motions_are_right_or_listed(name):
+    wrong, worst, tally = verdicts(SLOW[name])
+    print(name, tally, f"worst {worst:.1e}")
+    assert not wrong, wrong
