@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ..model.column import Column, energy, power
-from ..numerics.elementary import larger
+from ..numerics.elementary import larger, smaller
 from ..numerics.hermite import HermiteQuartic, share_within
 from ..numerics.numbers import (
     Flag,
