@@ -5,7 +5,10 @@ import subprocess
 import sys
 
 import jax
+import pytest
 from stored import settled
+
+import ziegler_jax as zj
 
 CACHED = """
 import sys
@@ -43,3 +46,11 @@ def test_a_second_process_starts_without_compiling(tmp_path):
         assert str(tmp_path / "cache") in said
         hits.append(int(count))
     assert hits[0] == 0 and hits[1] >= 1
+
+
+def test_a_folder_that_cannot_be_written_to_is_a_warning_and_no_cache(tmp_path):
+    before = jax.config.jax_compilation_cache_dir
+    (tmp_path / "file").write_text("")
+    with pytest.warns(UserWarning, match="cannot be written to"):
+        said = zj.configure_cache(tmp_path / "file" / "cache")
+    assert "not kept" in said and jax.config.jax_compilation_cache_dir == before

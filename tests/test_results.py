@@ -117,6 +117,24 @@ def test_events_are_swept_with_their_modes():
     np.testing.assert_array_equal(ds.event_modes[:count], alone.events.modes[:count])
 
 
+def test_events_are_a_dataset_of_their_own_as_many_as_there_are():
+    alone = zj.trajectory(sliding(2.6), KICK, [0.0, 5.0])  # room for 1000
+    count = int(alone.events.count)
+    assert len(alone.to_dataset().to_dataframe()) == 2 * 2  # times and rods
+    events = alone.event_dataset()
+    assert events.sizes == {"event": count, "joint": 2} and events.event_count == count
+    np.testing.assert_array_equal(events.event_times, alone.events.times[:count])
+    with pytest.raises(ValueError, match="set-valued friction"):
+        zj.trajectory(zj.uniform_rods(2.6), KICK, [0.0, 5.0]).event_dataset()
+
+
+def test_energy_power_and_reactions_take_a_state_and_its_numbers():
+    column = sliding(2.6)
+    for question in (zj.energy, zj.power, zj.reactions):
+        one, other = question(column, KICK), question(column, KICK.y)
+        assert jax.tree.all(jax.tree.map(np.array_equal, one, other))
+
+
 def test_a_section_is_swept():
     def point(q):
         return zj.poincare(zj.uniform_rods(q), KICK, points=3, transient=0.0)

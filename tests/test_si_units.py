@@ -203,6 +203,11 @@ def test_time_histories_have_seconds_on_their_axes():
     assert "s$^{-1}$" in phase.get_ylabel()
 
 
+def test_the_smoothed_rate_of_a_joints_friction_is_in_radians_a_second():
+    law = joint(v_smooth=2.0)
+    assert law.v_smooth == pytest.approx(2.0 * UNITS.time, rel=1e-15)
+
+
 def joint(**changes):
     options = {"pin_radius": 0.1, "transition_velocity": 0.1} | changes
     return UNITS.joint_friction(0.2, 0.1, **options)

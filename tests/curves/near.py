@@ -31,7 +31,6 @@ def points(kind, near, monodromy=None):
         joint_amplitude=unknown,
         monodromy=jnp.asarray(moved)[None],
         kind=jnp.array([SPECIAL[kind]]),
-        settings=(("section", "phi1 rising"),),
     )
 
 

@@ -310,3 +310,41 @@ def test_bad_numbers_end_their_lane_alone(what):
 def regimes_and_spectra(p):
     column = column_of(p)
     return zj.regime(column), zj.spectrum(column)
+
+
+class ByItsSize(AbstractRateFriction):
+    """A law of |u|: to JAX without a slope at rest."""
+
+    mu: float
+
+    def levers(self, u1, u2):
+        return tuple(jnp.sign(u) * self.mu * jnp.tanh(abs(u) / 0.02) for u in (u1, u2))
+
+    def rate_cut(self):
+        return 0.02
+
+
+class Flat(ByItsSize):
+    """A law that begins flat, and smoothly."""
+
+    def levers(self, u1, u2):
+        return tuple(self.mu * u**3 for u in (u1, u2))
+
+
+def test_a_law_without_its_slope_at_rest_is_refused_where_it_first_meets_numbers():
+    start, told = zj.State(omega=(0.0, 0.1)), r"rises by 5 .* derivative there is 0"
+    column = zj.uniform_rods(1.0, friction=ByItsSize(0.1))
+    for question in (zj.tangent_column, lambda c: zj.settle(c, start)):
+        with pytest.raises(ValueError, match=told):
+            question(column)
+
+    def swept(q):  # the law's own number is known in a sweep, too
+        return zj.settle(zj.uniform_rods(q, friction=ByItsSize(0.1)), start)
+
+    with pytest.raises(ValueError, match=told):
+        zj.sweep(swept, q=[1.0, 2.0], progress=False)
+    traced = jax.jit(lambda mu: zj.tangent_column(
+        zj.uniform_rods(1.0, friction=ByItsSize(mu))).damping.c1)  # fmt: skip
+    assert jnp.isnan(traced(0.1))
+    flat = zj.tangent_column(zj.uniform_rods(1.0, friction=Flat(0.1)))
+    assert flat.damping.c1 == 0

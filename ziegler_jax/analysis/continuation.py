@@ -33,6 +33,7 @@ from ..model.column import Column
 from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
+from ..motion.section import Coordinate
 from ..numerics.numbers import Count, Scalar, is_concrete, whole_number
 from ..results import (
     ORBIT,
@@ -84,6 +85,9 @@ class CyclePoints(AbstractResult):
         metadata=quantity("what happens at the point", dims=ALONG, codes=SPECIAL)
     )
     settings: Settings = eqx.field(static=True, default=())
+    # of the section, whose level is in each state
+    coordinate: Coordinate = eqx.field(static=True, default="phi1")
+    rising: bool = eqx.field(static=True, default=True)
 
     DERIVED: ClassVar[Mapping[str, Variable]] = {
         "largest_multiplier": Variable(
@@ -346,4 +350,6 @@ def _points(
         monodromy=cycles.moved,
         kind=kind,
         settings=_settings(problem),
+        coordinate=problem.section.coordinate,
+        rising=problem.section.rising,
     )

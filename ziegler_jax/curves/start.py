@@ -16,7 +16,7 @@ from ..model.column import Column
 from ..motion.contact import Dip, Landing
 from ..motion.implicit import fixed
 from ..motion.options import Method
-from ..motion.section import Coordinate, SectionPlane
+from ..motion.section import SectionPlane
 from ..numerics.numbers import Scalar
 from ..results import ORBIT, SPECIAL
 from ..steady.jets import Bundle, Jet, follow_bundle
@@ -102,9 +102,8 @@ def of_points(kind: Kind, points: CyclePoints) -> Beginning:
     mine = points.kind == SPECIAL[kind]
     first = jnp.argmax(mine)
     y = jnp.concatenate([points.phi[first], points.omega[first]])
-    coordinate, way = str(dict(points.settings)["section"]).split()
-    section = SectionPlane(cast(Coordinate, coordinate), 0.0, way == "rising")
-    section = SectionPlane(section.coordinate, y[section.index], section.rising)
+    at = SectionPlane(points.coordinate, rising=points.rising)
+    section = SectionPlane(at.coordinate, y[at.index], at.rising)
     z = jnp.stack([*(y[i] for i in section.others), points.period[first]])
     failure = jnp.where(jnp.any(mine), 0, ORBIT.beyond).astype(jnp.int32)
     known = points.parameter[first], points.monodromy[first]

@@ -18,6 +18,7 @@ from typing import ClassVar, cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 
 from ..numerics.elementary import LOG2_E
 from ..numerics.numbers import (
@@ -133,9 +134,16 @@ def slopes_at_rest(law: AbstractRateFriction) -> Pair:
 
     **Raises:** `ValueError` where both do not agree, NaN where numbers are traced.
     """
-    _, slopes = jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))
     if isinstance(law, SmoothCoulomb):
-        return slopes
+        return jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))[1]
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves(law)):
+        return _checked_slopes(law)
+    with jax.ensure_compile_time_eval():
+        return _checked_slopes(law)
+
+
+def _checked_slopes(law: AbstractRateFriction) -> Pair:
+    _, slopes = jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))
     cut = law.rate_cut()
     cuts = jnp.broadcast_to(jnp.asarray(1.0 if cut is None else cut, float), (2,))
     near, checked_ones = BESIDE * cuts, []
@@ -146,7 +154,7 @@ def slopes_at_rest(law: AbstractRateFriction) -> Pair:
         # a law that begins flat has no slope on either side
         within = ALIKE * jnp.abs(rise) + BESIDE * jnp.abs(far / whole)
         agrees = jnp.abs(slope - rise) <= within
-        if is_concrete(agrees) and not agrees:
+        if not isinstance(agrees, Tracer) and not agrees:
             raise ValueError(
                 f"Argument `friction` must have the slope at rest that JAX sees, but "
                 f"`{type(law).__name__}` rises by {float(rise):.3g} a unit of rate in "
