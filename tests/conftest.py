@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 from jax._src import compiler
-from tiers import reason_of
+from tiers import of_the_night, reason_of
 
 from ziegler_jax.sweep import partition, program
 
@@ -47,6 +47,7 @@ settings.load_profile("few")
 def pytest_addoption(parser):
     """How the suite is compiled, and whether its costs are written down."""
     parser.addoption("--optimised", action="store_true", help="compile as for users")
+    parser.addoption("--night", action="store_true", help="large draws as well")
     parser.addoption("--costs", metavar="FILE", help="a table of what each test costs")
 
 
@@ -57,9 +58,11 @@ def pytest_configure(config):
 
 
 @pytest.hookimpl(tryfirst=True)  # then they are deselected by their marks
-def pytest_collection_modifyitems(items):
-    """The second tier is that of `tiers.py`."""
+def pytest_collection_modifyitems(config, items):
+    """The second tier is that of `tiers.py`, and so is what is left to the night."""
     for item in items:
+        if of_the_night(item.nodeid) and not config.getoption("--night"):
+            item.add_marker(pytest.mark.skip(reason="a large draw: --night"))
         if reason := reason_of(item.nodeid):
             item.add_marker(pytest.mark.slow(reason))
 

@@ -19,6 +19,15 @@ ALL_QUESTIONS = "traces or compiles every question, for options that all of them
 OTHER_WAY = "the same claim of another law, method or option; one of each kind is quick"
 TASKS = "a user's script or a docstring's example with a large scene"
 
+
+# Run with `--night`, in no tier: large draws, of which small ones are in the tiers.
+NIGHT = [
+    "sweep/test_stores_under_attack.py::test_a_sweep_stopped_before_a_file_operation"
+    "_goes_on[all]",
+    "steady/test_endings.py::test_of_many",
+    "sweep/test_stores_under_attack.py::test_any_file_may_be_damaged[all",
+]
+
 SLOW = {
     LONG_PROGRAMS: [
         "analysis/test_branches.py::test_a_branch_is_the_one_that_another_code_shoots",
@@ -78,7 +87,11 @@ SLOW = {
         "test_main.py::test_another_map_is_refused_in_one_line_and_overwritten",
     ],
     LONG_RUNS: [
-        "steady/test_endings.py::test_of_many",
+        "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[smoothed",
+        "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[dry-1",
+        "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[viscous-2",
+        "analysis/test_passages.py::test_all_passages_below_the_top_of_a_rate",
+        "steady/test_endings.py::test_what_grows_is_never_at_rest",
         "analysis/test_basins.py",
         "analysis/test_cycles.py::test_time_stepping_decays_below_the_fold_of_weak",
         "analysis/test_exponents.py::test_without_dissipation_they_sum_to_zero_in_chaos",
@@ -133,9 +146,6 @@ SLOW = {
         "sweep/test_tables.py::test_a_point_that_closes_over_a_large_array_takes",
         "sweep/test_store_faults.py::test_killed_at_any_moment_it_goes_on_where_it_was",
         "sweep/test_stores_under_attack.py::test_of_two_that_begin_a_store_at_once_one",
-        "sweep/test_stores_under_attack.py::test_a_sweep_stopped_before_a_file_operation"
-        "_goes_on[all]",
-        "sweep/test_stores_under_attack.py::test_any_file_may_be_damaged[all",
         "test_cache.py::test_a_second_process_starts_without_compiling",
         "test_census.py::test_a_lanes_step_takes_no_more_instructions_than_it_did",
         "test_cpu.py::test_a_fresh_process_computes_on",
@@ -212,3 +222,8 @@ def reason_of(test):
         if name.startswith(tuple(entries)):
             return reason
     return None
+
+
+def of_the_night(test):
+    """Whether a test is a large draw, which `--night` alone runs."""
+    return test.removeprefix("tests/").startswith(tuple(NIGHT))
