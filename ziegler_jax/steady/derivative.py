@@ -113,7 +113,8 @@ def _cycle_moves(turn, place: Place, p: Outputs, dp: Outputs) -> Outputs:
 
 def _radius(slope: Matrix3) -> Traced:
     """The largest modulus of an eigenvalue."""
-    return jnp.max(jnp.abs(eigenvalues(slope)))
+    values = eigenvalues(slope)
+    return jnp.abs(values[jnp.argmax(jnp.abs(values))])
 
 
 def _turn(

@@ -253,7 +253,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     )
     move = carried(motion, place, floats(named).size)
     # a cycle does not depend on options, the end of another motion does
-    options = motion.windows, motion.method
+    options = motion.windows.transient, motion.windows.length, motion.method
     move = tree_where(closed, move, lost(move, options))
     named = _nan_where_failed(
         end.outcome < OUTCOME.unsettled, with_zeros(named, move.observed)
