@@ -36,7 +36,7 @@ def test_no_file_imports_itself_through_others():
 
 def test_no_folder_and_no_file_is_too_large_to_find_ones_way():
     numbers = COUNTED()
-    assert numbers["files in the longest folder"] <= 16
+    assert numbers["files in the longest folder"] <= 17
     lines = {path: path.read_text().count("\n") for path in PACKAGE.rglob("*.py")}
     # one idea: what is written, what counts of it, and what a reader is shown of it
     assert lines.pop(PACKAGE / "sweep" / "store.py") <= 920

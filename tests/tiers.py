@@ -22,6 +22,7 @@ TASKS = "a user's script or a docstring's example with a large scene"
 
 # Run with `--night`, in no tier: large draws, of which small ones are in the tiers.
 NIGHT = [
+    "test_derivatives.py::test_derivatives_of_long_motions",
     "sweep/test_stores_under_attack.py::test_a_sweep_stopped_before_a_file_operation"
     "_goes_on[all]",
     "steady/test_endings.py::test_of_many",
