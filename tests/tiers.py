@@ -72,7 +72,6 @@ SLOW = {
     ],
     CERTIFIED: [
         "sweep/test_cycles_in_sweeps.py::test_the_motion_the_return_and_the_shots_are",
-        "maps/test_scene.py::test_a_cells_motion_is_that_of_its_column_and_start",
         "steady/test_certificates.py::test_derivatives_of_a_certified_cycle_are_those",
         "steady/test_certificates.py::test_set_valued_cycles_are_certified_where_asked",
         "steady/test_certificates.py::test_a_half_turn_and_a_whole_one_give_the_same",
@@ -136,7 +135,6 @@ SLOW = {
         "test_studies.py::test_fits_spread_as_far_as_the_bound_and_have_no_bias",
     ],
     PROCESSES: [
-        "maps/test_scene.py::test_a_store_of_another_process_knows_its_function",
         "motion/test_debugging_flags.py::test_the_environments_flags_are_heeded",
         "plot/test_pages.py::test_a_store_of_another_process_makes_a_page",
         "plot/test_pictures.py::test_matplotlib_is_imported_only_when_used",
