@@ -27,6 +27,7 @@ from ..numerics.numbers import (
 from ..results import OUTCOME, RATE, TIME, AbstractResult, Settings, Variable, quantity
 from ..solvers import AbstractFold, Explicit
 from . import not_finite
+from .implicit import forward_only
 from .integrate import FIRST_STEP, Motion, follow
 from .options import Method, recorded
 from .scene import (
@@ -215,6 +216,8 @@ def trajectory(
 
     **Returns:** `Trajectory`.
 
+    **Derivatives:** forward, those of the steps; on the times, too.
+
     **Raises:** `ValueError` as `settle`, and for times that do not increase.
     """
     check_scene(column, start)
@@ -242,7 +245,7 @@ def trajectory(
         )
     )
     ys = run.folded.ys.T
-    return Trajectory(
+    history = Trajectory(
         ts=ts,
         phi=ys[:, :2],
         omega=ys[:, 2:],
@@ -252,3 +255,4 @@ def trajectory(
         events=run.folded.events,
         times=times,
     )
+    return forward_only("trajectory", history)
