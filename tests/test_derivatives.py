@@ -293,7 +293,7 @@ def test_every_public_function_is_walked_or_has_no_derivatives():
 CONSTANT = {
     "configure_cache": "an action",
     "configure_cpu": "an action",
-    "critical_kick": "the search of `flutter_onset`; in its own tests, with differences",
+    "critical_kick": "the search of `flutter_onset`; differences in its tests",
     "is_stiff": "yes or no",
     "least_kick": "in its own tests, with differences of the search itself",
     "merge": "of datasets",

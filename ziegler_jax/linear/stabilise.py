@@ -74,10 +74,10 @@ def stabilise(
         )
     if max_steps < 1:
         raise ValueError(f"Argument `max_steps` must be positive, but is {max_steps}.")
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves((parameters, start))):
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves((column, parameters, start))):
         raise ValueError(
-            "Arguments `parameters` and `start` must be concrete numbers, but some are "
-            "traced: call `stabilise` outside `jax.jit` and `jax.vmap`."
+            "Arguments `column`, `parameters` and `start` must be concrete numbers, "
+            "but some are traced: call `stabilise` outside `jax.jit` and `jax.vmap`."
         )
     make, own = as_function(column, list(parameters))
     start = dict(start or {})
