@@ -61,6 +61,7 @@ SLOW = {
         "motion/test_every_motion_ends.py::test_results_of_searches_name_their_options",
         "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew"
         "[orbit_damped",
+        "test_derivatives.py::test_derivatives_of_long_motions",
         "test_refusals.py::test_traced_options_are_finite_and_positive[verdict]",
         "test_refusals.py::test_traced_options_are_finite_and_positive[periodic_orbit]",
         "test_refusals.py::test_traced_options_are_finite_and_positive[its period]",

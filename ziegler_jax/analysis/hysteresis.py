@@ -11,6 +11,7 @@ from jaxtyping import Array, Int, Shaped
 
 from ..context import plain
 from ..model.column import Column, State
+from ..motion.implicit import forward_only
 from ..motion.integrate import Run
 from ..motion.observers import AbstractObserver
 from ..motion.options import Method, Windows, recorded
@@ -96,6 +97,8 @@ def sweep_up_down(
 
     **Returns:** `UpDownSweep`.
 
+    **Derivatives:** forward, of every motion by its windows, see `settle`.
+
     **Raises:** `ValueError` for arguments that break a rule.
     """
     if not isinstance(axis, str) or not axis.isidentifier() or axis in TAKEN:
@@ -156,7 +159,7 @@ def sweep_up_down(
         motion, update, lambda now: now.place < 2 * n, first._replace(results=empty)
     )
     return UpDownSweep(
-        numbers=end.results,
+        numbers=forward_only("sweep_up_down", end.results),
         quantities=tuple(
             (name, variable._replace(dims=("branch", axis, *variable.dims)))
             for name, variable in described.items()

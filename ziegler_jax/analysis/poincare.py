@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
+from ..motion.implicit import forward_only
 from ..motion.not_finite import motion
 from ..motion.options import Method, recorded
 from ..motion.scene import check_scene, explicit_method
@@ -149,6 +150,8 @@ def poincare(
 
     **Returns:** `PoincareSection`.
 
+    **Derivatives:** forward, those of the steps and of where they pass the plane.
+
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
     session.
     """
@@ -167,7 +170,7 @@ def poincare(
     method = explicit_method("poincare", method)
     run = follow_spans(column, start, fold, method)
     log = run.folded.watch
-    return PoincareSection(
+    section_ = PoincareSection(
         times=log.times,
         phi=log.y[:, :2],
         omega=log.y[:, 2:],
@@ -183,6 +186,7 @@ def poincare(
             escape=fold.escape,
         ),
     )
+    return forward_only("poincare", section_)
 
 
 class SectionState(NamedTuple):

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import xarray as xr
+from jax.core import Tracer
 
 from ..context import plain
 from ..model.column import Column
@@ -64,7 +65,7 @@ def stabilise(
     - `rtol`: the relative step at which to stop; `max_steps`: evaluations.
 
     **Raises:** `ValueError` for no bounds or such that are not low < high, a start
-    that is not `found`, `max_steps` below 1, or friction.
+    that is not `found`, `max_steps` below 1, friction, and traced numbers.
     """
     if not isinstance(parameters, Mapping) or not parameters:
         raise ValueError(
@@ -73,6 +74,11 @@ def stabilise(
         )
     if max_steps < 1:
         raise ValueError(f"Argument `max_steps` must be positive, but is {max_steps}.")
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves((column, parameters, start))):
+        raise ValueError(
+            "Arguments `column`, `parameters` and `start` must be concrete numbers, "
+            "but some are traced: call `stabilise` outside `jax.jit` and `jax.vmap`."
+        )
     make, own = as_function(column, list(parameters))
     start = dict(start or {})
     unknown = set(start) - set(parameters)

@@ -36,6 +36,7 @@ from ..results import (
 )
 from ..solvers import AbstractFold, Explicit
 from . import not_finite
+from .implicit import forward_only
 from .integrate import FIRST_STEP, Motion, follow
 from .options import Method, recorded
 from .scene import (
@@ -252,6 +253,8 @@ def trajectory(
 
     **Returns:** `Trajectory`.
 
+    **Derivatives:** forward, those of the steps; on the times, too.
+
     **Raises:** `ValueError` as `settle`, and for times that do not increase.
     """
     check_scene(column, start)
@@ -279,7 +282,7 @@ def trajectory(
         )
     )
     ys = run.folded.ys.T
-    return Trajectory(
+    history = Trajectory(
         ts=ts,
         phi=ys[:, :2],
         omega=ys[:, 2:],
@@ -289,3 +292,4 @@ def trajectory(
         events=run.folded.events,
         times=times,
     )
+    return forward_only("trajectory", history)

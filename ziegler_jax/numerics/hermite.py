@@ -18,6 +18,7 @@ from .numbers import Flag, Flags, Pair, Scalar
 
 ITERATIONS = 4  # of a Newton method that is kept in a bracket
 APART = 1e-4  # of a step: for the slope of a slope
+PASSING = 8  # of one whose place is integrated
 INNER = 1e-3  # how near to a step's ends a third point may lie
 
 
@@ -260,7 +261,10 @@ def _passes(
     """Where a course that falls from left to right passes a level, else the end."""
     begins_below, ends_above = course(left) <= level, course(right) >= level
     lowered = course._replace(g0=course.g0 - level, g1=course.g1 - level)
-    about = place(course, level, chord_root(lowered, left, right), left, right)
+    chord = chord_root(lowered, left, right)
+    about = falling_root(
+        lambda x: (lowered(x), lowered.slope(x)), chord, left, right, PASSING
+    )
     x = jax.lax.stop_gradient(about)
     slope = course.slope(x)
     x = x - (course(x) - level) / jnp.where(slope < 0, slope, -jnp.inf)
