@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax.model.column import dissipated
 
 
 def stacked(y):
@@ -84,6 +85,21 @@ def test_energy_changes_by_the_powers(rng, load):
     error = np.abs(imbalance(numbers, y)).max()
     # measured 3.8e-15
     assert error < 4e-14
+
+
+@pytest.mark.parametrize("load", LOADS)
+def test_what_is_lost_follows_from_the_accelerations_alone(rng, load):
+    @jax.jit
+    @jax.vmap
+    def difference(numbers, y):
+        column = build(numbers, load)
+        powers = zj.power(column, y)
+        losses = powers.damping + (0.0 if load == "none" else powers.friction)
+        accelerations = zj.vector_field(0.0, y, column)[2:]
+        return dissipated(column, y, accelerations) - losses
+
+    # measured 4.9e-15
+    assert np.abs(difference(*random_scenes(rng))).max() < 5e-14
 
 
 @pytest.mark.parametrize("load", LOADS[1:])

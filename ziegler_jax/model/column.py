@@ -279,13 +279,8 @@ def dissipated(column: Column, y: Vector4, accelerations: Pair) -> Scalar:
     phi1, phi2, w1, w2 = y
     a1, a2 = accelerations
     sin_d, cos_d = sincos(phi1 - phi2)
-    if column.tangential:
-        fed = column.q * sin_d * w1
-    else:
-        assert column.follower is not None
-        eta = column.follower
-        fed = column.q * sincos(phi1 - eta * phi2)[0] * w1
-        fed = fed + column.q * column.l2 * sincos((1 - eta) * phi2)[0] * w2
+    load1, load2 = _load(column, y, sin_d)
+    fed = load1 * w1 + (0.0 if load2 is None else load2 * w2)
     kinetic = column.a * w1 * a1 + column.d * w2 * a2
     kinetic += column.b * (cos_d * (a1 * w2 + w1 * a2) - sin_d * (w1 - w2) * w1 * w2)
     return fed - kinetic - column.kappa * phi1 * w1 - (phi2 - phi1) * (w2 - w1)
@@ -323,6 +318,19 @@ def reactions(column: Column, y: Vector4 | State) -> jax.Array:
     )
 
 
+def _load(column: Column, y: Vector4, sin_d: Scalar) -> tuple[Scalar, Scalar | None]:
+    """The load's generalised forces Q; the second is None where it is known to be 0."""
+    phi1, phi2, *_ = y
+    q, eta = column.q, column.follower
+    if column.tangential:
+        return q * sin_d, None
+    assert eta is not None
+    return (
+        q * sincos(phi1 - eta * phi2)[0],
+        q * column.l2 * sincos((1 - eta) * phi2)[0],
+    )
+
+
 class _Forces:
     """Everything but friction, at one state: what field, power and reactions share."""
 
@@ -330,15 +338,7 @@ class _Forces:
         phi1, phi2, w1, w2 = y
         self.column, self.y = column, y
         self.sin_d, self.cos_d = sincos(phi1 - phi2)
-        q, eta = column.q, column.follower
-        if column.tangential:
-            self.load = (q * self.sin_d, None)
-        else:
-            assert eta is not None
-            self.load = (
-                q * sincos(phi1 - eta * phi2)[0],
-                q * column.l2 * sincos((1 - eta) * phi2)[0],
-            )
+        self.load = _load(column, y, self.sin_d)
         self.damping = None
         if column.damping is not None:
             (c11, c12), (c21, c22) = column.damping.matrix(self.cos_d, (w1, w2))

@@ -136,10 +136,26 @@ def slopes_at_rest(law: AbstractRateFriction) -> Pair:
     """
     if isinstance(law, SmoothCoulomb):
         return jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))[1]
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves(law)):
+    if _is_traced(law):
         return _checked_slopes(law)
     with jax.ensure_compile_time_eval():
         return _checked_slopes(law)
+
+
+def check_slopes(law: AbstractFriction | None) -> None:
+    """Refuse a law of one's own whose slope at rest JAX does not see.
+
+    Nothing of it is in the program: traced numbers are not looked at.
+
+    **Raises:** `ValueError`.
+    """
+    own = isinstance(law, AbstractRateFriction) and not isinstance(law, SmoothCoulomb)
+    if own and not _is_traced(law):
+        slopes_at_rest(law)
+
+
+def _is_traced(law: AbstractRateFriction) -> bool:
+    return any(isinstance(x, Tracer) for x in jax.tree.leaves(law))
 
 
 def _checked_slopes(law: AbstractRateFriction) -> Pair:

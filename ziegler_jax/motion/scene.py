@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from ..context import overridden_solver
 from ..model.column import Column, State, vector_field
 from ..model.damping import is_polynomial
-from ..model.friction import AbstractRateFriction, slopes_at_rest
+from ..model.friction import check_slopes
 from ..numerics.materialise import as_one_call
 from ..numerics.numbers import Flag, Scalar, Traced4, Vector4, instance, is_concrete
 from ..results import OUTCOME
@@ -177,9 +177,7 @@ def check_scene(column: Column, start: State, name: str = "start") -> None:
     """Raise a sentence if these are no column and no start."""
     instance("column", column, Column)
     instance(name, start, State)
-    law = column.friction
-    if isinstance(law, AbstractRateFriction):
-        slopes_at_rest(law)  # a law whose slope JAX sees otherwise is refused
+    check_slopes(column.friction)
 
 
 def check_maker(make_column: Callable[..., Column], count: int = 1) -> None:

@@ -81,9 +81,8 @@ class Quintic(NamedTuple):
 
     def largest(self) -> Scalar:
         """The largest size at the end and about where it turns."""
-        turns, x = self.turning()
-        end = jnp.abs(self.g1)
-        return jnp.where(turns, larger(jnp.abs(self(x)), end), end)
+        low, high = self.extent()
+        return larger(-low, high)
 
     def extent(self) -> Pair:
         """The smallest and the largest number at the end and about where it turns."""
