@@ -227,7 +227,7 @@ def test_a_closed_stdout_is_named_and_the_map_is_written(written, tmp_path, clos
         process.stdout.close()
         (line,) = process.stderr.read().splitlines()
     assert process.returncode == 3
-    assert line.startswith("Standard output is closed; written: ")
+    assert line.startswith("Standard output took nothing; written: ")
     assert (tmp_path / job.PICTURE).read_bytes().startswith(PNG)
 
 

@@ -89,7 +89,8 @@ def outcome(result):
 
 
 STEPS = {"rtol": 1e-4, "atol": 1e-4}
-WINDOWS = {**STEPS, "agreement": 1e-3, "length": 5.0, "escape": 3.0, "rate_cut": 1e-3}
+CERTIFIED = {**STEPS, "length": 5.0, "escape": 3.0, "rate_cut": 1e-3}
+WINDOWS = {**CERTIFIED, "agreement": 1e-3}
 BLOCKS = {**STEPS, "length": 5.0, "escape": 3.0}
 WITNESSES = {**BLOCKS, "rtol_return": 1e-3, "zero_rate": 0.01, "rate_cut": 1e-3}
 WALK = {**STEPS, "step": 0.1}
@@ -119,7 +120,7 @@ TRACED = {
     "its period": (found_orbit, {"period": 4.0}, ORBIT.invalid),
     "cycle_fold": (fold, WALK, ORBIT.invalid),
     "continue_cycle": (branch, WALK, ORBIT.invalid),
-    "critical_kick": (kick, WINDOWS, ONSET.invalid),
+    "critical_kick": (kick, CERTIFIED, ONSET.invalid),
     "sweep_up_down": (up_down, WINDOWS, OUTCOME.invalid),
 }
 

@@ -137,7 +137,7 @@ SLOW = {
     ],
     PROCESSES: [
         "motion/test_debugging_flags.py::test_the_environments_flags_are_heeded",
-        "plot/test_pages.py::test_a_store_of_another_process_makes_a_page",
+        "plot/test_pages.py::test_a_store_in_si_units_makes_a_page",
         "plot/test_pictures.py::test_matplotlib_is_imported_only_when_used",
         "sweep/test_clusters.py",
         "sweep/test_progress.py::test_a_slow_compilation_is_announced_with_its_seconds",
@@ -198,7 +198,6 @@ SLOW = {
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/cont",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/hyst",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[curves/",
-        "test_docstring_examples.py::test_a_block_runs_as_it_stands[maps/scene.py",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[motion/stiffness",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/maps.py 2]",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/sweep.py 0]",

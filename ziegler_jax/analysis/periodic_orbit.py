@@ -283,7 +283,9 @@ def multipliers(monodromy: Float[Array, "*n 4 4"]) -> Complex[Array, "*n 4"]:
 
 def attracts(monodromy: Float[Array, "*n 4 4"]) -> Bool[Array, "*n"]:
     """Whether all multipliers but the first lie inside the unit circle."""
-    return jnp.all(jnp.abs(multipliers(fixed(monodromy))[..., 1:]) < 1, axis=-1)
+    with own_flags():
+        others = multipliers(fixed(monodromy))[..., 1:]
+        return jnp.all(jnp.abs(others) < 1, axis=-1)
 
 
 def cycle_method(question: str, method: Method, column: Column) -> Method:

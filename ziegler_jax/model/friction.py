@@ -149,8 +149,9 @@ def check_slopes(law: AbstractFriction | None) -> None:
 
     **Raises:** `ValueError`.
     """
-    own = isinstance(law, AbstractRateFriction) and not isinstance(law, SmoothCoulomb)
-    if own and not _is_traced(law):
+    if not isinstance(law, AbstractRateFriction) or isinstance(law, SmoothCoulomb):
+        return
+    if not _is_traced(law):
         slopes_at_rest(law)
 
 

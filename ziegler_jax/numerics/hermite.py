@@ -81,8 +81,9 @@ class Quintic(NamedTuple):
 
     def largest(self) -> Scalar:
         """The largest size at the end and about where it turns."""
-        low, high = self.extent()
-        return larger(-low, high)
+        turns, x = self.turning()
+        end = jnp.abs(self.g1)  # of numbers below the normal ones, too: not by `extent`
+        return jnp.where(turns, larger(jnp.abs(self(x)), end), end)
 
     def extent(self) -> Pair:
         """The smallest and the largest number at the end and about where it turns."""
