@@ -289,8 +289,7 @@ class StickFraction(AbstractObserver):
             )
         ends = (joint_rates(y) for y in (step.y0, step.y1, step.f0, step.f1))
         return tuple(
-            time
-            + h * share_within(HermiteQuartic(u0, u1, h * a0, h * a1, 0.0 * h), c, h)
+            time + h * share_within(HermiteQuartic(u0, u1, h * a0, h * a1, 0.0 * h), c)
             for time, u0, u1, a0, a1, c in zip(state, *ends, both(cut), strict=True)
         )
 

@@ -14,11 +14,10 @@ import jax.numpy as jnp
 
 from .elementary import larger, smaller
 from .materialise import if_any_lane, materialise
-from .numbers import Flag, Flags, Pair, Scalar
+from .numbers import Flag, Flags, Numbers, Pair, Scalar
 
 ITERATIONS = 4  # of a Newton method that is kept in a bracket
-APART = 1e-4  # of a step: for the slope of a slope
-PASSING = 8  # of one whose place is integrated
+TURNING = 5  # of one that begins on a chord
 INNER = 1e-3  # how near to a step's ends a third point may lie
 
 
@@ -43,17 +42,22 @@ class Quintic(NamedTuple):
 
     def slope(self, x: Scalar) -> Scalar:
         """The slope at x."""
-        return self.slopes(x)[0]
+        return polynomial(self.slopes(), x)
 
-    def slopes(self, x: Scalar) -> Pair:
-        """The slope at x, and the slope's."""
+    def slopes(self) -> Numbers:
+        """The slope as a polynomial: its coefficients from the constant one on."""
         rise = self.g1 - self.g0 - self.v0 - self.a0 / 2
         faster, more = self.v1 - self.v0 - self.a0, self.a1 - self.a0
         c3 = 10 * rise - 4 * faster + more / 2
         c4 = 7 * faster - 15 * rise - more
         c5 = 6 * rise - 3 * faster + more / 2
-        slope = self.v0 + x * (self.a0 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))
-        return slope, self.a0 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))
+        return self.v0, self.a0, 3 * c3, 4 * c4, 5 * c5
+
+    def polygon(self) -> Numbers:
+        """The control points of its Bezier curve."""
+        first, last = self.g0 + self.v0 / 5, self.g1 - self.v1 / 5
+        second = first + self.v0 / 5 + self.a0 / 20
+        return self.g0, first, second, last - self.v1 / 5 + self.a1 / 20, last, self.g1
 
     def turning(self) -> tuple[Flag, Scalar]:
         r"""Whether the slope changes its sign between the ends, and where about.
@@ -99,8 +103,10 @@ class Quintic(NamedTuple):
         """
         still = jax.lax.stop_gradient(self)
         turns, x = still.turning()
+        slopes = still.slopes()
+        bends = differentiated(slopes)
         for _ in range(2):  # from within h^3
-            slope, bend = still.slopes(x)
+            slope, bend = polynomial(slopes, x), polynomial(bends, x)
             moved = x - slope / jnp.where(bend == 0, jnp.inf, bend)
             x = jnp.where(turns, jnp.clip(moved, 0.0, 1.0), 1.0)
         return self(x)
@@ -128,7 +134,19 @@ class QuinticRate(NamedTuple):
 
     def slope(self, x: Scalar) -> Scalar:
         """Its slope at x, per step."""
-        return self.scale * self.path.slopes(x)[1]
+        return polynomial(self.slopes(), x)
+
+    def slopes(self) -> Numbers:
+        """The slope as a polynomial."""
+        return tuple(self.scale * c for c in differentiated(self.path.slopes()))
+
+    def polygon(self) -> Numbers:
+        """The control points of its Bezier curve."""
+        points = self.path.polygon()
+        return tuple(
+            5 * self.scale * (b - a) - self.level
+            for a, b in zip(points, points[1:], strict=False)
+        )
 
     @property
     def g0(self) -> Scalar:
@@ -220,55 +238,59 @@ def extrema(course: HermiteQuartic) -> Pair:
     return jnp.minimum(x1, x2), jnp.maximum(x1, x2)
 
 
-def share_within(course: HermiteQuartic, most: Scalar, at: Scalar) -> Scalar:
+def share_within(course: HermiteQuartic, most: Scalar) -> Scalar:
     """The share of [0, 1] in which the cubic lies within +-most.
 
-    Between its extrema it is monotone and crosses either level once, at the root of
-    Newton's method, which carries the derivative.
-
-    **Arguments:** `at`: any number of the lane.
+    By halves, in each of which it counts as monotone: its inverse's cubic, by the
+    slopes of both ends, says where it passes a level, and a step of Newton's method,
+    which carries the derivative, says it better.
     """
-    chord = course.g1 - course.g0
-    polygon = (
-        course.g0, course.g0 + course.v0 / 3, course.g1 - course.v1 / 3, course.g1,
-    )  # fmt: skip
-    # no cubic leaves its Bezier polygon
-    low, high = reduce(smaller, polygon), reduce(larger, polygon)
-    inside = jnp.asarray((low > -most) & (high < most))
-    crosses = ~inside & jnp.asarray((low < most) & (high > -most))
-
-    def measure(blank):
-        del blank
-        ends = (0.0 * chord, *extrema(course), 0.0 * chord + 1.0)
-        share = 0.0 * chord
-        for left, right in zip(ends, ends[1:], strict=False):
-            falls = course(left) >= course(right)
-            falling = HermiteQuartic(*(jnp.where(falls, x, -x) for x in course))
-            enters, leaves = (
-                _passes(falling, level, left, right) for level in (most, -most)
-            )
-            share += leaves - enters
-        return share
-
-    share = jnp.where(inside, 1.0, 0.0) + 0.0 * chord
-    part = if_any_lane(crosses, lambda blank: materialise(at, measure, blank), share)
-    return jnp.where(crosses, part, share)
-
-
-def _passes(
-    course: HermiteQuartic, level: Scalar, left: Scalar, right: Scalar
-) -> Scalar:
-    """Where a course that falls from left to right passes a level, else the end."""
-    begins_below, ends_above = course(left) <= level, course(right) >= level
-    lowered = course._replace(g0=course.g0 - level, g1=course.g1 - level)
-    chord = chord_root(lowered, left, right)
-    about = falling_root(
-        lambda x: (lowered(x), lowered.slope(x)), chord, left, right, PASSING
+    zero, one = 0.0 * course.g0, 0.0 * course.g0 + 1.0
+    middle, slope = course(0.5 * one), course.slope(0.5 * one)
+    first = _share_of_a_half(course, zero, course.g0, middle, course.v0, slope, most)
+    second = _share_of_a_half(
+        course, 0.5 * one, middle, course.g1, slope, course.v1, most
     )
-    x = jax.lax.stop_gradient(about)
-    slope = course.slope(x)
-    x = x - (course(x) - level) / jnp.where(slope < 0, slope, -jnp.inf)
-    return jnp.where(begins_below, left, jnp.where(ends_above, right, x))
+    return 0.5 * (first + second)
+
+
+def _share_of_a_half(
+    course: HermiteQuartic,
+    left: Scalar,
+    a: Scalar,
+    b: Scalar,
+    slope_a: Scalar,
+    slope_b: Scalar,
+    most: Scalar,
+) -> Scalar:
+    """The share in which a course from a to b over half a step lies within +-most."""
+    rise = b - a
+    flat = rise == 0
+    inverse = 1 / jnp.where(flat, 1.0, rise)
+
+    def inverses(slope):
+        """The inverse's slope by the chord's, at most 3: so it is monotone."""
+        by_chord = 0.5 * slope * inverse
+        return 1 / larger(by_chord, 1 / 3)
+
+    at_a, at_b = inverses(slope_a), inverses(slope_b)
+
+    def passes(level):
+        """Where it passes, as a share of the half; an end where it does not."""
+        t = (level - a) * inverse
+        s = 1 - t
+        guess = t * (t * (3 - 2 * t) + s * (at_a * s - at_b * t))
+        x = left + 0.5 * guess
+        slope = 0.5 * course.slope(x) * inverse
+        better = guess - (course(x) - level) * inverse / jnp.where(
+            slope > 0, slope, jnp.inf
+        )
+        return jnp.where(
+            t <= 0, 0.0, jnp.where(t >= 1, 1.0, jnp.clip(better, 0.0, 1.0))
+        )
+
+    share = jnp.abs(passes(most) - passes(-most))
+    return jnp.where(flat, jnp.where(jnp.abs(a) < most, 1.0, 0.0), share)
 
 
 def falls_below(
@@ -288,42 +310,65 @@ def falls_below(
 def first_fall(course: Quintic | QuinticRate) -> tuple[Flag, Scalar, Scalar]:
     """Whether the course falls through zero, and the bracket of the first time.
 
-    Its extrema are those of the cubic through its ends, made its own by Newton's
-    method. Where it ends below zero and began above, it falls whatever they are.
+    It changes its sign no more often than its control polygon does. Where that is more
+    than once the places are looked at where it turns, in each half of the step up to
+    two.
     """
-    ends = course.g0, course.g1, course.v0, course.v1
-    about = extrema(HermiteQuartic(*ends, jnp.zeros_like(course.g0)))
-    turns = [_turn(course, x) for x in about]
-    a, b = smaller(*turns), larger(*turns)
-    places = jnp.zeros_like(a), a, b, jnp.ones_like(a)
-    above = [x > 0 for x in (course.g0, course(a), course(b), course.g1)]
-    left, right, there = places[0], places[3], cast(Flag, above[0] & ~above[3])
-    for i in (2, 1, 0):
-        falls = above[i] & ~above[i + 1]
-        left = jnp.where(falls, places[i], left)
-        right = jnp.where(falls, places[i + 1], right)
-        there = cast(Flag, there | falls)
-    return there, left, right
+    zero, one = jnp.zeros_like(course.g0), jnp.ones_like(course.g0)
+    signs = [x > 0 for x in course.polygon()]
+    changes = [a != b for a, b in zip(signs, signs[1:], strict=False)]
+    winds = sum(jnp.asarray(x, jnp.int32) for x in changes) > 1
+    plain = cast(Flag, signs[0] & ~signs[-1]), zero, one
+
+    def turning():
+        slopes, middle = course.slopes(), 0.5 * one
+        return *_turns(slopes, zero, middle), middle, *_turns(slopes, middle, one)
+
+    def search(bracket):
+        there, left, right = bracket
+        # once for all numbers: computed twice, roundings may lead to two places
+        inner = materialise(course.g0, turning)
+        places = zero, *inner, one
+        above = [x > 0 for x in (course.g0, *map(course, inner), course.g1)]
+        for i in reversed(range(len(places) - 1)):
+            falls = winds & above[i] & ~above[i + 1]
+            left = jnp.where(falls, places[i], left)
+            right = jnp.where(falls, places[i + 1], right)
+            there = cast(Flag, there | falls)
+        return there, left, right
+
+    return if_any_lane(winds, search, plain)
 
 
-def _turn(course: Quintic | QuinticRate, x: Scalar) -> Scalar:
-    """The extremum near x, an end where there is none.
+def _turns(slopes: Numbers, left: Scalar, right: Scalar) -> Pair:
+    """Where a course of this slope turns in the bracket, in order; else its end.
 
-    Between slopes of unlike sign there is one: there Newton's method keeps a bracket.
+    Between slopes of unlike sign it turns once; else twice where the slope's own
+    extremum has the other sign, once on either side of it.
     """
-    way = jnp.where(course.v0 > 0, 1.0, -1.0)
-    free = x
+    begin, end = polynomial(slopes, left), polynomial(slopes, right)
+    once, way = begin * end < 0, jnp.where(begin > 0, 1.0, -1.0)
+    falling = tuple(way * c for c in slopes)
+    rising = tuple(-c for c in falling)
+    # how a slope that changes its sign twice falls first and then rises
+    lowest = _falls(differentiated(rising), left, right)
+    dips = ~once & (polynomial(falling, lowest) < 0)
+    first = _falls(falling, left, jnp.where(once, right, lowest))
+    second = _falls(rising, lowest, right)
+    return jnp.where(once | dips, first, right), jnp.where(dips, second, right)
 
-    def falls(x: Scalar) -> Pair:
-        bend = (course.slope(x + APART) - course.slope(x - APART)) / (2 * APART)
-        return way * course.slope(x), way * bend
 
-    for _ in range(ITERATIONS):
-        slope, bend = falls(free)
-        free = jnp.clip(free - slope / jnp.where(bend == 0, jnp.inf, bend), 0.0, 1.0)
-    zero = jnp.zeros_like(free)
-    bound = falling_root(falls, x, zero, zero + 1, 2 * ITERATIONS)
-    return jnp.where(course.v0 * course.v1 < 0, bound, free)
+def _falls(number: Numbers, left: Scalar, right: Scalar) -> Scalar:
+    """Where a polynomial falls through zero in the bracket."""
+    slope = differentiated(number)
+
+    def both(x: Scalar) -> Pair:
+        return polynomial(number, x), polynomial(slope, x)
+
+    above, below = polynomial(number, left), polynomial(number, right)
+    drop = jnp.where(above > below, above - below, jnp.inf)
+    chord = left + jnp.clip(above / drop, 0.0, 1.0) * (right - left)
+    return falling_root(both, chord, left, right, TURNING)
 
 
 def bezier_verdict(course: HermiteQuartic, tol: Scalar) -> Flags:
@@ -371,16 +416,32 @@ def falling_root(
 ) -> Scalar:
     """Where a number falls through zero, from about x: Newton's method in a bracket.
 
+    Where a step is not shorter than half of the last the bracket is halved: about a
+    root at an inflection Newton's steps may go to and fro.
+
     **Arguments:** `function`: the number and its slope at x; `times`: how many steps.
     """
+    most = right - left
     for _ in range(times):
         value, slope = function(x)
         left = jnp.where(value > 0, x, left)
         right = jnp.where(value > 0, right, x)
         newton = x - value / jnp.where(slope < 0, slope, -1.0)
         good = (slope < 0) & (newton >= left) & (newton <= right)
-        x = jnp.where(good, newton, 0.5 * (left + right))
+        good &= jnp.abs(newton - x) <= most
+        after = jnp.where(good, newton, 0.5 * (left + right))
+        x, most = after, 0.5 * jnp.abs(after - x)
     return x
+
+
+def polynomial(coefficients: Numbers, x: Scalar) -> Scalar:
+    """Its number at x."""
+    return reduce(lambda higher, c: c + x * higher, reversed(coefficients))
+
+
+def differentiated(coefficients: Numbers) -> Numbers:
+    """The polynomial of its slope."""
+    return tuple(i * c for i, c in enumerate(coefficients))[1:]
 
 
 def _cubic(course: HermiteQuartic | Quintic) -> Pair:
