@@ -18,10 +18,9 @@ from ziegler_jax.numerics.hermite import (
     chord_root,
     extrema,
     falls_below,
-    first_fall,
     place,
-    share_within,
 )
+from ziegler_jax.numerics.passages import first_fall, share_within
 
 COUNT = 20_000
 

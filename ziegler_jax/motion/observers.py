@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from ..model.column import Column, energy, power
 from ..numerics.elementary import larger, smaller
-from ..numerics.hermite import HermiteQuartic, share_within
+from ..numerics.hermite import HermiteQuartic
 from ..numerics.numbers import (
     Flag,
     Joints,
@@ -26,6 +26,7 @@ from ..numerics.numbers import (
     keeps,
     number_or_pair,
 )
+from ..numerics.passages import share_within
 from ..results import TIME, Variable
 from ..solvers import Step
 from .section import SectionPlane, angles, passage

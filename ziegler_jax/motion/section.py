@@ -12,11 +12,11 @@ from ..numerics.hermite import (
     Quintic,
     QuinticRate,
     chord_root,
-    first_fall,
     place,
 )
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Option, Scalar, Vector4, choice, number
+from ..numerics.passages import first_fall
 from ..solvers import Step
 
 Coordinate = Literal["phi1", "phi2", "omega1", "omega2"]
