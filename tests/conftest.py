@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 from jax._src import compiler
-from tiers import of_the_night, reason_of
+from tiers import of_the_night, reason_of, turn_of
 
 from ziegler_jax.sweep import partition, program
 
@@ -65,6 +65,7 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.skip(reason="a large draw: --night"))
         if reason := reason_of(item.nodeid):
             item.add_marker(pytest.mark.slow(reason))
+    items.sort(key=lambda item: turn_of(item.nodeid))
 
 
 def pytest_collection_finish():

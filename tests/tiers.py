@@ -22,6 +22,9 @@ TASKS = "a user's script or a docstring's example with a large scene"
 
 # Run with `--night`, in no tier: large draws, of which small ones are in the tiers.
 NIGHT = [
+    "test_derivatives.py::test_derivatives_are_right_or_listed[periodic_orbit",
+    "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[smoothed-1",
+    "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[viscous-2",
     "test_derivatives.py::test_derivatives_of_long_motions",
     "sweep/test_stores_under_attack.py::test_a_sweep_stopped_before_a_file_operation"
     "_goes_on[all]",
@@ -29,8 +32,33 @@ NIGHT = [
     "sweep/test_stores_under_attack.py::test_any_file_may_be_damaged[all",
 ]
 
+# Files of few tests that take long, dearest first: they are begun first, so that in the
+# end no process waits for another's last file.
+FIRST = [
+    "test_docstring_examples.py",
+    "analysis/test_section_planes.py",
+    "test_examples.py",
+    "motion/test_stick_and_slip.py",
+    "analysis/test_least_kicks.py",
+    "analysis/test_thresholds.py",
+    "analysis/test_cycles.py",
+    "curves/test_flips_and_tori.py",
+    "curves/test_bifurcation_curves.py",
+    "curves/test_changes_of_modes.py",
+    "test_main.py",
+    "steady/test_endings.py",
+    "steady/test_certificates.py",
+    "steady/test_same_certificates.py",
+    "steady/test_growth.py",
+    "steady/test_tangents_of_the_field.py",
+    "analysis/test_branches.py",
+    "test_studies.py",
+    "test_census.py",
+]
+
 SLOW = {
     LONG_PROGRAMS: [
+        "steady/test_endings.py::test_a_small_cycle_is_not_taken_for_rest_at_a",
         "analysis/test_branches.py::test_a_branch_is_the_one_that_another_code_shoots",
         "analysis/test_branches.py::test_the_fold_is_where_another_codes_load_turns",
         "analysis/test_branches.py::test_a_cycle_loses_its_stability_at_the_fold_by",
@@ -88,6 +116,10 @@ SLOW = {
         "test_main.py::test_another_map_is_refused_in_one_line_and_overwritten",
     ],
     LONG_RUNS: [
+        "steady/test_endings.py::test_what_has_decayed_below_the_steps_error_is_at_rest[None",
+        "motion/test_random_scenes.py::test_every_lane_ends_and_tells_the_truth[stiff",
+        "motion/test_long_runs.py::test_the_noise_of_steps_at_rest_is_no_cycle",
+        "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[dry-2",
         "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[smoothed",
         "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[dry-1",
         "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[viscous-2",
@@ -167,6 +199,16 @@ SLOW = {
         "[Method]",
     ],
     OTHER_WAY: [
+        "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Taylor-1e-09-4e-07-6e-08-c18_layerrule",
+        "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Tsit5-1e-09-1e-06-2e-07-c18_layerrule",
+        "motion/test_stick_and_slip.py::test_the_energy_balance_holds[stick-first",
+        "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[two_settles-2",
+        "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[under_vmap-0",
+        "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[one_after_the_other-2",
+        "steady/test_endings.py::test_an_offset_does_not_hide_that_a_joint_rings_down[0.5",
+        "analysis/test_verdicts.py::test_each_motion_is_called_what_it_is[stuck",
+        "sweep/test_error_of_a_map.py::test_an_override_is_what_the_scene_could_have_said",
+        "sweep/test_error_of_a_map.py::test_the_audit_is_the_error",
         "motion/test_stick_and_slip.py::test_the_energy_balance_holds[stribeck-limit]",
         "motion/test_stick_and_slip.py::test_random_scenes_all_end[stribeck-limit]",
         "motion/test_stick_and_slip.py::test_joints_that_pass_and_rest_at_once_go_on"
@@ -193,6 +235,10 @@ SLOW = {
         "_direct_calls[with_jvp",
     ],
     TASKS: [
+        "test_examples.py::test_a_task_runs_as_it_stands[cell]",
+        "test_examples.py::test_a_task_runs_as_it_stands[transforms]",
+        "test_examples.py::test_a_task_runs_as_it_stands[own_map]",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/page.py 0]",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/least",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/onset",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/cont",
@@ -226,3 +272,9 @@ def reason_of(test):
 def of_the_night(test):
     """Whether a test is a large draw, which `--night` alone runs."""
     return test.removeprefix("tests/").startswith(tuple(NIGHT))
+
+
+def turn_of(test):
+    """The place of a test's file among those that are begun first; after them all."""
+    file = test.removeprefix("tests/").split("::")[0]
+    return FIRST.index(file) if file in FIRST else len(FIRST)
