@@ -58,6 +58,9 @@ FIRST = [
 
 SLOW = {
     LONG_PROGRAMS: [
+        "curves/test_bifurcation_curves.py::test_folds_of_dry_friction_are_another_codes",
+        "curves/test_bifurcation_curves.py::test_curves_of_folds_end_at_their_bounds_and",
+        "curves/test_bifurcation_curves.py::test_folds_move_with_a_third_parameter_as_th",
         "steady/test_endings.py::test_a_small_cycle_is_not_taken_for_rest_at_a",
         "analysis/test_branches.py::test_a_branch_is_the_one_that_another_code_shoots",
         "analysis/test_branches.py::test_the_fold_is_where_another_codes_load_turns",
@@ -199,6 +202,7 @@ SLOW = {
         "[Method]",
     ],
     OTHER_WAY: [
+        "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew[settle_damped-False",
         "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Taylor-1e-09-4e-07-6e-08-c18_layerrule",
         "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Tsit5-1e-09-1e-06-2e-07-c18_layerrule",
         "motion/test_stick_and_slip.py::test_the_energy_balance_holds[stick-first",

@@ -99,20 +99,20 @@ def test_a_guard_that_stays_above_zero_does_not_fall(rng, depth):
 
 def test_a_quintic_falls_where_a_fine_grid_says(rng):
     """Also where it falls and comes back, once or twice, within the step."""
-    g0, g1, v0, v1 = rng.normal(size=(4, COUNT)) * [[0.3], [0.3], [1], [1]]
-    a0, a1 = 5 * rng.normal(size=(2, COUNT))
+    g0, g1, v0, v1 = rng.normal(size=(4, 5000)) * [[0.3], [0.3], [1], [1]]
+    a0, a1 = 5 * rng.normal(size=(2, 5000))
     course = Quintic(g0, v0, a0, g1, v1, a1)
     there, left, right = jax.jit(jax.vmap(first_fall))(course)
-    x = np.linspace(0, 1, 2001)
+    x = np.linspace(0, 1, 1001)
     on_grid = np.array(course(x[:, None]))
     falls = (on_grid[:-1] > 0) & (on_grid[1:] <= 0)
     known = falls.any(0)
-    # measured 9: some that turn three times within half a step
-    assert (known & ~np.asarray(there)).sum() < 20
-    assert (known & (g1 > 0)).sum() > COUNT / 20 and (falls.sum(0) > 1).sum() > 50
+    # some that turn three times within half a step: measured 2
+    assert (known & ~np.asarray(there)).sum() < 8
+    assert (known & (g1 > 0)).sum() > 250 and (falls.sum(0) > 1).sum() > 12
     first = x[falls.argmax(0)]
-    inside = (left <= first + 1e-3) & (first - 1e-3 <= right)
-    assert (known & np.asarray(there & ~inside)).sum() < 20  # measured 1
+    inside = (left <= first + 2e-3) & (first - 2e-3 <= right)
+    assert (known & np.asarray(there & ~inside)).sum() < 4  # measured 0
     found = np.asarray(there)
     assert (np.asarray(course(left))[found] > -1e-13).all()
     assert (np.asarray(course(right))[found] < 1e-13).all()
