@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from house import against_the_rule, asked_for_laws, calls, in_a_circle, plan
 from house import count as count_house
-from tiers import NIGHT, SLOW
+from tiers import FIRST, NIGHT, SLOW
 
 import ziegler_jax as zj
 from ziegler_jax.steady.rest import decays
@@ -80,7 +80,7 @@ def test_every_entry_of_the_second_tier_is_a_test_and_no_mark_leaves_none_out():
     assert done.returncode == 0 and "deselected" not in done.stdout, done.stdout
     tests = [x.removeprefix("tests/") for x in done.stdout.splitlines() if "::" in x]
     entries = [entry for entries in SLOW.values() for entry in entries]
-    for entry in [*entries, *NIGHT]:
+    for entry in [*entries, *NIGHT, *FIRST]:
         assert any(test.startswith(entry) for test in tests), entry
 
 

@@ -10,7 +10,7 @@ import ziegler_jax as zj
 SHARES = np.array([0.9, 0.99, 0.999, 0.9999, 0.999999])
 TOLERANCES = np.array([1e-4, 1e-6, 1e-9])
 KICK = zj.State(omega=(0.0, 0.5))
-TIMES = {"points": 60, "transient": 50.0, "max_time": 60.0}
+TIMES = {"points": 60, "transient": 300.0, "max_time": 100.0}
 
 LAWS = {
     "viscous": {"damping": zj.Viscous(0.05, 0.05)},
@@ -19,14 +19,14 @@ LAWS = {
 }
 
 
-def sections(law, plane, falling=False, times=TIMES):
+def sections(law, plane, falling=False):
     """Of lanes of levels and tolerances."""
     column = zj.uniform_rods(2.6, **LAWS[law])
 
     def passages(level, rtol):
         section = zj.SectionPlane(plane, level, rising=not falling)
         return zj.poincare(
-            column, KICK, section=section, method=zj.Method(rtol=rtol), **times
+            column, KICK, section=section, method=zj.Method(rtol=rtol), **TIMES
         )
 
     return jax.jit(jax.vmap(passages))
@@ -45,7 +45,7 @@ def test_all_passages_below_the_top_of_an_angle(law, rod):
     )
     tops = [row[:n, rod - 1] for row, n in zip(at_top.phi, at_top.count, strict=True)]
     tops = [row[row > 0.5 * row.max()] for row in map(np.asarray, tops)]
-    assert all(9 <= len(row) <= 13 for row in tops)
+    assert all(15 <= len(row) <= 21 for row in tops)
     levels = np.stack([SHARES * row.min() for row in tops])
     rtol = np.broadcast_to(TOLERANCES[:, None], levels.shape)
     found = sections(law, f"phi{rod}")(levels.ravel(), rtol.ravel())
@@ -54,7 +54,7 @@ def test_all_passages_below_the_top_of_an_angle(law, rod):
         == np.asarray(at_top.steps)[:, None]
     )
     judged = same | (SHARES <= 0.99) | (TOLERANCES[:, None] < 1e-5)
-    assert judged.sum() >= (15 if law == "viscous" else 12)
+    assert law != "viscous" or judged.all()
     expected = np.array([[len(row)] * len(SHARES) for row in tops])
     count = np.asarray(found.count).reshape(levels.shape)
     np.testing.assert_array_equal(count[judged], expected[judged])
@@ -66,10 +66,9 @@ def test_all_passages_below_the_top_of_a_rate():
     settled = flow((0, 0, 0, 0.5), 300.0, about, 1e-10).y[:, -1]
     ts = np.linspace(0.0, 10.0, 100_001)  # more than a period
     top = flow(settled, 10.0, about, 1e-10, t_eval=ts).y[3].max()
-    settling = {**TIMES, "transient": 300.0}
-    run = sections("viscous", "omega2", times=settling)
+    run = sections("viscous", "omega2")
     loose, fine = run(np.repeat(0.5 * top, 2), TOLERANCES[[0, 2]]).count
-    assert loose == fine >= 9  # one in each period
+    assert loose == fine > 15  # one in each period
     # a rate's course is O(h^5) from its own: at 1e-4 off by some 1e-5
     for rtol, shares in ((1e-4, SHARES[:4]), (1e-6, SHARES[:4]), (1e-9, SHARES)):
         count = run(shares * top, np.full(len(shares), rtol)).count

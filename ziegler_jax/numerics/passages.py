@@ -1,6 +1,7 @@
 """When a number passes a level within a step: the first time, and for how long.
 
-Both look into the step: what leaves a level and comes back to it is seen.
+The first looks for what leaves a level and comes back to it; for how long is a matter
+of a step's halves, in which an excursion that returns does not count.
 """
 
 from typing import cast
@@ -87,55 +88,37 @@ def _falls(number: Numbers, left: Scalar, right: Scalar) -> Scalar:
 
 
 def share_within(course: HermiteQuartic, most: Scalar) -> Scalar:
-    """The share of [0, 1] in which the cubic lies within +-most.
+    """The share of [0, 1] in which a cubic lies within +-most.
 
     By halves, in each of which it counts as monotone: its inverse's cubic, by the
     slopes of both ends, says where it passes a level, and a step of Newton's method,
     which carries the derivative, says it better.
     """
-    zero, one = 0.0 * course.g0, 0.0 * course.g0 + 1.0
-    middle, slope = course(0.5 * one), course.slope(0.5 * one)
-    first = _share_of_a_half(course, zero, course.g0, middle, course.v0, slope, most)
-    second = _share_of_a_half(
-        course, 0.5 * one, middle, course.g1, slope, course.v1, most
-    )
-    return 0.5 * (first + second)
+    middle, slope = course(0.5), course.slope(0.5) / 2
+    first = course._replace(g1=middle, v0=course.v0 / 2, v1=slope)
+    second = course._replace(g0=middle, v0=slope, v1=course.v1 / 2)
+    return (_monotone_share(first, most) + _monotone_share(second, most)) / 2
 
 
-def _share_of_a_half(
-    course: HermiteQuartic,
-    left: Scalar,
-    a: Scalar,
-    b: Scalar,
-    slope_a: Scalar,
-    slope_b: Scalar,
-    most: Scalar,
-) -> Scalar:
-    """The share in which a course from a to b over half a step lies within +-most."""
-    rise = b - a
+def _monotone_share(course: HermiteQuartic, most: Scalar) -> Scalar:
+    """The same of a cubic that does not turn."""
+    rise = course.g1 - course.g0
     flat = rise == 0
     inverse = 1 / jnp.where(flat, 1.0, rise)
-
-    def inverses(slope):
-        """The inverse's slope by the chord's, at most 3: so it is monotone."""
-        by_chord = 0.5 * slope * inverse
-        return 1 / larger(by_chord, 1 / 3)
-
-    at_a, at_b = inverses(slope_a), inverses(slope_b)
+    # the inverse's slopes by the chord's, at most 3: so it is monotone
+    at_start, at_end = (
+        1 / larger(slope * inverse, 1 / 3) for slope in (course.v0, course.v1)
+    )
 
     def passes(level):
-        """Where it passes, as a share of the half; an end where it does not."""
-        t = (level - a) * inverse
+        """Where it passes the level; an end where it does not."""
+        t = (level - course.g0) * inverse
         s = 1 - t
-        guess = t * (t * (3 - 2 * t) + s * (at_a * s - at_b * t))
-        x = left + 0.5 * guess
-        slope = 0.5 * course.slope(x) * inverse
-        better = guess - (course(x) - level) * inverse / jnp.where(
-            slope > 0, slope, jnp.inf
-        )
-        return jnp.where(
-            t <= 0, 0.0, jnp.where(t >= 1, 1.0, jnp.clip(better, 0.0, 1.0))
-        )
+        x = t * (t * (3 - 2 * t) + s * (at_start * s - at_end * t))
+        slope = course.slope(x) * inverse
+        by = (course(x) - level) * inverse / jnp.where(slope > 0, slope, jnp.inf)
+        inner = jnp.clip(x - by, 0.0, 1.0)
+        return jnp.where(t <= 0, 0.0, jnp.where(t >= 1, 1.0, inner))
 
     share = jnp.abs(passes(most) - passes(-most))
-    return jnp.where(flat, jnp.where(jnp.abs(a) < most, 1.0, 0.0), share)
+    return jnp.where(flat, jnp.where(jnp.abs(course.g0) < most, 1.0, 0.0), share)
