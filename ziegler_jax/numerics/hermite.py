@@ -6,7 +6,6 @@ is seen.
 """
 
 from collections.abc import Callable
-from functools import reduce
 from typing import NamedTuple, cast
 
 import jax
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 
 from .elementary import larger, smaller
 from .numbers import Flag, Flags, Numbers, Pair, Scalar
+from .series import value, value_and_slope
 
 ITERATIONS = 4  # of a Newton method that is kept in a bracket
 FINE = 1e-6  # a step that short goes to and fro no more
@@ -41,7 +41,7 @@ class Quintic(NamedTuple):
 
     def slope(self, x: Scalar) -> Scalar:
         """The slope at x."""
-        return polynomial(self.slopes(), x)
+        return value(self.slopes(), x)
 
     def slopes(self) -> Numbers:
         """The slope as a polynomial: its coefficients from the constant one on."""
@@ -103,9 +103,8 @@ class Quintic(NamedTuple):
         still = jax.lax.stop_gradient(self)
         turns, x = still.turning()
         slopes = still.slopes()
-        bends = differentiated(slopes)
         for _ in range(2):  # from within h^3
-            slope, bend = polynomial(slopes, x), polynomial(bends, x)
+            slope, bend = value_and_slope(slopes, x)
             moved = x - slope / jnp.where(bend == 0, jnp.inf, bend)
             x = jnp.where(turns, jnp.clip(moved, 0.0, 1.0), 1.0)
         return self(x)
@@ -133,7 +132,7 @@ class QuinticRate(NamedTuple):
 
     def slope(self, x: Scalar) -> Scalar:
         """Its slope at x, per step."""
-        return polynomial(self.slopes(), x)
+        return value(self.slopes(), x)
 
     def slopes(self) -> Numbers:
         """The slope as a polynomial."""
@@ -312,11 +311,6 @@ def falling_root(
         after = jnp.where(good, newton, 0.5 * (left + right))
         x, most = after, 0.5 * jnp.abs(after - x)
     return x
-
-
-def polynomial(coefficients: Numbers, x: Scalar) -> Scalar:
-    """Its number at x."""
-    return reduce(lambda higher, c: c + x * higher, reversed(coefficients))
 
 
 def differentiated(coefficients: Numbers) -> Numbers:

@@ -15,10 +15,10 @@ from .hermite import (
     QuinticRate,
     differentiated,
     falling_root,
-    polynomial,
 )
 from .materialise import if_any_lane, materialise
 from .numbers import Flag, Numbers, Pair, Scalar
+from .series import value, value_and_slope
 
 TURNING = 5  # steps of Newton's method, from a chord on
 
@@ -62,13 +62,13 @@ def _turns(slopes: Numbers, left: Scalar, right: Scalar) -> Pair:
     Between slopes of unlike sign it turns once; else twice where the slope's own
     extremum has the other sign, once on either side of it.
     """
-    begin, end = polynomial(slopes, left), polynomial(slopes, right)
+    begin, end = value(slopes, left), value(slopes, right)
     once, way = begin * end < 0, jnp.where(begin > 0, 1.0, -1.0)
     falling = tuple(way * c for c in slopes)
     rising = tuple(-c for c in falling)
     # how a slope that changes its sign twice falls first and then rises
     lowest = _falls(differentiated(rising), left, right)
-    dips = ~once & (polynomial(falling, lowest) < 0)
+    dips = ~once & (value(falling, lowest) < 0)
     first = _falls(falling, left, jnp.where(once, right, lowest))
     second = _falls(rising, lowest, right)
     return jnp.where(once | dips, first, right), jnp.where(dips, second, right)
@@ -76,12 +76,11 @@ def _turns(slopes: Numbers, left: Scalar, right: Scalar) -> Pair:
 
 def _falls(number: Numbers, left: Scalar, right: Scalar) -> Scalar:
     """Where a polynomial falls through zero in the bracket."""
-    slope = differentiated(number)
 
     def both(x: Scalar) -> Pair:
-        return polynomial(number, x), polynomial(slope, x)
+        return value_and_slope(number, x)
 
-    above, below = polynomial(number, left), polynomial(number, right)
+    above, below = value(number, left), value(number, right)
     drop = jnp.where(above > below, above - below, jnp.inf)
     chord = left + jnp.clip(above / drop, 0.0, 1.0) * (right - left)
     return falling_root(both, chord, left, right, TURNING)
