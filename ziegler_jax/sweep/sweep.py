@@ -56,7 +56,7 @@ def sweep(
         column = zj.uniform_rods(q=q, friction=friction)
         return zj.settle(column, zj.State(omega=(0.0, 0.2)))
 
-    ds = zj.sweep(point, q=np.linspace(1, 4, 64), mu=np.linspace(0.02, 0.4, 32))
+    ds = zj.sweep(point, q=np.linspace(1, 4, 31), mu=np.linspace(0.02, 0.4, 11))
     ```
 
     Samples, both parameters drawn anew for each:
