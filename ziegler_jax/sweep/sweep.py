@@ -52,7 +52,7 @@ def sweep(
 
     ```python
     def point(q, mu):
-        friction = zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.01)
+        friction = zj.SmoothCoulomb(mu, pin_radius=0.1, v_smooth=0.05)
         column = zj.uniform_rods(q=q, friction=friction)
         return zj.settle(column, zj.State(omega=(0.0, 0.2)))
 
