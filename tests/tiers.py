@@ -142,6 +142,8 @@ SLOW = {
         "analysis/test_thresholds.py::test_smoothing_moves_the_critical_kick_and_less",
         "analysis/test_thresholds.py::test_a_verdict_that_changes_twice_is_noticed",
         "analysis/test_verdicts.py::test_stick_slip_has_chaos_and_cycles_of_many",
+        "analysis/test_verdicts.py::test_a_motion_on_a_torus",
+        "analysis/test_verdicts.py::test_slow_motions_are_neither",
         "analysis/test_verdicts.py::test_a_motion_that_lingers_by_an_unstable_cycle",
         "linear/test_critical_edges.py::test_load_frequency_and_derivatives_to_50"
         "_digits[True]",
