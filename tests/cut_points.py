@@ -8,8 +8,7 @@ import numpy as np
 from jax import lax
 
 import ziegler_jax as zj
-from ziegler_jax import context
-from ziegler_jax.motion.sequence import phase_of
+from ziegler_jax.numerics import resumable
 
 X, Y = np.linspace(0.5, 3.0, 23), np.array([1.0, 2.0, 5.0])
 TABLE = np.linspace(1.0, 2.0, 1000)
@@ -21,8 +20,8 @@ def loop(target, start, factor=1.5):
     def running(state):
         return state[0] < target
 
-    def advance(state, max_steps=None):
-        least = 10**6 if max_steps is None else state[1] + max_steps
+    def advance(state, max_steps):
+        least = state[1] + max_steps
         return lax.while_loop(
             lambda s: running(s) & (s[1] < least),
             lambda s: (s[0] * factor, s[1] + 1),
@@ -30,12 +29,11 @@ def loop(target, start, factor=1.5):
         )
 
     first = start, jnp.zeros((), jnp.int32)
-    last = context.resumable(
+    return resumable.resumable(
         first,
-        [context.Phase(advance)],
-        lambda s: (context.place_of(running(s)), s[1]),
+        [resumable.Phase(advance)],
+        lambda s: (resumable.place_of(running(s)), s[1]),
     )
-    return advance(first) if last is None else last
 
 
 def one(x, y):
@@ -107,17 +105,11 @@ def decided(x, y):
 
     none, no = jnp.zeros((), jnp.int32), jnp.asarray(False)
     first = Cut(x, none, none, jnp.zeros(4, x.dtype), no, no)
-    decisions = [context.Decision(asks, decide)]
-    phase = phase_of(context.Stop(advance, decisions, 5))
-    last = context.resumable(
-        first, [phase], lambda s: (context.place_of(goes(s) | asks(s)), s.steps)
+    decisions = [resumable.Decision(asks, decide)]
+    phase = resumable.phase_of(resumable.Stop(advance, decisions, 5))
+    last = resumable.resumable(
+        first, [phase], lambda s: (resumable.place_of(goes(s) | asks(s)), s.steps), 16
     )
-    if last is None:
-        last = lax.while_loop(
-            lambda s: goes(s) | asks(s),
-            lambda s: phase.advance(s, jnp.int32(16)),
-            first,
-        )
     seen = {f"seen_{i}": far for i, far in enumerate(last.seen)}
     flags = {"high": last.high, "ever": last.ever}
     return {"cuts": last.cuts, "far": last.far, **flags, **seen}

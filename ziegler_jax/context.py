@@ -3,11 +3,6 @@
 - A `point` names its own tolerances. To rerun it at others, a sweep traces it within a
     `Context`, which `settle` and `trajectory` obey. It is a context of JAX's own, so
     that it is a part of every compilation cache's key; it is local to a thread.
-- A vmapped loop runs until its slowest lane ends. A sweep therefore lets every lane run
-    a chunk of steps, replaces those that have ended by new ones, and runs the next
-    chunk, as a hand-written kernel refills its lanes. A loop that a motion runs is
-    `resumable`: a sweep cuts the point there (`sweep/stages.py`). The arithmetic is
-    that of one uninterrupted run. Outside a sweep nothing is cut.
 - JAX computes in 32 bits unless it is told otherwise, and most numbers here would be
     wrong in them without a word. A `plain` function therefore refuses a 32-bit session;
     a sweep that was asked for 32 bits says so in its `Context`.
@@ -15,22 +10,19 @@
 
 import itertools
 import threading
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from contextvars import ContextVar
-from functools import partial, wraps
-from typing import Generic, NamedTuple, ParamSpec, TypeVar, cast
+from collections.abc import Callable, Hashable
+from contextlib import AbstractContextManager, nullcontext
+from functools import wraps
+from typing import NamedTuple, ParamSpec, TypeVar, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.core import AbstractValue
-from jax.extend.core import Jaxpr, Primitive, get_opaque_trace_state
-from jaxtyping import Array, Bool, Float, Int, Shaped
+from jax.extend.core import get_opaque_trace_state
+from jaxtyping import Array, Float
 
 from .own_values import own_values
-from .runtime import compiles_whole_loops, own_flags, refuse_forked
+from .runtime import own_flags, refuse_forked
 
 
 class Context(NamedTuple):
@@ -107,195 +99,6 @@ def is_traced() -> bool:
     thread.start()
     thread.join()
     return get_opaque_trace_state() != clean[0]
-
-
-resumable_loop = Primitive("resumable_loop")
-resumable_loop.multiple_results = True
-
-
-@resumable_loop.def_abstract_eval
-def _state_again(
-    *operands: AbstractValue, bodies: "tuple[Body, ...]"
-) -> list[AbstractValue]:
-    return [v.aval for v in bodies[0].parts[0].invars[1:]]
-
-
-class Cuts:
-    """Leave to cut the point that is traced here at its resumable loops."""
-
-    def __init__(self):
-        """For this trace, and none within it."""
-        self.trace = get_opaque_trace_state()
-        self.motions = False  # whether the point follows motions at all
-        self.refused = False  # and one of them whole
-
-
-_CUTS: ContextVar[Cuts | None] = ContextVar("cuts", default=None)
-
-
-@contextmanager
-def may_cut(cuts: Cuts | None) -> Iterator[None]:
-    """Trace a point that may be cut; None: what may not."""
-    token = _CUTS.set(cuts)
-    try:
-        yield
-    finally:
-        _CUTS.reset(token)
-
-
-State = TypeVar("State")
-ENDED = -1
-
-
-def place_of(running: Bool[Array, ""]) -> Int[Array, ""]:
-    """The status of a loop of one phase."""
-    return jnp.where(running, 0, ENDED).astype(jnp.int32)
-
-
-class Decision(NamedTuple, Generic[State]):
-    """What few lanes wait for: whether one does, and its state after that."""
-
-    asks: Callable[[State], Bool[Array, ""]]
-    decide: Callable[[State], State]
-
-
-class Stop(NamedTuple, Generic[State]):
-    """Where lanes are looked at on their way, and few of them decided.
-
-    `steps`: the state at most so many steps later; `decisions`: one after the other,
-    each for the lanes that ask for it when its turn has come; `every`: how many steps
-    are taken before lanes are looked at.
-    """
-
-    steps: Callable[[State, Int[Array, ""]], State]
-    decisions: Sequence[Decision[State]]
-    every: int
-
-
-class Phase(NamedTuple, Generic[State]):
-    """One of the ways in which a loop goes on, a program of its own.
-
-    `advance`: the state at most so many steps later; `cost`: about that of a step
-    against one of a motion alone; `stop`: the same advance in its parts, with which a
-    sweep decides lanes one by one, where XLA makes one kernel of the loop.
-    """
-
-    advance: Callable[[State, Int[Array, ""]], State]
-    cost: float = 1.0
-    stop: Stop[State] | None = None
-
-
-def turns(max_steps: Int[Array, ""], every: int) -> Int[Array, ""]:
-    """How many times lanes are looked at: first they are as they came."""
-    return (jnp.asarray(max_steps, jnp.int32) - 1) // every + 2
-
-
-def steps_of_turn(number: Int[Array, ""], every: int) -> Int[Array, ""]:
-    """How many steps are taken before: none for the first."""
-    return jnp.where(number == 0, 0, every).astype(jnp.int32)
-
-
-class Body(NamedTuple):
-    """A phase as it was traced.
-
-    `parts`: one, the state after some steps and its status; of a phase whose lanes are
-    decided one by one `steps`, `asks` and `decide` of each decision, and the status.
-    Each takes a number of steps and the state. `whole`: what runs instead of several,
-    where XLA makes many kernels of a loop; the digest of a scene is that of its parts.
-    """
-
-    parts: tuple[Jaxpr, ...]
-    cost: float
-    every: int | None
-    whole: Jaxpr | None = None
-
-    def traced(self) -> tuple[Jaxpr, ...]:
-        """All that there is, in the order of the loop's operands."""
-        return self.parts if self.whole is None else (*self.parts, self.whole)
-
-
-def resumable(
-    state: State,
-    phases: Sequence[Phase[State]],
-    status: Callable[[State], tuple[Int[Array, ""], Int[Array, ""]]],
-) -> State | None:
-    """The last state of a loop that a sweep runs in chunks.
-
-    **Arguments:**
-
-    - `state`: the first one, a pytree of arrays; it is in the first phase.
-    - `phases`: how it is advanced. A lane that is in another one must stay as it is.
-    - `status`: the number of the phase that a state is in, or `ENDED`, and the steps
-        so far.
-
-    **Returns:** the last state; None where no sweep may cut: outside of one, and inside
-    a transformation of the point's own (`vmap`, `jvp`, `jit`), whose numbers do not
-    outlast it. Then the caller has to run its loop.
-    """
-    cuts = _CUTS.get()
-    if cuts is None:
-        return None
-    cuts.motions = True
-    if cuts.trace != get_opaque_trace_state():
-        cuts.refused = True
-        return None
-    leaves, tree = jax.tree.flatten(state)
-    leaves = [jnp.asarray(leaf, jnp.result_type(leaf)) for leaf in leaves]
-
-    def flat(
-        function: Callable[[State, Int[Array, ""]], State],
-        max_steps: Int[Array, ""],
-        *leaves: Shaped[Array, "..."],
-    ) -> list[Array]:
-        after = function(tree.unflatten(leaves), max_steps)
-        pairs = zip(jax.tree.leaves(after), leaves, strict=True)
-        return [b if a is b else jnp.asarray(a, b.dtype) for a, b in pairs]
-
-    def whole(phase: Phase[State], *numbers: Shaped[Array, "..."]) -> tuple:
-        after = flat(phase.advance, *numbers)
-        return *after, *status(tree.unflatten(after))
-
-    def says(function: Callable[[State], object], _, *leaves: Array) -> list:
-        return jax.tree.leaves(function(tree.unflatten(leaves)))
-
-    def decides(decide: Callable[[State], State], *numbers: Array) -> list[Array]:
-        return flat(lambda state, _: decide(state), *numbers)
-
-    # single numbers are only fast where they are parts of one kernel
-    one_by_one = jax.default_backend() == "cpu" and compiles_whole_loops()
-
-    def parts(phase: Phase[State]) -> list[Callable[..., tuple | list]]:
-        stop = phase.stop
-        if stop is None:
-            return [partial(whole, phase)]
-        decisions: list[Callable[..., tuple | list]] = []
-        for asks, decide in stop.decisions:
-            decisions += [partial(says, asks), partial(decides, decide)]
-        several = [partial(flat, stop.steps), *decisions, partial(says, status)]
-        return several if one_by_one else [*several, partial(whole, phase)]
-
-    with may_cut(None):  # a loop within is a part of this one
-        closed = [
-            [jax.make_jaxpr(part)(np.int32(1), *leaves) for part in parts(phase)]
-            for phase in phases
-        ]
-    last = resumable_loop.bind(
-        *(x for each in closed for part in each for x in part.consts),
-        *leaves,
-        bodies=tuple(
-            _body(tuple(part.jaxpr for part in each), phase, one_by_one)
-            for each, phase in zip(closed, phases, strict=True)
-        ),
-    )
-    return tree.unflatten(last)
-
-
-def _body(parts: tuple[Jaxpr, ...], phase: Phase[State], one_by_one: bool) -> Body:
-    if phase.stop is None:
-        return Body(parts, phase.cost, None)
-    if one_by_one:
-        return Body(parts, phase.cost, phase.stop.every)
-    return Body(parts[:-1], phase.cost, phase.stop.every, parts[-1])
 
 
 Arguments = ParamSpec("Arguments")

@@ -195,8 +195,9 @@ def test_every_attempt_begins_with_a_shot_of_its_own(monkeypatch):
     """The one before has left its shot at its end: that is none of the next."""
     spent, attempts = [0], 0
 
-    def watched(motion, now):
+    def watched(motion):
         nonlocal attempts
+        now = motion.begin()
         advance = [jax.jit(phase.advance) for phase in motion.phases]
         while now.running:
             attempts += bool(now.shoots & (now.shot.steps < 0))
@@ -204,7 +205,7 @@ def test_every_attempt_begins_with_a_shot_of_its_own(monkeypatch):
             spent.append(int(now.spent))
         return now
 
-    monkeypatch.setattr(CertifiedMotion, "to_the_end", watched)
+    monkeypatch.setattr(CertifiedMotion, "follow", watched)
     found = point(1.6206896551724137, 0.16, 0.16)
     assert found.outcome == zj.OUTCOME.cycle and attempts > 1
     assert (np.diff(spent) >= 0).all(), spent

@@ -38,6 +38,74 @@ def test_there_is_a_stage_for_every_loop_that_is_read(scene, loops):
     assert [s.is_loop for s in stages] == [False, *[True, False] * loops]
 
 
+def with_jvp(point):
+    """With a derivative of its own, which no sweep asks for."""
+    own = jax.custom_jvp(point)
+    own.defjvp(lambda at, along: (own(*at), own(*along)))
+    return own
+
+
+def with_vjp(point):
+    """The same in reverse."""
+    own = jax.custom_vjp(point)
+    own.defvjp(lambda *at: (own(*at), at), lambda at, back: at)
+    return own
+
+
+CALLS = {
+    "jit": jax.jit,
+    "remat": jax.checkpoint,
+    "custom_jvp": with_jvp,
+    "custom_vjp": with_vjp,
+    "two": lambda point: jax.jit(jax.checkpoint(point)),
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_call_around_a_loop_is_no_obstacle(call):
+    """The same program: a batch waits for no slow lane there either."""
+    around = CALLS[call](three)
+
+    def point(x, y):
+        return around(x, y)
+
+    plain, called = (program.traced(p, ("x", "y"), True, 8) for p in (three, point))
+    assert len(plain.stages) == 7 and called.digest == plain.digest
+    found, known = (numbers(sweep(p)) for p in (point, three))
+    for name, values in known.items():
+        np.testing.assert_array_equal(found[name], values)
+
+
+def test_a_loop_within_a_conditional_runs_whole_and_warns_once():
+    def point(x, y):
+        far = lax.cond(y < 2, lambda x: loop(50 * y, x)[0], lambda x: x, x)
+        return {"far": loop(100 * y, far)[0]}
+
+    with pytest.warns(UserWarning, match="cannot pause") as told:
+        found = sweep(point)
+    assert len(told) == 1
+    mesh = np.meshgrid(X, Y, indexing="ij")
+    whole = jax.vmap(jax.vmap(point))(*mesh)["far"]
+    np.testing.assert_array_equal(found["far"], whole)
+
+
+def test_the_primitive_may_be_transformed_wherever_it_is_called():
+    """Of a call the loop is known by its equations alone."""
+    start, step = jnp.array([0.3, 0.7]), 1e-6
+
+    def far(x):
+        return loop(20.0, x, 1.5 + x)[0]
+
+    called = jax.jit(far)
+    plain = jnp.stack([far(x) for x in start])
+    for values in (jax.vmap(called)(start), jax.jit(jax.vmap(called))(start)):
+        np.testing.assert_allclose(values, plain, rtol=1e-15)
+    ahead, back = (jnp.stack([far(x) for x in start + d]) for d in (step, -step))
+    _, slope = jax.jvp(jax.vmap(called), (start,), (jnp.ones(2),))
+    # measured 1.1e-9 of it
+    np.testing.assert_allclose(slope, (ahead - back) / (2 * step), rtol=1e-7)
+
+
 def test_what_varies_with_no_lane_is_not_taken_along():
     stages = program.traced(three, ("x", "y"), True, 8).stages
     rows = [sum(s.fixed.used) + sum(s.state.used) for s in stages]

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..context import Phase, place_of, resumable
 from ..motion.implicit import fixed
+from ..numerics.resumable import Phase, place_of, resumable
 from ..results import ORBIT
 from .branch_point import AbstractContinuation, BranchPoint
 
@@ -108,8 +108,6 @@ class Walk:
             return place_of(self.goes_on(now)), begin.left - now.left
 
         end = resumable(begin, [Phase(some)], status)
-        if end is None:
-            end = some(begin, begin.left)
         spent = jnp.where(end.left > 0, ORBIT.not_converged, ORBIT.not_integrated)
         unended = end.outcome == ORBIT.not_computed
         outcome = jnp.where(unended, spent, end.outcome).astype(jnp.int32)

@@ -11,9 +11,9 @@ import diffrax as dfx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ..context import Phase, place_of, resumable
 from ..model.column import Column
 from ..numerics.numbers import Count, Flag, Scalar, Traced4, Vector4
+from ..numerics.resumable import Phase, place_of, resumable
 from ..results import OUTCOME
 from ..solvers import (
     AbstractFold,
@@ -180,9 +180,7 @@ class Motion(Generic[Folded]):
 
 def follow(motion: Motion[Folded]) -> Run[Folded]:
     """The motion to its end; a sweep follows it in chunks."""
-    first = motion.begin()
-    last = resumable(first, motion.phases, lambda run: (run.phase, run.steps))
-    return motion.advance(first) if last is None else last
+    return resumable(motion.begin(), motion.phases, lambda run: (run.phase, run.steps))
 
 
 def machine(

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from ..context import ENDED, Decision, Phase, Stop, resumable, steps_of_turn, turns
 from ..numerics.materialise import if_any_lane, replaced
+from ..numerics.resumable import ENDED, Phase, resumable
 
 # The rest of a chunk in which a motion ends is lost. A call costs about 10 steps.
 LONGEST_CHUNK = 256
@@ -58,28 +58,6 @@ class Followed(Protocol[Where]):
 
 State = TypeVar("State")  # what the motions so far amount to
 Next = TypeVar("Next", bound=Followed)
-Lane = TypeVar("Lane")
-
-
-def phase_of(stop: Stop[Lane], cost: float = 1.0) -> Phase[Lane]:
-    """The phase in which lanes are decided on their way, those of a batch together."""
-
-    def turn(number: Int[Array, ""], lane: Lane) -> Lane:
-        lane = stop.steps(lane, steps_of_turn(number, stop.every))
-        for decision in stop.decisions:
-            lane = after(decision, lane)
-        return lane
-
-    def after(decision: Decision[Lane], lane: Lane) -> Lane:
-        asked = decision.asks(lane)
-        return if_any_lane(
-            asked, lambda lane: replaced(asked, decision.decide(lane), lane), lane
-        )
-
-    def advance(lane: Lane, max_steps: Int[Array, ""]) -> Lane:
-        return lax.fori_loop(0, turns(max_steps, stop.every), turn, lane)
-
-    return Phase(advance, cost, stop)
 
 
 class _Sequence(NamedTuple, Generic[State]):
@@ -149,13 +127,5 @@ def run_in_sequence(
     phases = [
         Phase(partial(chunk, i), phase.cost) for i, phase in enumerate(begun.phases)
     ]
-    last = resumable(first, phases, status)
-    if last is None:
-
-        def turn(now: _Sequence[State]) -> _Sequence[State]:
-            for phase in phases:
-                now = phase.advance(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
-            return now
-
-        last = lax.while_loop(lambda now: running(now.state), turn, first)
+    last = resumable(first, phases, status, LONGEST_CHUNK)
     return last.state, last.steps

@@ -29,7 +29,7 @@ from jax.extend.core import (
     Literal,
 )
 
-from ..context import resumable_loop
+from .resumable import constants_of, resumable_loop
 
 # Parameters without a meaning for numbers: how a custom derivative is worked out (by
 # a point that is traced none is), names, and where arrays lie.
@@ -181,15 +181,13 @@ class _Walk:
 
     def bodies(self, loop: JaxprEqn, operands: list[str]) -> list[str]:
         """The parts of a loop, with what they only read; returns the other operands."""
-        for body in loop.params["bodies"]:
+        bodies = loop.params["bodies"]
+        constants, state = constants_of(bodies, operands)
+        for body, of_parts in zip(bodies, constants, strict=True):
             self.tokens.append(f"body {body.cost!r} {body.every}")
-            for part in body.parts:
-                count = len(part.constvars)
-                self.take(*self.within(part, operands[:count]))
-                operands = operands[count:]
-            if body.whole is not None:
-                operands = operands[len(body.whole.constvars) :]
-        return operands
+            for part, mine in zip(body.parts, of_parts, strict=True):
+                self.take(*self.within(part, mine))
+        return state
 
     def of_equation(self, equation: JaxprEqn, key: str, value: object) -> None:
         """A parameter of an equation."""

@@ -16,20 +16,23 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.core import eval_jaxpr
 from jax.extend.core import (
     ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
     Jaxpr,
     JaxprEqn,
-    Literal,
 )
 
-from ..context import Body, resumable_loop
+from .resumable import (
+    CALLS,
+    INSIDE,
+    Body,
+    constants_of,
+    evaluated,
+    parts_of,
+    resumable_loop,
+)
 
 LARGEST_CONSTANT = 1200  # bytes; the largest table of this package's own has 1152
-_CALLS = {"jit", "pjit", "closed_call", "core_call", "checkpoint", "remat"}
-_CALLS |= {"custom_jvp_call", "custom_vjp_call", "custom_vjp_call_jaxpr"}
-_INSIDE = ("jaxpr", "call_jaxpr", "fun_jaxpr")  # of a call
 InputOf = Callable[[object], object]  # the input that stands for a constant
 
 
@@ -84,52 +87,31 @@ class _Tables:
         large: dict[int, object] = {}
         if not _is_opened(equation):
             return large
-        for part in _parts(equation):
+        for part in parts_of(equation):
             constants = getattr(part, "consts", ())
             large |= {id(x): x for x in constants if _is_large(x)}
-            large |= self.within(getattr(part, "jaxpr", part))
+            opened = part.jaxpr if isinstance(part, ClosedJaxpr) else part
+            large |= self.within(opened)
         return large
 
 
 def _is_opened(equation: JaxprEqn) -> bool:
     name = equation.primitive.name
-    return name in _CALLS or name in {"while", "scan", resumable_loop.name}
-
-
-def _parts(equation: JaxprEqn) -> list:
-    """The equations within an equation, closed or not."""
-    if equation.primitive is resumable_loop:
-        return [part for body in equation.params["bodies"] for part in body.traced()]
-    values = equation.params.values()
-    values = [x for v in values for x in (v if isinstance(v, tuple) else (v,))]
-    return [x for x in values if isinstance(x, ClosedJaxpr | Jaxpr)]
+    return name in CALLS or name in {"while", "scan", resumable_loop.name}
 
 
 def _run(
     jaxpr: Jaxpr, consts: Sequence[object], args: Sequence[object], input_of: InputOf
 ) -> list:
     """What equations give, with inputs for constants."""
-    variables = [*jaxpr.constvars, *jaxpr.invars]
-    values = dict(zip(variables, [*map(input_of, consts), *args], strict=True))
-
-    def read(v):
-        return v.val if isinstance(v, Literal) else values[v]
-
-    unknown = jaxpr.debug_info.with_unknown_names()
     tables = _Tables()
-    for equation in jaxpr.eqns:
-        operands = [read(v) for v in equation.invars]
-        if tables.of_equation(equation):
-            results = _again(equation, operands, input_of)
-        else:
-            mine = {v: values[v] for v in equation.invars if not isinstance(v, Literal)}
-            alone = jaxpr.replace(
-                constvars=[], invars=[*mine], outvars=equation.outvars,
-                eqns=[equation], debug_info=unknown,
-            )  # fmt: skip
-            results = eval_jaxpr(alone, (), *mine.values())
-        values |= dict(zip(equation.outvars, results, strict=True))
-    return [read(v) for v in jaxpr.outvars]
+
+    def with_inputs(equation: JaxprEqn, operands: Sequence) -> Sequence | None:
+        if not tables.of_equation(equation):
+            return None
+        return _again(equation, [*operands], input_of)
+
+    return evaluated(jaxpr, [*map(input_of, consts)], args, with_inputs)
 
 
 def _again(equation: JaxprEqn, operands: list, input_of: InputOf) -> Sequence:
@@ -167,7 +149,7 @@ def _again(equation: JaxprEqn, operands: list, input_of: InputOf) -> Sequence:
         case resumable_loop.name:
             return _loop_again(equation, operands, input_of)
         case _:
-            part = next(params[key] for key in _INSIDE if key in params)
+            part = next(params[key] for key in INSIDE if key in params)
             return inner(part, *operands)
 
 
@@ -180,18 +162,16 @@ def _alike(outside: Sequence, inside: Sequence) -> int:
 def _loop_again(loop: JaxprEqn, operands: list, input_of: InputOf) -> list:
     """A loop that a sweep cuts, its parts traced again."""
     bodies, constants = [], []
-    for body in loop.params["bodies"]:
+    of_bodies, state = constants_of(loop.params["bodies"], operands)
+    for body, of_parts in zip(loop.params["bodies"], of_bodies, strict=True):
         parts = []
-        for part in body.traced():
-            count = len(part.constvars)
-            mine, operands = operands[:count], operands[count:]
+        for part, mine in zip(body.parts, of_parts, strict=True):
             like = [v.aval for v in part.invars]
             closed = jax.make_jaxpr(
                 lambda *args, part=part, mine=mine: _run(part, mine, args, input_of)
             )(*like)
             parts.append(closed.jaxpr)
             constants += closed.consts
-        count = len(body.parts)
-        whole = parts[count] if body.whole is not None else None
-        bodies.append(Body(tuple(parts[:count]), body.cost, body.every, whole))
-    return resumable_loop.bind(*constants, *operands, bodies=tuple(bodies))
+        bodies.append(Body(tuple(parts), body.cost, body.every))
+    params = {**loop.params, "bodies": tuple(bodies)}
+    return resumable_loop.bind(*constants, *state, **params)

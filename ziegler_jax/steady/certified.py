@@ -21,10 +21,8 @@ from typing import cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from ..context import Decision, Phase, Stop
 from ..model.column import Column, State
 from ..motion.integrate import Motion
 from ..motion.observers import AbstractObserver, Period
@@ -39,7 +37,6 @@ from ..motion.scene import (
     valid_scene,
     with_amplitude,
 )
-from ..motion.sequence import phase_of
 from ..numerics.materialise import replaced, tree_where
 from ..numerics.numbers import (
     Count,
@@ -51,6 +48,7 @@ from ..numerics.numbers import (
     instance,
     keeps,
 )
+from ..numerics.resumable import Decision, Phase, Stop, phase_of, resumable
 from ..results import OUTCOME, UNDECIDED
 from ..solvers import Explicit
 from .contraction import (
@@ -211,15 +209,13 @@ class CertifiedMotion:
             phase_of(Stop(self.shoot_on, shots, every), COST),
         ]
 
-    def to_the_end(self, now: Certifying) -> Certifying:
+    def follow(self) -> Certifying:
         """The last state."""
 
-        def turn(now: Certifying) -> Certifying:
-            for phase in self.phases:
-                now = phase.advance(now, jnp.asarray(LONGEST_CHUNK, jnp.int32))
-            return now
+        def status(now: Certifying) -> tuple[Int[Array, ""], Int[Array, ""]]:
+            return now.phase, now.steps
 
-        return lax.while_loop(lambda now: now.running, turn, now)
+        return resumable(self.begin(), self.phases, status, LONGEST_CHUNK)
 
     def march_on(self, now: Certifying, max_steps: Count) -> Certifying:
         """The motion itself."""

@@ -18,13 +18,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..context import Phase, place_of
 from ..model.column import Column
 from ..motion.contact import AbstractContact, Nearest
 from ..motion.implicit import implicit, moving
 from ..motion.integrate import Motion, Run
 from ..motion.options import Method
 from ..motion.variational import Flow, Make, Varied, flow_of, varied_motion
+from ..numerics.resumable import Phase, place_of
 from .shots import SHORTEST
 
 # Of the difference. With 1e-10 for a step's tolerance the derivatives' noise is some

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ..context import ENDED
 from ..motion.integrate import Run
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Scalar, Traced, Vector4
+from ..numerics.resumable import ENDED
 from ..results import OUTCOME
 from .observation import Record
 from .returns import Calm, Candidate, Lookout, Returns, ask_no_more

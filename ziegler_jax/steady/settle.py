@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Shaped
 
-from ..context import resumable
 from ..model.column import Column, State
 from ..motion import not_finite
 from ..motion.implicit import fixed, forward_only, lost
@@ -155,10 +154,7 @@ def settle(
         return forward_only("settle", settled(motion, follow(motion)))
     fixed_scene = (*fixed((column, start)), "settle", *fixed(scene[3:]))
     still = CertifiedMotion(*fixed_scene, odd=fixed(motion.odd))
-    first = still.begin()
-    last = resumable(first, still.phases, lambda now: (now.phase, now.steps))
-    last = still.to_the_end(first) if last is None else last
-    return forward_only("settle", settled(motion, last))
+    return forward_only("settle", settled(motion, still.follow()))
 
 
 Settling = CertifiedMotion | SettleProblem

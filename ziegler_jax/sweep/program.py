@@ -13,6 +13,7 @@ import linecache
 import sysconfig
 import threading
 import time
+import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,11 +25,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.extend.core import ClosedJaxpr, JaxprEqn  # pyright: ignore
 from jax.stages import Lowered
 
-from ..context import Cuts, may_cut, of_its_own, within
+from ..context import of_its_own, within
 from ..numerics.jaxpr_digest import Digest, digest_of, digest_of_function
 from ..numerics.packing import Packing, some_number
+from ..numerics.resumable import equations_within, inlined, resumable_loop
 from ..numerics.tables import tables_as_inputs
 from ..results import DIMENSIONS, Variable
 from ..runtime import (
@@ -52,6 +55,7 @@ CACHED_STAGES = 96
 # Lanes are a multiple of four vectors of 512 bits: what is left of a vector, and loops
 # of two that the compiler unrolls, round otherwise (batches of 13 and of 8 did).
 WHOLE_VECTORS = 32
+DIFFRAX = "diffeqsolve"  # what a call is named that integrates a motion
 SEGMENTS = 8  # batches of lanes that a segment between loops takes at once
 # 256 bits is XLA's default; nothing changes where the processor has no AVX-512. LLVM's
 # expensive passes are about a tenth of compiling (0.67 of before for 0.74 with them, by
@@ -130,12 +134,10 @@ def traced(
     described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
 
     def leaves(*values):
-        cuts = Cuts()
-        with within(context), may_cut(cuts):
+        with within(context):
             result = point(**dict(zip(names, values, strict=True)))
             variables, coordinates, attributes = labelled(result)
             arrays = [jnp.asarray(v.value) for v in variables.values()]
-        described["cuts"] = cuts
         described["attributes"] = attributes
         described["coordinates"] = {**DIMENSIONS, **coordinates}
         described["variables"] = {
@@ -147,17 +149,18 @@ def traced(
     scalar = jax.ShapeDtypeStruct((), np.float64 if wide else np.float32)
     with own_flags(), jax.enable_x64(wide):
         try:
-            whole = needed(jax.make_jaxpr(leaves)(*[scalar] * len(names)))
+            whole = inlined(jax.make_jaxpr(leaves)(*[scalar] * len(names)))
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
-        cuts = described.pop("cuts")
+        whole = needed(whole)
+        motions = _motions(whole)
         known = digest_of_function(whole, names, [*described["variables"]])
         with_tables, tables = tables_as_inputs(whole)
         parts = stages(with_tables, len(tables))
-    size = batch_size or _usual_size(bool(cuts.motions), points)
+    size = batch_size or _usual_size(motions != Motions(0, 0), points)
     vector = WHOLE_VECTORS if wide else 2 * WHOLE_VECTORS
     at_loop = between = -(-size // vector) * vector
-    if len(parts) > 1 and not cuts.refused:
+    if len(parts) > 1 and not motions.whole:
         # between loops there is little to do, unless a motion runs whole there
         between = at_loop * SEGMENTS
     return Scene(
@@ -173,6 +176,45 @@ def traced(
         known=known,
         seconds=time.perf_counter() - started,
     )
+
+
+class Motions(NamedTuple):
+    """How many motions a point follows."""
+
+    cut: int
+    whole: int  # within a loop or a transformation of its own
+
+
+def _motions(whole: ClosedJaxpr) -> Motions:
+    others = [e for e in whole.jaxpr.eqns if not _is_loop(e)]
+    inner = [e for other in others for e in (other, *equations_within(other))]
+    deeper = sum(map(_is_loop, inner))
+    holding = (e for e in others if any(_is_loop(x) for x in equations_within(e)))
+    if any(map(_is_written_by_the_user, holding)):
+        warnings.warn(
+            "`point` follows motions within a loop or a conditional of its own, where "
+            "a sweep cannot pause them: a batch of lanes waits there for its slowest. "
+            "Take them out of it, or give the sweep one more axis.",
+            stacklevel=5,
+        )
+    # a transformation of the point's own leaves diffrax's call
+    solved = sum(DIFFRAX in str(e.params.get("name")) for e in inner)
+    return Motions(len(whole.jaxpr.eqns) - len(others), deeper + solved)
+
+
+def _is_loop(equation: JaxprEqn) -> bool:
+    return equation.primitive is resumable_loop
+
+
+def _is_written_by_the_user(equation: JaxprEqn) -> bool:
+    """Whether the user's own code made the equation, not this package's."""
+    traceback = equation.source_info.traceback
+    for frame in traceback.frames if traceback else ():
+        if is_the_users(frame.file_name):
+            return True
+        if frame.file_name.startswith(_NOT_THE_USERS[0]):
+            return False
+    return False
 
 
 def _usual_size(motions: bool, points: int | None) -> int:

@@ -26,10 +26,17 @@ from jax.extend.core import (
     Var,
 )
 
-from ..context import resumable_loop, steps_of_turn, turns
 from ..numerics.materialise import materialise
 from ..numerics.numbers import Count
 from ..numerics.packing import Packing, Run, some_number
+from ..numerics.resumable import (
+    Body,
+    constants_of,
+    resumable_loop,
+    steps_of_turn,
+    turns,
+)
+from ..runtime import compiles_whole_loops
 
 
 class Stage(NamedTuple):
@@ -89,28 +96,25 @@ def stages(whole: ClosedJaxpr, tables: int = 0) -> list[Stage]:
     for cut, loop in enumerate(jaxpr.eqns):
         if loop.primitive is not resumable_loop:
             continue
-        constants, begun = _operands(loop)
-        read = [*_variables(constants), *_read_behind(jaxpr, cut)]
+        bodies = loop.params["bodies"]
+        constants, begun = constants_of(bodies, loop.invars)
+        of_bodies = [v for body in constants for mine in body for v in mine]
+        read = [*_variables(of_bodies), *_read_behind(jaxpr, cut)]
         after = list(dict.fromkeys(v for v in read if v in varies))
         function, layouts = segment(cut, after, begun)
         results = Packing(_avals(after)), Packing(_avals(begun))
         parts.append(_between(function, layouts, results))
-        bodies = loop.params["bodies"]
         ways = tuple(len(parts) + i for i in range(len(bodies) + 1))
-        for body in bodies:
+        for body, of_parts in zip(bodies, constants, strict=True):
             traced = []
-            for jaxpr_of in body.traced():
-                count = len(jaxpr_of.constvars)
-                mine, constants = constants[:count], constants[count:]
+            for part, mine in zip(body.parts, of_parts, strict=True):
                 numbers = _function(whole, free(cut), [*shared, *after], mine)
                 moves = tuple(isinstance(v, Var) and v in varies for v in mine)
-                traced.append(_Part(jaxpr_of, results[1], numbers, moves))
-            if body.whole is not None:
-                traced = traced[-1:]
-            if body.every is None or body.whole is not None:
-                function = _loop(traced[0], results)
-            else:
+                traced.append(_Part(part, results[1], numbers, moves))
+            if body.every is not None and _decides_one_by_one():
                 function = _with_stops(traced, body.every, results)
+            else:
+                function = _loop(traced, body, results)
             about = [(x.jaxpr, x.numbers.closed, x.moves) for x in traced], body.every
             parts.append(Stage(function, *results, about, ways, body.cost))
         fixed, state, begin = after, list(loop.outvars), cut + 1
@@ -210,13 +214,25 @@ def _of_lane(array: jax.Array, lane: jax.Array) -> jax.Array:
     return lax.dynamic_index_in_dim(array, lane, -1, keepdims=False)
 
 
-def _loop(part: _Part, layouts):
+def _decides_one_by_one() -> bool:
+    """Single numbers are only fast where they are parts of one kernel."""
+    return jax.default_backend() == "cpu" and compiles_whole_loops()
+
+
+def _loop(parts: Sequence[_Part], body: Body, layouts: Layouts):
     fixed, state = layouts
+    axes = [[-1 if moves else None for moves in part.moves] for part in parts]
 
     def loop(tables, max_steps, packed, begun):
         values = [*tables, *fixed.unpack(packed)]
-        *leaves, phase, steps = part.of_batch(values, begun, max_steps)
-        return state.pack(leaves), jnp.stack([phase, steps])
+
+        def of_a_lane(numbers, leaves):
+            return body.advance(numbers, leaves, jnp.asarray(max_steps, jnp.int32))
+
+        lanes = jax.vmap(of_a_lane, (axes, -1), -1)
+        numbers = [part.numbers(*values) for part in parts]
+        leaves, status = lanes(numbers, state.unpack(begun))
+        return state.pack(leaves), jnp.stack(status)
 
     return loop
 
@@ -327,13 +343,6 @@ def _read_behind(jaxpr: Jaxpr, cut: int) -> list[Var]:
     behind = [*(v for e in jaxpr.eqns[cut + 1 :] for v in e.invars), *jaxpr.outvars]
     new = {v for e in jaxpr.eqns[cut:] for v in e.outvars}
     return [v for v in _variables(behind) if v not in new]
-
-
-def _operands(loop: JaxprEqn) -> tuple[list, list]:
-    """What a loop's bodies read besides its state, and the state's first values."""
-    bodies = loop.params["bodies"]
-    count = sum(len(part.constvars) for body in bodies for part in body.traced())
-    return list(loop.invars[:count]), list(loop.invars[count:])
 
 
 def _variables(operands) -> list[Var]:
