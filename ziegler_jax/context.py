@@ -9,7 +9,6 @@
 """
 
 import itertools
-import threading
 from collections.abc import Callable, Hashable
 from contextlib import AbstractContextManager, nullcontext
 from functools import wraps
@@ -18,7 +17,6 @@ from typing import NamedTuple, ParamSpec, TypeVar, cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.extend.core import get_opaque_trace_state
 from jaxtyping import Array, Float
 
 from .own_values import own_values
@@ -90,15 +88,6 @@ def overridden_solver(solver: Solver) -> Solver:
     """The solver to use instead of the scene's own."""
     chosen = current_context().solver
     return solver if chosen is None else cast(Solver, chosen)
-
-
-def is_traced() -> bool:
-    """Whether JAX is tracing here: within `jit`, `vmap`, a derivative, a sweep."""
-    clean: list[object] = []  # a new thread traces nothing
-    thread = threading.Thread(target=lambda: clean.append(get_opaque_trace_state()))
-    thread.start()
-    thread.join()
-    return get_opaque_trace_state() != clean[0]
 
 
 Arguments = ParamSpec("Arguments")

@@ -287,7 +287,10 @@ def test_what_jax_cannot_trace_is_refused_with_its_line_and_a_cure(
 
 def test_a_sweep_inside_a_transformation_or_a_sweep_is_refused(refuses):
     def inner(x):
-        return zj.sweep(square, x=[1.0], progress=False).value.values[0] * x
+        def power(y):
+            return x**y
+
+        return zj.sweep(power, y=[1.0], progress=False).value.values[0]
 
     parts = "outside of JAX's transformations", "another sweep"
     refuses(lambda: zj.sweep(inner, x=[1.0]), *parts)

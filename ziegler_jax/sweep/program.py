@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -129,6 +130,7 @@ def traced(
     **Raises:** `ValueError` where it cannot be traced, with the line and a cure.
     """
     refuse_forked()
+    _refuse_tracers(jnp.zeros(()))  # where equations are written down it is one
     started = time.perf_counter()
     context = of_its_own(narrow=not wide)
     described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
@@ -152,6 +154,7 @@ def traced(
             whole = inlined(jax.make_jaxpr(leaves)(*[scalar] * len(names)))
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
+        _refuse_tracers(*whole.consts)
         whole = needed(whole)
         motions = _motions(whole)
         known = digest_of_function(whole, names, [*described["variables"]])
@@ -176,6 +179,16 @@ def traced(
         known=known,
         seconds=time.perf_counter() - started,
     )
+
+
+def _refuse_tracers(*values: object) -> None:
+    """Refuse a sweep of numbers that JAX only stands for (ValueError)."""
+    if any(isinstance(x, jax.core.Tracer) for x in values):
+        raise ValueError(
+            "A sweep must be called outside of JAX's transformations, but is inside "
+            "one (`jit`, `vmap`, a derivative, another sweep): it compiles and runs "
+            "programs of its own. Give the other sweep one more axis instead."
+        )
 
 
 class Motions(NamedTuple):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..context import Context, is_traced, within
+from ..context import Context, within
 from ..numerics.numbers import instance
 from ..runtime import all_cores
 from .axes import Returned, check_signature, checked_axes, own_labels, parameters
@@ -146,12 +146,6 @@ def sweep(
     the store cannot be written; `KeyboardInterrupt` after Ctrl-C, as soon as JAX has
     compiled (after a second one at once). What was finished before stays in the store.
     """
-    if is_traced():
-        raise ValueError(
-            "A sweep must be called outside of JAX's transformations, but is inside "
-            "one (`jit`, `vmap`, a derivative, another sweep): it compiles and runs "
-            "programs of its own. Give the other sweep one more axis instead."
-        )
     grid = checked_axes(point, axes, named_axes, inspect.signature(sweep).parameters)
     if where is not None:
         if not callable(where):
