@@ -85,7 +85,8 @@ def sweep(
         after the other (`settle`, `periodic_orbit`, `verdict`, ...) run in chunks of
         steps, each in batches of its own, in which a lane makes room for the next one
         as soon as its motion has ended. Motions inside a transformation of your own
-        (`vmap`, `jvp`, `jit`) run whole.
+        (`vmap`, `jvp`) or a loop or conditional (`lax.scan`, `lax.cond`) run whole;
+        inside a call (`jit`, `checkpoint`) they do as elsewhere.
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
