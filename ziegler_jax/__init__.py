@@ -83,6 +83,7 @@ from .solvers import Explicit, Rosenbrock, Taylor, tableaus
 from .steady.growth import Growth
 from .steady.settle import Settled, settle
 from .sweep.lanes import Lanes
+from .sweep.once import Program
 from .sweep.store import Store, open_sweep
 from .sweep.sweep import sweep
 from .sweep.work_precision import work_precision
@@ -136,6 +137,7 @@ __all__ = [
     "Period",
     "PeriodicOrbit",
     "PoincareSection",
+    "Program",
     "RegularisationError",
     "Rosenbrock",
     "Search",

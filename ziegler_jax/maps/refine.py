@@ -8,12 +8,12 @@ from tqdm import tqdm
 
 from ..numerics.numbers import instance
 from ..results import labels as attributes_of
-from ..sweep.axes import Returned, check_signature
+from ..sweep.axes import Returned
 from ..sweep.lanes import Lanes
+from ..sweep.once import Program
 from ..sweep.progress import shown, stream
 from .cells import exponent
 from .lines import Line
-from .sampler import Sampler
 from .study import Audit, Fineness, Study
 
 
@@ -84,15 +84,14 @@ def refine(
     instance("lanes", lanes, Lanes)
     names = _labels(coarse, label)
     axes = _axes(coarse, names)
-    check_signature(point, list(axes), "point")
     made_in = coarse.attrs.get("precision", lanes.precision)
     if made_in != lanes.precision:
         raise ValueError(
             f"Argument `lanes` must have the precision of `coarse`, {made_in!r}, but "
             f"has {lanes.precision!r}."
         )
-    sampler = Sampler(point, tuple(axes), lanes)
-    study = Study(coarse, axes, names, sampler, fineness)
+    program = Program(point, names=[*axes], lanes=lanes)
+    study = Study(coarse, axes, names, program, fineness)
     with tqdm(file=stream(), unit="point", disable=not shown(progress)) as bar:
         study.tell = lambda count, _: bar.update(count)
         study.check()
@@ -116,7 +115,7 @@ def _dataset(
         refine_unknown_width=fineness.unknown_width,
         refine_levels=fineness.levels,
         refine_max_points=fineness.max_points,
-        refine_points=study.sampler.computed,
+        refine_points=study.points,
         refine_complete=int(complete),
         refine_audit_points=audit.points,
         refine_audit_strangers=len(audit.strangers),
@@ -129,14 +128,14 @@ def _refined(study: Study) -> dict[str, tuple]:
     """All points that were computed."""
     whole = {
         name: np.concatenate([part[name] for part in study.computed])
-        for name in [*study.axes, *study.sampler.variables]
+        for name in [*study.axes, *study.program.variables]
     }
     data = {}
     for name, values in whole.items():
         if name in study.axes:
             data[f"refined_{name}"] = "refined", values, study.coarse[name].attrs
         else:
-            variable = study.sampler.variables[name]
+            variable = study.program.variables[name]
             dims = ("refined", *variable.dims)
             data[f"refined_{name}"] = dims, values, attributes_of(variable)
     return data

@@ -10,10 +10,10 @@ import xarray as xr
 from scipy import stats
 
 from ..numerics.numbers import number, whole_number
+from ..sweep.once import Program
 from .cells import NOWHERE, Cell, Cells
 from .edges import Halvings, halved_edges, unlike_edges
 from .lines import Line, lines
-from .sampler import Sampler
 
 FINEST, MOST_LEVELS = 1e-13, 20
 CERTAINTY = 0.95  # of the bound of the area that is missed
@@ -95,12 +95,12 @@ class Study:
         coarse: xr.Dataset,
         axes: dict[str, np.ndarray],
         names: tuple[str, ...],
-        sampler: Sampler,
+        program: Program,
         fineness: Fineness,
     ):
         """Nothing is halved."""
         self.coarse, self.axes, self.names = coarse, axes, names
-        self.sampler, self.fineness = sampler, fineness
+        self.program, self.fineness = program, fineness
         self.codes: dict[tuple[int, ...], int] = {}  # what labels go by, in order
         self.tell: Callable[[int, float], object] = lambda *_: None
         self.computed: list[dict[str, np.ndarray]] = []
@@ -120,7 +120,7 @@ class Study:
             name: np.interp(table[:, i], np.arange(axis.size), axis)
             for i, (name, axis) in enumerate(self.axes.items())
         }
-        results = self.sampler(values, self.tell)
+        results = self.program.at(values, self.tell)
         self.computed.append({**values, **results})
         columns = [whole(n, results[n]) for n in self.names]
         return self._coded(np.stack(columns, -1)).tolist()
@@ -191,7 +191,13 @@ class Study:
 
     def left(self) -> int:
         """How many points may still be computed."""
-        return max(self.fineness.max_points - self.sampler.computed, 0)
+        return max(self.fineness.max_points - self.points, 0)
+
+    @property
+    def points(self) -> int:
+        """How many were computed."""
+        one = next(iter(self.axes))
+        return sum(len(part[one]) for part in self.computed)
 
     def grow(self, pending: set[Cell]) -> bool:
         """Halve cells to the finest; whether it came to its end."""

@@ -35,7 +35,7 @@ import numpy as np
 
 from ..runtime import compiles_whole_loops, configure_cpu
 from .partition import Block, BlockAssembler, Blocks, Tally
-from .program import Program, Scene, compiled, traced
+from .program import Compiled, Scene, compiled, traced
 from .scheduler import Effort, run_lanes, warn_of
 from .store import SweepStore
 
@@ -261,7 +261,7 @@ def _program(
     wide: bool,
     digest: str,
     whole_loops: bool,
-) -> tuple[Scene, Program]:
+) -> tuple[Scene, Compiled]:
     import cloudpickle
 
     if whole_loops and not compiles_whole_loops():

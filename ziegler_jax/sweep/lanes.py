@@ -144,7 +144,7 @@ class Work:
         """Nothing has begun; `put` is told of results."""
         self.program, self.queue, self.put = program, queue, put
         self.stages = program.stages
-        self.names, self.axes = list(parameters(axes)), axes
+        self.names, self.axes = program.names, axes
         self.shape = tuple(axis.size for axis in axes.values())
         self.dtype = np.float64 if program.wide else np.float32
         self.lock = threading.Condition()  # told where lanes wait anew
@@ -301,7 +301,7 @@ class Work:
         places = np.unravel_index(points, self.shape)
         pairs = zip(self.axes.items(), places, strict=True)
         here = parameters({name: axis[place] for (name, axis), place in pairs})
-        return [values.astype(self.dtype) for values in here.values()]
+        return [here[name].astype(self.dtype) for name in self.names]
 
     def call(
         self,

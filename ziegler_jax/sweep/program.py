@@ -103,9 +103,10 @@ class Scene(NamedTuple):
         return sum(array.dtype.itemsize * array.size for array in arrays)
 
 
-class Program(NamedTuple):
+class Compiled(NamedTuple):
     """A scene, compiled."""
 
+    names: tuple[str, ...]  # of the parameters, in the order of the first stage's
     stages: tuple[Stage, ...]  # whose functions run a batch
     results: Packing
     batch_size: int
@@ -354,7 +355,7 @@ _OF_LIBRARIES |= {"triangular_solve", "tridiagonal", "tridiagonal_solve"}
 
 @held_interrupts()
 @paused_collector()
-def compiled(scene: Scene) -> Program:
+def compiled(scene: Scene) -> Compiled:
     """The scene, compiled, stages beside each other; each kept by its digest."""
     started = time.perf_counter()
     keys = [_key(number, scene) for number in range(len(scene.stages))]
@@ -373,7 +374,8 @@ def compiled(scene: Scene) -> Program:
         _keep(key, run)
     runs |= made
     seconds = time.perf_counter() - started
-    return Program(
+    return Compiled(
+        names=scene.names,
         stages=tuple(
             stage._replace(function=partial(cast(Callable, runs[key]), scene.tables))
             for stage, key in zip(scene.stages, keys, strict=True)

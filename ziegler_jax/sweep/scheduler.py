@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .lanes import OpenLanes, Queue, Work, joined, split
-from .program import Program
+from .program import Compiled
 
 # Chunk length trades the cost of a call, with what Python does between two, about that
 # of so many steps of 128 lanes, against lanes that idle once they have ended, for half
@@ -54,7 +54,7 @@ class Effort(NamedTuple):
 
 
 def run_lanes(
-    program: Program,
+    program: Compiled,
     axes: Mapping[str, np.ndarray],
     points: Iterator[np.ndarray],
     put: Callable[[np.ndarray, list[np.ndarray], np.ndarray], None],

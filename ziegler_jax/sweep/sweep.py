@@ -17,6 +17,7 @@ from .axes import Returned, check_signature, checked_axes, own_labels, parameter
 from .cluster import Arrays, Client, Recipe, check_client, run_blocks
 from .differences import audit_attributes, checked_share, drawn, settled_late
 from .lanes import Lanes
+from .once import Program
 from .partition import (
     Block,
     BlockAssembler,
@@ -36,7 +37,7 @@ FINER = 0.01  # the audit's tolerances, against the point's own
 
 
 def sweep(
-    point: Callable[..., Returned],
+    point: Callable[..., Returned] | Program,
     *,
     where: Callable[..., ArrayLike] | None = None,
     lanes: Lanes = Lanes(),  # noqa: B008, a value
@@ -74,7 +75,8 @@ def sweep(
 
     **Arguments:**
 
-    - `point`: a function of named scalars that JAX can trace. It returns a scalar, a
+    - `point`: a function of named scalars that JAX can trace, or a `Program`, which was
+        traced before. It returns a scalar, a
         result of the library, which knows its dimensions and units, or a dict of
         scalars, `Variable`s (arrays with named dimensions) and results. It is traced
         anew at each sweep, so that whatever it reads is read again, but compiled only
@@ -147,7 +149,9 @@ def sweep(
     the store cannot be written; `KeyboardInterrupt` after Ctrl-C, as soon as JAX has
     compiled (after a second one at once). What was finished before stays in the store.
     """
-    grid = checked_axes(point, axes, named_axes, inspect.signature(sweep).parameters)
+    program = point if isinstance(point, Program) else None
+    function = program.scene.point if program else point
+    grid = checked_axes(function, axes, named_axes, inspect.signature(sweep).parameters)
     if where is not None:
         if not callable(where):
             raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
@@ -161,6 +165,11 @@ def sweep(
             "Argument `audit` must be left out with `store` or `client`, but is "
             f"{audit!r}: audit a smaller sweep of the same scene in memory."
         )
+    if share is not None and program:
+        raise ValueError(
+            "Argument `audit` must be left out with a `Program`, whose tolerances are "
+            f"traced, but is {audit!r}: sweep its point."
+        )
     if client is not None:
         check_client(client)
     size = math.prod(values.size for values in grid.values())
@@ -171,16 +180,19 @@ def sweep(
         if store is None:
             check_room(f"one number at each of {size} points", 8 * size)
         blocks = Blocks(grid, where)
-    wide = lanes.precision == "float64"
-    names = tuple(parameters(grid))
-    with tracing(progress):
-        scene = traced(point, names, wide, lanes.batch_size, blocks.points)
+    if program:
+        program.check(parameters(grid), lanes)
+        scene = program.scene._replace(seconds=0.0)
+    else:
+        names, wide = tuple(parameters(grid)), lanes.precision == "float64"
+        with tracing(progress):
+            scene = traced(function, names, wide, lanes.batch_size, blocks.points)
     check_names(scene, grid)
     if store is None:
         check_room(f"the results of {size} points", scene.bytes_a_point * size)
     # a cluster's worker runs as many blocks as it has threads
     threads = lanes.threads or (all_cores() if client is None else 1)
-    run = _Run(scene, blocks, threads, client, store)
+    run = _Run(scene, program, blocks, threads, client, store)
     origin = provenance(scene, blocks.points)
     own = own_labels({**named_axes, **(axes or {})})
     nothing = template(grid, scene, blocks.shape, origin, own)
@@ -217,6 +229,7 @@ class _Run(NamedTuple):
     """What is to be computed, and by whom."""
 
     scene: Scene
+    program: Program | None  # that has been compiled, or is once
     blocks: Blocks
     threads: int
     client: Client | None
@@ -252,7 +265,7 @@ def _filled(
             return backend.dataset({})
         if run.client is None:
             with progress.compiling():
-                program = compiled(scene)
+                program = run.program.compiled() if run.program else compiled(scene)
             seconds += program.compile_seconds
             assembler = BlockAssembler(blocks, scene.variables, write_block)
             effort = run_lanes(
