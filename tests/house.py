@@ -7,9 +7,9 @@ comments that silence a linter or the type checker, asserts, `raise`s, and publi
 by the room that they come from (`house.md` has those of 0.2.0). Then the whole: lines,
 lines of code without docstrings, comments and blank lines, files in the longest folder,
 rooms, imports against the rule, circles, calls of diffrax, laws asked for by their
-class; the most arguments of a function (axes and constructors of values apart) and its longest
-body, without its docstring; how often `Any` stands, or an alias of it; words that are
-no names; and lines of docstrings and comments.
+class; the most arguments of a function (axes and constructors of values apart) and its
+longest body, without its docstring; how often `Any` stands, or an alias of it; words
+that are no names; and lines of docstrings and comments.
 """
 
 import ast
