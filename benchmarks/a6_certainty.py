@@ -38,7 +38,7 @@ def compiled():
     """Seconds to trace all, and to compile each stage."""
     import jax
 
-    scene, tracing = processor_seconds(lambda: traced(point, NAMES, True, None))
+    scene, tracing = processor_seconds(lambda: traced(point, NAMES, None))
     with own_flags(), jax.enable_x64(True):
         stages = [
             processor_seconds(lowered(stage, scene).lowered.compile)[1]

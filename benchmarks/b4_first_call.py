@@ -75,7 +75,7 @@ def compiling(scene):
     zj.configure_cpu()
     loop = python_loop()
     start = time.process_time()
-    known = traced(SCENES[scene], NAMES, True, None)
+    known = traced(SCENES[scene], NAMES, None)
     stages = [lowered(stage, known).lowered for stage in known.stages]
     middle = time.process_time()
     with own_flags(), jax.enable_x64(True):

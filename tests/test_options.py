@@ -219,7 +219,6 @@ def test_what_is_no_value_is_refused_by_name(refuses):
         (lambda: zj.Windows(max_windows=2.5), ("`max_windows`", "whole", "2.5")),  # type: ignore
         (lambda: zj.Method(rtol=-1.0), ("`rtol`", "positive", "-1")),
         (lambda: zj.Store("a", overwrite="no"), ("`overwrite`", "'no'")),  # type: ignore
-        (lambda: zj.Lanes(precision="float16"), ("`precision`", "'float16'")),  # type: ignore
         (
             lambda: zj.work_precision(
                 lambda q: q, reference=zj.Method(zj.Explicit(), 1e-9, 1e-3), q=[1.0]

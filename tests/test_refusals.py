@@ -11,7 +11,6 @@ from options import options_of
 
 import ziegler_jax as zj
 from ziegler_jax import ONSET, ORBIT, OUTCOME, VERDICT
-from ziegler_jax.context import Context, within
 from ziegler_jax.motion.observers import AbstractObserver
 from ziegler_jax.results import AbstractResult, Variable
 from ziegler_jax.sweep.axes import labelled
@@ -202,13 +201,7 @@ def test_a_32_bit_session_is_told_what_to_type(refuses, name):
         refuses(PLAIN[name], f"`{name}`", "64-bit", cure, "`sweep`")
 
 
-def test_32_bits_that_were_asked_for_are_computed_in():
-    with jax.enable_x64(False), within(Context(narrow=True)):
-        assert zj.critical_load(COLUMN).q_cr.dtype == jnp.float32
-        assert zj.regime(COLUMN) == zj.REGIME.marginal
-        assert (
-            zj.settle(COLUMN, KICK, **SHORT, certify=False).drift.dtype == jnp.float32
-        )
+def test_a_trace_in_32_bits_is_refused():
     with pytest.raises(ValueError), jax.enable_x64(False):
         jax.jit(lambda q: zj.critical_load(zj.uniform_rods(q)).q_cr)(1.0)
 

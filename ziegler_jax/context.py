@@ -4,8 +4,8 @@
     `Context`, which `settle` and `trajectory` obey. It is a context of JAX's own, so
     that it is a part of every compilation cache's key; it is local to a thread.
 - JAX computes in 32 bits unless it is told otherwise, and most numbers here would be
-    wrong in them without a word. A `plain` function therefore refuses a 32-bit session;
-    a sweep that was asked for 32 bits says so in its `Context`.
+    wrong in them without a word. A `plain` function therefore refuses a 32-bit session,
+    and a sweep computes in 64 bits whatever JAX is set to.
 """
 
 import itertools
@@ -27,8 +27,7 @@ class Context(NamedTuple):
     """What to set; hashable.
 
     `tolerance` replaces rtol, and atol follows in the scene's own ratio; `factor`
-    multiplies both; `solver` replaces the solver, where it is not None. `narrow` lets
-    plain functions compute in 32 bits, as a sweep of that precision asks. `trace` is a
+    multiplies both; `solver` replaces the solver, where it is not None. `trace` is a
     number of its own for each sweep: what JAX or diffrax traced for an earlier one is
     not asked, as it may have read an attribute that has changed since. A question that
     holds nothing of the user's own has a key of its values there.
@@ -37,7 +36,6 @@ class Context(NamedTuple):
     tolerance: float | None = None
     factor: float = 1.0
     solver: eqx.Module | None = None
-    narrow: bool = False
     trace: Hashable = 0
 
 
@@ -57,9 +55,9 @@ def current_context() -> Context:
     return _CONTEXT.value
 
 
-def of_its_own(narrow: bool) -> Context:
+def of_its_own() -> Context:
     """This thread's context, with a trace that no cache has seen."""
-    return current_context()._replace(narrow=narrow, trace=next(_TRACES))
+    return current_context()._replace(trace=next(_TRACES))
 
 
 def as_traced_before(*scene: object) -> AbstractContextManager[None]:
@@ -101,7 +99,7 @@ def plain(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     @wraps(function)
     def computed(*args: Arguments.args, **options: Arguments.kwargs) -> Result:
         refuse_forked()
-        if jnp.result_type(float) != jnp.float64 and not current_context().narrow:
+        if jnp.result_type(float) != jnp.float64:
             raise ValueError(
                 f"`{name}` must compute in 64-bit arithmetic, but JAX is set to 32 "
                 'bits; type `jax.config.update("jax_enable_x64", True)` before it, '

@@ -141,6 +141,6 @@ print("the share of the map that may be missed is below", sharp.refine_missed_ar
 # sweeps](long_sweeps.md).
 
 # %%
-for name in ("rtol", "transient", "precision", "ziegler_jax_version", "jax_version"):
+for name in ("rtol", "transient", "ziegler_jax_version", "jax_version"):
     print(name, "=", ds.attrs.get(name))
 print(ds.attrs["scene"])

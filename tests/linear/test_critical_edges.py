@@ -15,7 +15,6 @@ from test_critical_loads import (
 )
 
 import ziegler_jax as zj
-from ziegler_jax.context import Context, within
 from ziegler_jax.results import CRITICAL
 
 SQRT7 = np.sqrt(7.0)
@@ -308,11 +307,3 @@ def test_the_other_root_of_a_dead_loads_stiffness_is_no_loss():
     # beyond the first root of det K the second rises: stiffness comes back
     found = zj.critical_load(column_of([4 / 3, 0.5, 1 / 3, 1, 0.0, 1, 0, 0], False))
     assert int(found.outcome) == CRITICAL.none
-
-
-def test_single_precision_gives_single_precision():
-    column = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), zj.uniform_rods())
-    with jax.enable_x64(False), within(Context(narrow=True)):
-        found = zj.critical_load(column)
-    assert found.q_cr.dtype == jnp.float32
-    np.testing.assert_allclose(float(found.q_cr), (18 - 2 * SQRT7) / 5, rtol=1e-6)

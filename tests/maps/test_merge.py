@@ -83,7 +83,6 @@ def with_host_callbacks(ds):
         (with_host_callbacks, ("`sweeps[1]`", "host callbacks", "xarray")),
         (without_digest, ("`sweeps[1]`", "`ziegler_jax_version`", "None")),
         (lambda ds: ds.assign_attrs(jax_version="9.9"), ("9.9", 'versions="any"')),
-        (lambda ds: ds.assign_attrs(precision="float32"), ("`precision`", "float32")),
         (lambda ds: ds.rename(x="w"), ("axes", "'w'")),
         (lambda ds: ds.drop_vars("z"), ("holds", "'z'")),
         (lambda ds: ds.assign(z=ds.z + 1), ("`z`", "x = 1", "agree")),

@@ -268,7 +268,6 @@ def test_a_cell_is_halved_where_a_finer_neighbour_brings_another_label():
         (lambda ds: ds.rename(x="width"), ("`width`", "rename")),
         (lambda ds: ds.rename(x="z"), ("`z`", "`point`")),
         (lambda ds: ds.assign(refined_x=1), ("`coarse`", "refined already")),
-        (lambda ds: ds.assign_attrs(precision="float32"), ("`lanes`", "float32")),
         (lambda ds: 3, ("`coarse`", "dataset")),
     ],
 )

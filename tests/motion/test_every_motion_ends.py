@@ -1,15 +1,14 @@
 """Every motion ends: windows lost in rounding, and the steps of a whole search."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import ziegler_jax as zj
 from ziegler_jax import ORBIT, OUTCOME, VERDICT
-from ziegler_jax.context import Context, within
 
 KICK = zj.State(omega=(0.0, 0.2))
+UNIT = float(np.spacing(1100.0))  # of rounding at the transient's end
 QUICK = zj.Method(rtol=1e-4, atol=1e-4)
 
 
@@ -75,7 +74,7 @@ def test_a_window_that_rounding_would_lose_is_refused(refuses, call):
 
 
 def test_windows_that_rounding_lengthens_end_unsettled():
-    """In 32 bits 83 units of rounding each: the end comes before the last window."""
+    """83 units of rounding each: the end comes before the last window."""
 
     @jax.jit
     def point(length):
@@ -84,14 +83,12 @@ def test_windows_that_rounding_lengthens_end_unsettled():
             zj.uniform_rods(1.0), KICK, windows=windows, method=QUICK, certify=False
         )
 
-    with jax.enable_x64(False), within(Context(narrow=True)):
-        found = point(jnp.float32(0.0101))
-        assert int(found.outcome) == OUTCOME.unsettled
-        # measured 399
-        assert 390 <= int(found.windows) <= 400
+    found = point(83 * UNIT)
+    assert int(found.outcome) == OUTCOME.unsettled
+    # measured 399
+    assert 390 <= int(found.windows) <= 400
 
 
-@pytest.mark.filterwarnings("ignore:overflow")  # lengths' bounds, in 32 bits
 def test_a_verdict_that_rounding_shortens_is_undecided():
     @jax.jit
     def point(length):
@@ -99,10 +96,9 @@ def test_a_verdict_that_rounding_shortens_is_undecided():
         options = {"rtol_return": 1e-30, "rate_cut": 1e-6, "method": QUICK}
         return zj.verdict(rubbing(2.6), KICK, spans=spans, **options)
 
-    with jax.enable_x64(False), within(Context(narrow=True)):
-        found = point(jnp.float32(0.0101))
-        assert int(found.outcome) == OUTCOME.unsettled
-        assert int(found.verdict) == VERDICT.undecided
+    found = point(83 * UNIT)
+    assert int(found.outcome) == OUTCOME.unsettled
+    assert int(found.verdict) == VERDICT.undecided
 
 
 # The steps of a search ----------------------------------------------------------------

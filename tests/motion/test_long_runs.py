@@ -11,7 +11,6 @@ from options import options_of
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
-from ziegler_jax.context import Context, within
 
 # Largest |phi2 - phi1| at q = 2.6, tau = 0.026 against v_smooth, by another code.
 KNOWN = [(0.3, 0.64249), (0.1, 0.63443), (0.03, 0.63214), (0.01, 0.63133)]
@@ -274,33 +273,6 @@ trajectory = functools.partial(zj.trajectory, COLUMN, KICK)
 )
 def test_a_wrong_argument_is_refused_by_name_value_and_rule(refuses, call, parts):
     refuses(call, *parts)
-
-
-@pytest.mark.parametrize("name", ["rtol", "atol"])
-def test_32_bits_refuse_tolerances_that_they_cannot_keep(refuses, name):
-    method = zj.Method(**{"rtol": 1e-4, "atol": 1e-4, name: 1e-6})
-    with jax.enable_x64(False), within(Context(narrow=True)):
-        parts = f"`{name}`", "1e-06", "1e-05", "64 bits"
-        refuses(lambda: settle(method=method, certify=False), *parts)
-        refuses(lambda: trajectory([0.0, 1.0], method=method), *parts, "32-bit")
-
-
-def test_32_bits_settle_within_their_digits():
-    with jax.enable_x64(False), within(Context(narrow=True)):
-        found = settle(
-            method=zj.Method(rtol=1e-5, atol=1e-5),
-            windows=zj.Windows(transient=0.0, length=5.0, max_windows=1),
-            certify=False,
-        )
-        assert found.rod_amplitude.dtype == jnp.float32
-        low = np.asarray(found.rod_amplitude)
-    high = settle(
-        method=zj.Method(rtol=1e-10, atol=1e-10),
-        windows=zj.Windows(transient=0.0, length=5.0, max_windows=1),
-        certify=False,
-    )
-    # measured 7.9e-5
-    assert np.abs(low / np.asarray(high.rod_amplitude) - 1).max() < 1e-3
 
 
 def _slow(kick, **more):

@@ -61,7 +61,7 @@ def test_programs_that_call_libraries_run_in_one_thread_at_a_time(function):
     def point(q):
         return {"x": jnp.real(function(q * jnp.eye(2))).sum()}
 
-    scene = program.traced(point, ("q",), wide=True, batch_size=32)
+    scene = program.traced(point, ("q",), batch_size=32)
     (stage,) = program.compiled(scene).stages
     ended = threading.Event()
 

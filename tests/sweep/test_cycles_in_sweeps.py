@@ -54,7 +54,7 @@ def test_cycles_of_a_sweep_are_those_of_direct_calls(swept):
 
 
 def test_the_motion_the_return_and_the_shots_are_cut_apart(swept):
-    stages = program.traced(point, ("q",), True, 4).stages
+    stages = program.traced(point, ("q",), 4).stages
     assert sum(stage.is_loop for stage in stages) == 3
     # measured 0.11: seven lanes in 32 places
     assert 0.05 < swept.attrs["useful_step_fraction"] <= 1

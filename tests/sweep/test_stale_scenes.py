@@ -298,7 +298,7 @@ def test_what_is_compiled_is_what_was_traced(path):
         calls.append(None)
         return settle_damped(x)
 
-    scene_ = program.traced(scene, ("x",), True, None)
+    scene_ = program.traced(scene, ("x",), None)
     traces = len(calls)
     program.compiled(scene_)
     assert len(calls) == traces > 0

@@ -38,7 +38,6 @@ def test_another_sweep_is_refused_by_name_and_replaced_on_demand(
         ({"x": np.where(X == X[3], X[3] + 1e-12, X)}, ("axis `x`", "between")),
         ({"axes": {"y": Y, "x": X}, "x": None, "y": None}, ("axes x, y", "y, x")),
         ({"where": lambda x, y: x + y > 1}, ("other points",)),
-        ({"lanes": zj.Lanes(4, precision="float32")}, ("precision float64", "float32")),
         ({"lanes": zj.Lanes(5)}, ("batch_size 4", "5")),
     ]
     for change, parts in others:
@@ -82,7 +81,7 @@ def test_a_scene_is_the_same_whatever_jax_has_forgotten_of_it():
     """
 
     def digest():
-        return program.traced(rubbed, ("x",), True, None).digest
+        return program.traced(rubbed, ("x",), None).digest
 
     first, traced = digest(), 0
     gc.unfreeze()  # else it shows none of them
@@ -111,8 +110,7 @@ SCENES = {point: ("x", "y"), settled: ("q", "mu"), stored.certified: ("q", "mu")
 
 def digests():
     return [
-        program.traced(scene, names, True, None).digest
-        for scene, names in SCENES.items()
+        program.traced(scene, names, None).digest for scene, names in SCENES.items()
     ]
 
 
@@ -161,7 +159,7 @@ def test_a_batching_rule_of_the_users_own_is_a_part_of_the_scene():
         def of_a_batch(axis_size, batched, x):
             return factor * x, True
 
-        return program.traced(scaled, ("x",), True, None).digest
+        return program.traced(scaled, ("x",), None).digest
 
     assert scene(3.0) == scene(3.0) != scene(5.0)
 
@@ -169,7 +167,7 @@ def test_a_batching_rule_of_the_users_own_is_a_part_of_the_scene():
 def test_every_setting_is_refused_by_name():
     settings = {"rtol": 1e-4, "solver": "Tsit5", "max_windows": 4}
     blocks = partition.Blocks({"x": X, "y": Y})
-    scene = program.traced(point, ("x", "y"), True, 4)
+    scene = program.traced(point, ("x", "y"), 4)
 
     def of(settings):
         return provenance.identity(scene._replace(attributes=settings), blocks)

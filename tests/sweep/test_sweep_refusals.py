@@ -94,10 +94,6 @@ quiet = functools.partial(zj.sweep, square, progress=False)
             lambda: quiet(x=[1.0], lanes=zj.Lanes(batch_size=0)),
             ("`batch_size`", "0", "at least 1"),
         ),
-        (
-            lambda: quiet(x=[1.0], lanes=zj.Lanes(precision="float16")),
-            ("`precision`", "float16"),
-        ),
         (lambda: quiet(x=[1.0], where=3), ("`where`", "3", "function")),
         (lambda: quiet(x=[1.0], where=lambda y: y > 0), ("`x`", "`where`", "takes y")),
         (lambda: quiet(x=[1.0], where=lambda x: x), ("`where`", "float64", "booleans")),

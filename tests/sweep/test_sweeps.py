@@ -57,7 +57,7 @@ def test_attributes_say_how_it_was_computed(whole):
     assert "def point(q, mu)" in attrs["scene"]
     expected = {
         "rtol": 1e-4, "atol": 1e-4, "transient": 20.0, "window_length": 10.0,
-        "solver": "Tsit5", "max_windows": 4, "precision": "float64", "threads": 1,
+        "solver": "Tsit5", "max_windows": 4, "threads": 1,
         "batch_size": 32, "points": 123,
     }  # fmt: skip
     assert {name: attrs[name] for name in expected} == expected
@@ -134,14 +134,6 @@ def test_float64_whatever_jax_is_set_to():
     assert (narrow.tenth == 0.1).all()
 
 
-def test_float32_on_demand():
-    found = zj.sweep(
-        third, x=[0.5], progress=False, lanes=zj.Lanes(precision="float32")
-    )
-    assert found.sine.dtype == found.tenth.dtype == np.float32
-    assert found.attrs["precision"] == "float32"
-
-
 # A lane depends on its own numbers alone ----------------------------------------------
 
 
@@ -162,7 +154,7 @@ def test_few_points_run_in_small_batches_with_the_same_bits(whole, points, lanes
 
 
 def test_batch_mates_and_places_change_no_bit(whole):
-    scene = program.traced(point, ("q", "mu"), True, 32)
+    scene = program.traced(point, ("q", "mu"), 32)
     compiled, found = program.compiled(scene), {}
 
     def put(points, results, steps):
@@ -209,7 +201,7 @@ def test_when_lanes_are_replaced_changes_no_bit(whole, monkeypatch, alike, strag
 
 def test_lanes_run_in_chunks_at_all(whole):
     """Else the tests above would say nothing of them."""
-    assert len(program.traced(point, ("q", "mu"), True, 32).stages) == 3
+    assert len(program.traced(point, ("q", "mu"), 32).stages) == 3
     assert whole.steps.max() > 2 * scheduler.FIRST_CHUNK
 
 
@@ -298,7 +290,7 @@ def with_jvp(q):
 def test_several_motions_and_what_is_not_cut_agree_with_direct_calls(scene, loops):
     q = np.linspace(1.0, 3.0, 5)
     found = zj.sweep(scene, q=q, lanes=zj.Lanes(batch_size=4), progress=False)
-    assert len(program.traced(scene, ("q",), True, 4).stages) == 2 * loops + 1
+    assert len(program.traced(scene, ("q",), 4).stages) == 2 * loops + 1
     expected = direct(scene, q=q)
     if not isinstance(expected, dict):
         expected = {"value": expected}

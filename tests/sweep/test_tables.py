@@ -60,7 +60,7 @@ POINTS = {straight: 1, called: 1, in_loops: 1, in_a_loop_that_is_cut: 3}
 
 @pytest.mark.parametrize("point, parts", POINTS.items())
 def test_a_table_is_an_argument_wherever_it_stands(point, parts):
-    scene = program.traced(point, ("x",), True, None)
+    scene = program.traced(point, ("x",), None)
     assert [x.shape for x in scene.tables] == [(SIZE,), (SIZE,)]
     assert len(scene.stages) == parts
     for stage in scene.stages:
@@ -74,7 +74,7 @@ def test_a_table_is_an_argument_wherever_it_stands(point, parts):
 
 def test_numbers_and_small_arrays_stay_constants():
     few = PLACES[: LARGEST_CONSTANT // 8]
-    scene = program.traced(lambda x: x * 3.0 + jnp.asarray(few).sum(), ("x",), True, 8)
+    scene = program.traced(lambda x: x * 3.0 + jnp.asarray(few).sum(), ("x",), 8)
     assert scene.tables == ()
 
 

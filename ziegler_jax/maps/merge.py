@@ -49,7 +49,7 @@ def merge(*sweeps: xr.Dataset, versions: Literal["same", "any"] = "same") -> xr.
 
     **Arguments:**
 
-    - `sweeps`: of the same scene, options and precision, over axes of the same names,
+    - `sweeps`: of the same scene and options, over axes of the same names,
         whatever their values. (Samples have no axis: join them by `xr.concat` along
         their dimension.)
     - `versions`: `"any"` consents to sweeps of several versions of this package, JAX,

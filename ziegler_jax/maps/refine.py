@@ -84,12 +84,6 @@ def refine(
     instance("lanes", lanes, Lanes)
     names = _labels(coarse, label)
     axes = _axes(coarse, names)
-    made_in = coarse.attrs.get("precision", lanes.precision)
-    if made_in != lanes.precision:
-        raise ValueError(
-            f"Argument `lanes` must have the precision of `coarse`, {made_in!r}, but "
-            f"has {lanes.precision!r}."
-        )
     program = Program(point, names=[*axes], lanes=lanes)
     study = Study(coarse, axes, names, program, fineness)
     with tqdm(file=stream(), unit="point", disable=not shown(progress)) as bar:

@@ -10,7 +10,6 @@ from typing import Any, Self, cast
 
 import diffrax as dfx
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from ..context import overridden_tolerances
@@ -19,7 +18,6 @@ from ..numerics.numbers import (
     Option,
     Scalar,
     instance,
-    is_concrete,
     number,
     whole_number,
 )
@@ -27,7 +25,6 @@ from ..results import Settings
 from ..solvers import Explicit, Rosenbrock, Taylor
 
 Solver = Explicit | Rosenbrock | Taylor
-FINEST_IN_FLOAT32 = 1e-5
 
 
 class AbstractOptions(eqx.Module):
@@ -250,21 +247,10 @@ _SPANS = {name: (200.0, 50.0, 20) for name in ("lyapunov_exponents", "verdict")}
 
 
 def complete(question: str, method: Method, solver: Solver) -> Method:
-    """A question's method, with the tolerances of the context where it has some.
-
-    **Raises:** `ValueError` for tolerances that are too fine in 32 bits.
-    """
+    """A question's method, with the tolerances of the context where it has some."""
     rtol, max_steps = _METHODS[question]
     rtol = np.float64(rtol) if method.rtol is None else method.rtol
     atol = rtol if method.atol is None else method.atol
-    if jnp.result_type(float) == jnp.float32:
-        for name, tol in (("rtol", rtol), ("atol", atol)):
-            if is_concrete(tol) and tol < FINEST_IN_FLOAT32:
-                raise ValueError(
-                    f"Argument `{name}` must be at least {FINEST_IN_FLOAT32:g} in "
-                    f"32-bit arithmetic, but is {tol:g}; name coarser tolerances, or "
-                    "compute in 64 bits."
-                )
     rtol, atol = overridden_tolerances(rtol, atol)
     budget = max_steps if method.max_steps is None else method.max_steps
     return Method(solver, rtol, atol).at_most(budget)

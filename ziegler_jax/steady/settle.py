@@ -126,7 +126,7 @@ def settle(
         an error of 4e-5 after 100 time units (`benchmarks/b0_work_precision.py`); from
         there Calvo7 is, with Vern9 from 1e-9 on (in layers of 1e-4 and thinner Calvo7
         is not to be trusted, see `solvers.tableaus`).
-    - `certify`: None certifies with explicit methods, in 64 bits, where friction is not
+    - `certify`: None certifies with explicit methods, where friction is not
         set-valued. With `SetValuedCoulomb` it has to be asked for: shots run on an
         explicit method, event by event, with tangents, far slower than the motion's own
         steps. Not with `Rosenbrock()`. It fits no column that dissipates
@@ -187,18 +187,13 @@ def settling(
             "Argument `certify` must be False or None with `Rosenbrock()`, whose steps "
             "carry no tangents, but is True."
         )
-    elif certify and jnp.result_type(float) != jnp.float64:
-        raise ValueError(
-            "Argument `certify` must be False or None in 32-bit arithmetic, whose "
-            "orbits close too coarsely, but is True."
-        )
     return CertifiedMotion(*scene) if certify else SettleProblem(*scene)
 
 
 def may_certify(column: Column, method: Method) -> bool:
     """Whether cycles are certified by default."""
     known = method.solver is None or isinstance(method.solver, Explicit)
-    return known and not column.sticks and jnp.result_type(float) == jnp.float64
+    return known and not column.sticks
 
 
 def settled(motion: Settling, run: Run[SpanState[WindowState]] | Certifying) -> Settled:

@@ -14,8 +14,7 @@ from ..results import DIMENSIONS, REGIME, AbstractResult, Variable, checked
 
 # what is an option of `Lanes` or `Store`
 _OF_LANES = {
-    name: f"lanes=zj.Lanes({name}=...)"
-    for name in ("batch_size", "threads", "precision")
+    name: f"lanes=zj.Lanes({name}=...)" for name in ("batch_size", "threads")
 } | {"overwrite": "store=zj.Store(path, overwrite=True)"}
 # what a `point` returns: an entry, or a dict of entries
 Number = jax.typing.ArrayLike | Variable

@@ -94,7 +94,6 @@ class Recipe(NamedTuple):
     point: bytes  # pickled: the same bytes are the same program to a worker
     names: tuple[str, ...]
     batch_size: int
-    wide: bool
     digest: str  # of the scene
     whole_loops: bool
     threads: int
@@ -121,7 +120,6 @@ class Recipe(NamedTuple):
             point,
             scene.names,
             scene.batch_size,
-            scene.wide,
             scene.digest,
             whole_loops=compiles_whole_loops(),
             token=uuid4().hex,
@@ -258,7 +256,6 @@ def _program(
     pickled: bytes,
     names: tuple[str, ...],
     batch_size: int,
-    wide: bool,
     digest: str,
     whole_loops: bool,
 ) -> tuple[Scene, Compiled]:
@@ -272,7 +269,7 @@ def _program(
             "Argument `client` must have workers that compile loops as this process "
             "does, but one of them cannot: see `configure_cpu`."
         )
-    scene = traced(point, names, wide, batch_size)
+    scene = traced(point, names, batch_size)
     if scene.digest != digest:
         raise ValueError(
             "Argument `client` must have workers with the same scene, but to one of "

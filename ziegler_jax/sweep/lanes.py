@@ -6,12 +6,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, TypeVar, TypeVarTuple
+from typing import NamedTuple, Protocol, TypeVar, TypeVarTuple
 
 import jax
 import numpy as np
 
-from ..numerics.numbers import choice, whole_number
+from ..numerics.numbers import whole_number
 from ..runtime import own_flags
 from .axes import parameters
 from .stages import Stage
@@ -70,26 +70,23 @@ class Lanes:
     - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
         else 128 (64 or 32 for sweeps of no more than two of these), or 384 where
         `configure_cpu()` was needed and not called. It is rounded up to a multiple of
-        32 (64 in `float32`), whole vectors of a processor: so a lane's result depends
+        32, whole vectors of a processor: so a lane's result depends
         neither on its batch mates nor on its place. Another batch size is another
         program; those of 32, 64 and 128 lanes gave the same bits wherever they were
         compared, others are equal to rounding.
     - `threads`: None uses every core that the process may use.
-    - `precision`: of the computation, whatever JAX's own setting.
 
     **Raises:** `ValueError` for what breaks a rule.
     """
 
     batch_size: int | None = None
     threads: int | None = None
-    precision: Literal["float64", "float32"] = "float64"
 
     def __post_init__(self):
         """Check them."""
         for name in ("batch_size", "threads"):
             if getattr(self, name) is not None:
                 whole_number(name, getattr(self, name))
-        choice("precision", self.precision, ("float64", "float32"))
 
 
 class OpenLanes(NamedTuple):
@@ -146,7 +143,6 @@ class Work:
         self.stages = program.stages
         self.names, self.axes = program.names, axes
         self.shape = tuple(axis.size for axis in axes.values())
-        self.dtype = np.float64 if program.wide else np.float32
         self.lock = threading.Condition()  # told where lanes wait anew
         self.waiting: list[deque[OpenLanes]] = [deque() for _ in self.stages]
         self.batches: set[Batch] = set()  # that run at a loop
@@ -301,7 +297,7 @@ class Work:
         places = np.unravel_index(points, self.shape)
         pairs = zip(self.axes.items(), places, strict=True)
         here = parameters({name: axis[place] for (name, axis), place in pairs})
-        return [here[name].astype(self.dtype) for name in self.names]
+        return [here[name].astype(float) for name in self.names]
 
     def call(
         self,
@@ -328,7 +324,7 @@ class Work:
     ) -> Output:
         """One call; what it raises says at which points."""
         try:
-            with own_flags(), jax.enable_x64(self.program.wide):  # a thread's own
+            with own_flags(), jax.enable_x64(True):  # a thread's own
                 return jax.block_until_ready(function(*arguments))
         except Exception as error:
             error.add_note(f"In a batch of points with {self.spans(points)}.")

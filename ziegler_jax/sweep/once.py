@@ -51,8 +51,7 @@ class Program:
         if names is None:
             names = _without_default(point)
         check_signature(point, [*names], "point")
-        wide = lanes.precision == "float64"
-        self.scene = traced(point, tuple(names), wide, lanes.batch_size)
+        self.scene = traced(point, tuple(names), lanes.batch_size)
         self._lanes, self._compiled = lanes, None
 
     def __repr__(self) -> str:
@@ -85,7 +84,7 @@ class Program:
         return self._compiled
 
     def check(self, axes: Collection[str], lanes: Lanes) -> None:
-        """Refuse a sweep over other parameters, or with lanes of another kind.
+        """Refuse a sweep over other parameters, or in batches of another size.
 
         **Raises:** `ValueError`.
         """
@@ -94,13 +93,12 @@ class Program:
                 f"Axes of a program must be its parameters, {', '.join(self.names)}, "
                 f"but are {', '.join(axes)}."
             )
-        for what in ("batch_size", "precision"):
-            given, own = getattr(lanes, what), getattr(self._lanes, what)
-            if given not in (own, getattr(Lanes(), what)):
-                raise ValueError(
-                    f"Argument `lanes` must have the `{what}` of the program, {own!r}, "
-                    f"but has {given!r}."
-                )
+        given, own = lanes.batch_size, self._lanes.batch_size
+        if given not in (own, None):
+            raise ValueError(
+                f"Argument `lanes` must have the program's `batch_size`, {own!r}, but "
+                f"has {given!r}."
+            )
 
     def __call__(self, **values: ArrayLike) -> dict[str, np.ndarray]:
         """The results at points whose parameters have these values.

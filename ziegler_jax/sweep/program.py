@@ -81,7 +81,6 @@ class Scene(NamedTuple):
 
     point: Callable[..., Returned]
     names: tuple[str, ...]
-    wide: bool  # float64
     variables: dict[str, Variable]  # values are shapes and dtypes
     attributes: dict[str, object]
     coordinates: dict[str, Sequence[object]]  # of the dimensions of results
@@ -110,7 +109,6 @@ class Compiled(NamedTuple):
     stages: tuple[Stage, ...]  # whose functions run a batch
     results: Packing
     batch_size: int
-    wide: bool
     compile_seconds: float  # 0 where all was kept from an earlier sweep
 
 
@@ -119,7 +117,6 @@ class Compiled(NamedTuple):
 def traced(
     point: Callable[..., Returned],
     names: tuple[str, ...],
-    wide: bool,
     batch_size: int | None,
     points: int | None = None,
 ) -> Scene:
@@ -133,7 +130,7 @@ def traced(
     refuse_forked()
     _refuse_tracers(jnp.zeros(()))  # where equations are written down it is one
     started = time.perf_counter()
-    context = of_its_own(narrow=not wide)
+    context = of_its_own()
     described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
 
     def leaves(*values):
@@ -149,8 +146,8 @@ def traced(
         }
         return arrays
 
-    scalar = jax.ShapeDtypeStruct((), np.float64 if wide else np.float32)
-    with own_flags(), jax.enable_x64(wide):
+    scalar = jax.ShapeDtypeStruct((), np.float64)
+    with own_flags(), jax.enable_x64(True):
         try:
             whole = inlined(jax.make_jaxpr(leaves)(*[scalar] * len(names)))
         except _UNTRACEABLE as error:
@@ -162,15 +159,13 @@ def traced(
         with_tables, tables = tables_as_inputs(whole)
         parts = stages(with_tables, len(tables))
     size = batch_size or _usual_size(motions != Motions(0, 0), points)
-    vector = WHOLE_VECTORS if wide else 2 * WHOLE_VECTORS
-    at_loop = between = -(-size // vector) * vector
+    at_loop = between = -(-size // WHOLE_VECTORS) * WHOLE_VECTORS
     if len(parts) > 1 and not motions.whole:
         # between loops there is little to do, unless a motion runs whole there
         between = at_loop * SEGMENTS
     return Scene(
         point=point,
         names=names,
-        wide=wide,
         **described,
         batch_size=size,
         stages=tuple(
@@ -255,7 +250,7 @@ def lowered(stage: Stage, scene: Scene) -> Lowering:
     """A stage of the scene for a batch of lanes, not yet compiled."""
     as_one_kernel = compiles_whole_loops() and len(scene.stages) > 1
     options = _CPU_OPTIONS if jax.default_backend() == "cpu" else None
-    with own_flags(), jax.enable_x64(scene.wide):
+    with own_flags(), jax.enable_x64(True):
         batched = _one_kernel(stage, scene.tables) if as_one_kernel else stage.function
         run = jax.jit(batched, compiler_options=options)
         return Lowering(run, run.lower(scene.tables, *_nothing(stage)))
@@ -336,7 +331,7 @@ def _key(number: int, scene: Scene) -> _Key:
     layouts = stage.is_loop, stage.fixed.shapes, stage.state.shapes
     like = [(x.shape, x.dtype) for x in scene.tables]
     values = sorted((name, repr(x)) for name, x in jax.config.values.items())
-    settings = jax.default_backend(), compiles_whole_loops(), scene.wide, *values
+    settings = jax.default_backend(), compiles_whole_loops(), *values
     alone = len(scene.stages) == 1  # then it is not made one kernel
     known = digest_of(stage.equations, layouts, like)
     if not known.repeatable:  # two that look alike may not be
@@ -384,7 +379,6 @@ def compiled(scene: Scene) -> Compiled:
             cast(jax.ShapeDtypeStruct, v.value) for v in scene.variables.values()
         ),
         batch_size=scene.batch_size,
-        wide=scene.wide,
         compile_seconds=seconds if made else 0.0,
     )
 
@@ -408,7 +402,7 @@ def _keep(key: _Key, run: Callable) -> None:
 def _compiled(scene: Scene, new: tuple[Stage, Lowering, Digest]) -> Callable:
     """The stage's program."""
     stage, (run, lowered), known = new
-    with own_flags(), jax.enable_x64(scene.wide):
+    with own_flags(), jax.enable_x64(True):
         if stage.is_loop:
             # a call of a jitted function costs half of its compiled form's
             run(scene.tables, *_nothing(stage))

@@ -46,7 +46,6 @@ def identity(scene: Scene, blocks: Blocks) -> dict[str, Any]:
         "dimensions": list(blocks.grid),
         "where": blocks.digest,
         "block": list(blocks.chunk),
-        "precision": "float64" if scene.wide else "float32",
         "settings": dict(scene.attributes),
         "batch_size": scene.batch_size,
         "loops": "whole" if compiles_whole_loops() else "in parts",
@@ -102,7 +101,7 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
             f"was computed with loops compiled {there['loops']}, and this sweep "
             f"compiles them {here['loops']} (see `configure_cpu`)"
         )
-    for name in ("block", "precision", "batch_size"):
+    for name in ("block", "batch_size"):
         if there[name] != here[name]:
             return f"has {name} {there[name]}, and this sweep {here[name]}"
     old, new = there["settings"], here["settings"]
@@ -184,7 +183,6 @@ def provenance(scene: Scene, points: int) -> dict[str, object]:
         "scene_axes": ", ".join(scene.names),
         "scene_digest": NONE if scene.known.hosts else scene.digest,
         **scene.attributes,
-        "precision": "float64" if scene.wide else "float32",
         "batch_size": scene.batch_size,
         "points": points,
     }

@@ -110,7 +110,7 @@ def sweep(
         The same sweep with the same store computes only what is missing or damaged,
         also after it was killed, and ends in the same numbers to the last bit (on the
         same kind of processor). A store of another scene, other axes, tolerances,
-        precision or versions is refused. The scene is known by a digest of what JAX
+        or versions is refused. The scene is known by a digest of what JAX
         traced, which does not show what a host callback computes: a sweep of a point
         with one (`jax.pure_callback`, `io_callback`) warns that it cannot be resumed,
         and its store is refused to the next. `open_sweep` reads the store at any time;
@@ -135,7 +135,7 @@ def sweep(
     or were left out are NaN; `outcome`, a CF flag variable, says why. One warning at
     the end says how many failed in which way, and what to do (a column that turned
     over, `escaped`, is no failure). The attributes
-    hold versions, precision, the scene's digest (`scene_digest`: two sweeps of one are
+    hold versions, the scene's digest (`scene_digest`: two sweeps of one are
     of one scene; `none` for a point with host callbacks), its source with the numbers
     that it takes from around it for people to read, and what this run cost: seconds,
     the share of useful steps (NaN where no motion runs in chunks), and how many of the
@@ -184,9 +184,9 @@ def sweep(
         program.check(parameters(grid), lanes)
         scene = program.scene._replace(seconds=0.0)
     else:
-        names, wide = tuple(parameters(grid)), lanes.precision == "float64"
+        names = tuple(parameters(grid))
         with tracing(progress):
-            scene = traced(function, names, wide, lanes.batch_size, blocks.points)
+            scene = traced(function, names, lanes.batch_size, blocks.points)
     check_names(scene, grid)
     if store is None:
         check_room(f"the results of {size} points", scene.bytes_a_point * size)
