@@ -14,6 +14,7 @@ that are no names; and lines of docstrings and comments.
 
 import ast
 import collections
+import functools
 import graphlib
 import io
 import re
@@ -65,12 +66,25 @@ def code_lines(text):
     return len(_code_rows(text))
 
 
+@functools.cache
+def parsed(text):
+    """The tree of a file's text."""
+    return ast.parse(text)
+
+
+@functools.cache
+def tokens_of(text):
+    """Its tokens."""
+    return [*tokenize.generate_tokens(io.StringIO(text).readline)]
+
+
+@functools.cache
 def _code_rows(text):
     lines = set()
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+    for token in tokens_of(text):
         if token.string.strip() and token.type != tokenize.COMMENT:
             lines |= set(range(token.start[0], token.end[0] + 1))
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(parsed(text)):
         holds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
         if isinstance(node, holds) and ast.get_docstring(node, clean=False) is not None:
             docstring = node.body[0]
@@ -81,7 +95,7 @@ def _code_rows(text):
 def calls(package, name):
     """The files that call `name`, each as often as it does, with the calls."""
     for file in plan(package):
-        tree = ast.parse(package.joinpath(*file).with_suffix(".py").read_text())
+        tree = parsed(package.joinpath(*file).with_suffix(".py").read_text())
         for node in ast.walk(tree):
             called = getattr(node, "func", None)
             if name in (getattr(called, "id", None), getattr(called, "attr", None)):
@@ -92,7 +106,7 @@ def asked_for_laws(package):
     """Where `isinstance` asks for a final law outside of the law's own file."""
     home = {}
     for file in plan(package):
-        tree = ast.parse(package.joinpath(*file).with_suffix(".py").read_text())
+        tree = parsed(package.joinpath(*file).with_suffix(".py").read_text())
         for node in ast.walk(tree):
             bases = [getattr(b, "id", "") for b in getattr(node, "bases", [])]
             if any(
@@ -110,7 +124,7 @@ def asked_for_laws(package):
 def functions(package):
     """All functions, each with the file that it is in."""
     for path in package.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path.read_text())):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 yield path, node
 
@@ -132,7 +146,7 @@ def body_lines(function):
 def anys(texts):
     """How often `Any` stands in annotations, or an alias that is no more than it."""
     names, aliases = collections.Counter(), {"Any", "PyTree"}
-    trees = [ast.parse(text) for text in texts]
+    trees = [parsed(text) for text in texts]
     for tree in trees:
         for node in tree.body:
             if isinstance(node, ast.Assign) and getattr(node.value, "id", "") == "Any":
@@ -153,7 +167,7 @@ def participles(texts):
     count = 0
     for text in texts:
         codes = _codes(text)
-        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        for token in tokens_of(text):
             counts = token.type == tokenize.NAME and token.string in PARTICIPLES
             count += counts and token.start not in codes
     return count
@@ -165,7 +179,7 @@ def _codes(text):
     Places are those of `tokenize`.
     """
     places = set()
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(parsed(text)):
         if isinstance(node, ast.ClassDef) and node.name in CODES:
             for line in node.body:
                 targets = line.targets if isinstance(line, ast.Assign) else []
@@ -178,9 +192,7 @@ def _codes(text):
 def prose_lines(text):
     """Lines of docstrings and comments."""
     comments = {
-        token.start[0]
-        for token in tokenize.generate_tokens(io.StringIO(text).readline)
-        if token.type == tokenize.COMMENT
+        token.start[0] for token in tokens_of(text) if token.type == tokenize.COMMENT
     }
     filled = sum(bool(line.strip()) for line in text.split("\n"))
     return filled - code_lines(text) + len(comments & _code_rows(text))
@@ -221,7 +233,7 @@ def rooms(package):
     rows = collections.defaultdict(collections.Counter)
     for path in package.rglob("*.py"):
         text, room = path.read_text(), _parts(package, path)[0]
-        nodes = [*ast.walk(ast.parse(text))]
+        nodes = [*ast.walk(parsed(text))]
         called = [getattr(n.func, "id", "") for n in nodes if isinstance(n, ast.Call)]
         rows[room].update({
             "code": code_lines(text),
@@ -265,7 +277,7 @@ def _parts(package, path):
 
 def _imports(package, path):
     parents, imported = _parts(package, path), set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(parsed(path.read_text())):
         if isinstance(node, ast.Import):
             names = [alias.name.split(".") for alias in node.names]
             imported |= {tuple(n[1:]) for n in names if n[0] == package.name}
