@@ -179,7 +179,7 @@ class Sea:
         apart = np.hypot(*(np.stack([x, y], -1)[:, None] - self.centres).T)
         return (apart < self.radii[:, None]).any(axis=0).astype(float)
 
-    def __call__(self, values, on_batch):
+    def at(self, values, on_batch):
         self.computed += values["x"].size
         return {"label": self.label(values["x"], values["y"])}
 

@@ -1,10 +1,11 @@
 """A program: a point that is traced and compiled once, in sweeps and by itself."""
 
+import sys
+
 import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import program as scenes
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
 
@@ -56,10 +57,9 @@ def test_it_is_neither_traced_nor_compiled_again(program, monkeypatch):
         raise AssertionError("traced again")
 
     first = zj.sweep(program, progress=False, q=Q[:2], mu=MU)
-    monkeypatch.setattr("ziegler_jax.sweep.sweep.traced", never)
-    monkeypatch.setattr("ziegler_jax.sweep.once.traced", never)
-    monkeypatch.setattr("ziegler_jax.sweep.once.compiled", never)
-    monkeypatch.setattr(scenes, "compiled", never)
+    for module in ("sweep", "once"):  # by name: `zj.sweep` is a function
+        for act in ("traced", "compiled"):
+            monkeypatch.setattr(sys.modules[f"ziegler_jax.sweep.{module}"], act, never)
     again = zj.sweep(program, progress=False, q=Q[:2], mu=MU)
     same(first, again)
     assert again.compile_seconds == 0

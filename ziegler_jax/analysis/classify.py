@@ -112,7 +112,8 @@ def verdict(
 
     - `conservative`: neither friction nor damping took anything out at the end of any
         step after the transient: no motion attracts.
-    - `chaotic`: $\lambda_1 >$ `zero_rate` and $\lambda_1 > 3$ standard errors.
+    - `chaotic`: $\lambda_1 >$ `zero_rate`, $\lambda_1 > 1/T$ after blocks of T in all,
+        and $\lambda_1 > 3$ standard errors.
     - `quasi_periodic`: both are zero: $|\lambda| \le$ `zero_rate`, and
         $|\lambda| \le 1/T + 3$ standard errors after blocks of T in all; in the last
         block no passage came to within 1e-3 of a reference; and the rates $\omega_1$ of
@@ -199,7 +200,8 @@ def _judged(
     by_rates = jnp.where(alone & ~both & (second < 0), VERDICT.cycle, 0)
     apart = (evidence.returns.nearest > NEAR) & _stays(evidence.bands)
     by_rates = jnp.where(both & apart, VERDICT.quasi_periodic, by_rates)
-    chaotic = (first > zero_rate) & (first > SURE * error)
+    # by more than one e-fold in all: of a span within rounding no rate is known
+    chaotic = (first > jnp.maximum(zero_rate, 1 / span)) & (first > SURE * error)
     by_rates = jnp.where(chaotic, VERDICT.chaotic, by_rates)
     early, late = evidence.angles
     transient = jnp.abs(late - early) > DRIFT * jnp.maximum(late, early)

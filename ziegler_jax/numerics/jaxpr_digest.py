@@ -183,6 +183,7 @@ class _Walk:
         """The parts of a loop, with what they only read; returns the other operands."""
         bodies = loop.params["bodies"]
         constants, state = constants_of(bodies, operands)
+        self.tokens.append(f"chunk {loop.params['chunk']}")
         for body, of_parts in zip(bodies, constants, strict=True):
             self.tokens.append(f"body {body.cost!r} {body.every}")
             for part, mine in zip(body.parts, of_parts, strict=True):

@@ -9,7 +9,7 @@ same.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import jax
@@ -134,6 +134,9 @@ def resumable(
         constants += [x for part in closed for x in part.consts]
         every = None if phase.stop is None else phase.stop.every
         bodies.append(Body(tuple(part.jaxpr for part in closed), phase.cost, every))
+    if any(part.effects for body in bodies for part in body.parts):
+        # a law that calls back, or checks: the primitive would hide that from JAX
+        return _to_the_end(state, [p.advance for p in phases], status, chunk)
     last = resumable_loop.bind(*constants, *leaves, bodies=tuple(bodies), chunk=chunk)
     return tree.unflatten(last)
 
@@ -279,7 +282,12 @@ def _push_along(operands, tangents, **params):
     return jax.jvp(partial(_whole, **params), tuple(operands), tuple(tangents))
 
 
-resumable_loop.def_impl(lambda *a, **params: jax.jit(partial(_whole, **params))(*a))
+@lru_cache(maxsize=64)
+def _compiled(bodies: tuple[Body, ...], chunk: int) -> Callable[..., list[Array]]:
+    return jax.jit(partial(_whole, bodies=bodies, chunk=chunk))
+
+
+resumable_loop.def_impl(lambda *a, **params: _compiled(**params)(*a))
 mlir.register_lowering(resumable_loop, mlir.lower_fun(_whole, multiple_results=True))
 batching.primitive_batchers[resumable_loop] = _batch
 ad.primitive_jvps[resumable_loop] = _push_along
@@ -298,8 +306,12 @@ def inlined(closed: ClosedJaxpr) -> ClosedJaxpr:
 
 
 def _calls_a_loop(equation: JaxprEqn) -> bool:
-    if equation.primitive.name not in CALLS:
-        return False
+    if equation.primitive.name not in CALLS or equation.effects:
+        return False  # what it does beside is done where it stands
+    variables = [*equation.invars, *equation.outvars]
+    variables += [v for e in equations_within(equation) for v in e.outvars]
+    if any(jnp.issubdtype(v.aval.dtype, jax.dtypes.extended) for v in variables):
+        return False  # a stage hands on numbers alone, no keys
     return any(e.primitive is resumable_loop for e in equations_within(equation))
 
 

@@ -134,7 +134,7 @@ class Program:
         shape = alike[0].shape
         flat = {name: x.ravel() for name, x in zip(arrays, alike, strict=True)}
         results = self.at(flat)
-        return {n: x.reshape(*shape, *x.shape[1:]) for n, x in results.items()}
+        return {n: x.reshape((*shape, *x.shape[1:])) for n, x in results.items()}
 
     def at(
         self,

@@ -32,7 +32,7 @@ from jax.stages import Lowered
 from ..context import of_its_own, within
 from ..numerics.jaxpr_digest import Digest, digest_of, digest_of_function
 from ..numerics.packing import Packing, some_number
-from ..numerics.resumable import equations_within, inlined, resumable_loop
+from ..numerics.resumable import CALLS, equations_within, inlined, resumable_loop
 from ..numerics.tables import tables_as_inputs
 from ..results import DIMENSIONS, Variable
 from ..runtime import (
@@ -128,7 +128,6 @@ def traced(
     **Raises:** `ValueError` where it cannot be traced, with the line and a cure.
     """
     refuse_forked()
-    _refuse_tracers(jnp.zeros(()))  # where equations are written down it is one
     started = time.perf_counter()
     context = of_its_own()
     described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
@@ -152,7 +151,7 @@ def traced(
             whole = inlined(jax.make_jaxpr(leaves)(*[scalar] * len(names)))
         except _UNTRACEABLE as error:
             raise ValueError(_untraceable(error, names)) from error
-        _refuse_tracers(*whole.consts)
+        refuse_tracers(*whole.consts)
         whole = needed(whole)
         motions = _motions(whole)
         known = digest_of_function(whole, names, [*described["variables"]])
@@ -177,7 +176,7 @@ def traced(
     )
 
 
-def _refuse_tracers(*values: object) -> None:
+def refuse_tracers(*values: object) -> None:
     """Refuse a sweep of numbers that JAX only stands for (ValueError)."""
     if any(isinstance(x, jax.core.Tracer) for x in values):
         raise ValueError(
@@ -196,19 +195,21 @@ class Motions(NamedTuple):
 
 def _motions(whole: ClosedJaxpr) -> Motions:
     others = [e for e in whole.jaxpr.eqns if not _is_loop(e)]
+    cut = len(whole.jaxpr.eqns) - len(others)
     inner = [e for other in others for e in (other, *equations_within(other))]
     deeper = sum(map(_is_loop, inner))
+    others = [e for e in others if e.primitive.name not in CALLS]
     holding = (e for e in others if any(_is_loop(x) for x in equations_within(e)))
     if any(map(_is_written_by_the_user, holding)):
         warnings.warn(
             "`point` follows motions within a loop or a conditional of its own, where "
             "a sweep cannot pause them: a batch of lanes waits there for its slowest. "
             "Take them out of it, or give the sweep one more axis.",
-            stacklevel=5,
+            stacklevel=6,  # the user's call of `sweep`
         )
     # a transformation of the point's own leaves diffrax's call
-    solved = sum(DIFFRAX in str(e.params.get("name")) for e in inner)
-    return Motions(len(whole.jaxpr.eqns) - len(others), deeper + solved)
+    solved = sum(e.params.get("name") == DIFFRAX for e in inner)
+    return Motions(cut, deeper + solved)
 
 
 def _is_loop(equation: JaxprEqn) -> bool:

@@ -7,12 +7,14 @@ import warnings
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import xarray as xr
 from numpy.typing import ArrayLike
 
 from ..context import Context, within
 from ..numerics.numbers import instance
-from ..runtime import all_cores
+from ..runtime import all_cores, refuse_forked
 from .axes import Returned, check_signature, checked_axes, own_labels, parameters
 from .cluster import Arrays, Client, Recipe, check_client, run_blocks
 from .differences import audit_attributes, checked_share, drawn, settled_late
@@ -27,7 +29,7 @@ from .partition import (
     check_room,
     evaluate_where,
 )
-from .program import Scene, compiled, traced
+from .program import Scene, compiled, refuse_tracers, traced
 from .progress import Progress, tracing
 from .provenance import check_names, identity, provenance, template, warn_of_hosts
 from .scheduler import Effort, run_lanes
@@ -149,6 +151,9 @@ def sweep(
     the store cannot be written; `KeyboardInterrupt` after Ctrl-C, as soon as JAX has
     compiled (after a second one at once). What was finished before stays in the store.
     """
+    refuse_forked()
+    # where JAX writes down equations a zero is a tracer, too
+    refuse_tracers(jnp.zeros(()), *jax.tree.leaves((named_axes, axes)))
     program = point if isinstance(point, Program) else None
     function = program.scene.point if program else point
     grid = checked_axes(function, axes, named_axes, inspect.signature(sweep).parameters)
