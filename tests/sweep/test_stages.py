@@ -10,10 +10,12 @@ import pytest
 import stored
 from cut_points import SCENES, TABLE, X, Y, decided, loop, numbers, one, sweep, three
 from jax import lax
+from jax.experimental import io_callback
 from jax.extend.core import jaxpr_as_fun
 
 import ziegler_jax as zj
 from ziegler_jax import context
+from ziegler_jax.numerics import resumable
 from ziegler_jax.numerics.jaxpr_digest import digest_of
 from ziegler_jax.sweep import program, scheduler
 
@@ -372,3 +374,50 @@ def test_a_table_that_is_changed_in_place_is_read_again_wherever_it_stands():
     assert once() == 6.0
     table[:] = 10.0, 20.0
     assert once() == 60.0
+
+
+def test_calls_that_a_stage_could_not_hand_on_stay_whole():
+    """With keys, or with the host's doings: they did before calls were opened."""
+
+    @jax.jit
+    def with_keys(x, y):
+        one, other = jax.random.split(jax.random.key(jnp.asarray(10 * x, int)))
+        far, _ = loop(100 * y, x + jax.random.uniform(one))
+        return {"far": far + jax.random.normal(other)}
+
+    @jax.jit
+    def with_host(x, y):
+        six = io_callback(lambda: np.float64(6.0), jax.ShapeDtypeStruct((), float))
+        return {"far": loop(100 * y, x)[0] + six}
+
+    mesh = np.meshgrid(X, Y, indexing="ij")
+    whole = jax.vmap(jax.vmap(with_keys))(*mesh)["far"]
+    np.testing.assert_allclose(sweep(with_keys)["far"], whole, rtol=1e-12)
+    far = jax.vmap(jax.vmap(lambda x, y: loop(100 * y, x)[0]))(*mesh)
+    np.testing.assert_allclose(sweep(with_host)["far"], far + 6, rtol=1e-12)
+
+
+def test_a_loop_that_calls_back_does_so_within_jit():
+    told = []
+
+    def far(x):
+        def advance(state, max_steps):
+            jax.debug.callback(told.append, state[0], ordered=True)
+            return state[0] * 2, state[1] + max_steps
+
+        phases = [resumable.Phase(advance)]
+        first = x, jnp.zeros((), jnp.int32)
+        return resumable.resumable(first, phases, lambda s: (s[1] * 0 - 1, s[1]))[0]
+
+    assert jax.jit(far)(1.5) == 3.0
+    jax.effects_barrier()
+    assert told == [1.5]
+
+
+def test_a_call_that_is_not_traced_compiles_its_loop_once():
+    """`jax.checkpoint` outside of `jit` runs equation by equation."""
+    called = jax.checkpoint(lambda x: loop(20.0, x)[0])
+    assert called(0.3) == called(0.3)
+    before = resumable._compiled.cache_info().misses
+    called(0.4)
+    assert resumable._compiled.cache_info().misses == before
