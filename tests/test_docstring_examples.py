@@ -170,6 +170,10 @@ def of_a_boundary(names):
 CASES = {
     "sweep/sweep.py 0": ({}, of_a_sweep),
     "sweep/sweep.py 1": ({"xr": xr}, of_samples),
+    "sweep/once.py 0": (
+        {"point": cell},
+        lambda names: names["results"]["joint_amplitude"].shape == (3, 2),
+    ),
     "maps/merge.py 0": ({}, of_a_union),
     "maps/refine.py 0": ({}, of_a_boundary),
     "results.py 0": ({}, of_a_variable),

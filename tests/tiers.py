@@ -252,6 +252,7 @@ SLOW = {
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[curves/",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[motion/stiffness",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/maps.py 2]",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/once.py 0]",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/sweep.py 0]",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/work_prec",
         "test_docstring_examples.py::test_an_observer_of_ones_own_finds_what_the",
