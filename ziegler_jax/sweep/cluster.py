@@ -223,7 +223,7 @@ def _result(future: Task) -> Ran:
 def _compute(recipe: Recipe, block: Block) -> Ran:
     """A task."""
     with _PREPARING:
-        scene, program = _program(*recipe[:6])
+        scene, program = _program(*recipe[:5])
         store = None if recipe.store is None else _store(recipe.store, recipe.token)
     if store is not None and store.holds(block):
         # its writer died before it could say so
