@@ -36,7 +36,8 @@ matplotlib.rcParams["figure.dpi"] = 110
 """
 LAST = """
 import resource
-usages = [resource.getrusage(who) for who in (0, resource.RUSAGE_CHILDREN)]
+whose = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
+usages = [resource.getrusage(who) for who in whose]
 print(sum(usage.ru_utime + usage.ru_stime for usage in usages))
 """
 # what a call that draws gives back: the picture says it

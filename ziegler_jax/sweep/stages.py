@@ -156,10 +156,10 @@ class _Part(NamedTuple):
     numbers: "_Equations"  # that it only reads, of tables and what is taken along
     moves: tuple[bool, ...]  # which of them belong to the lane
 
-    def of_batch(self, values: list, rows: Sequence, max_steps: Count = 0) -> list:
+    def of_batch(self, values: list, rows: Sequence) -> list:
         """What it makes of all lanes, which stand behind."""
         leaves = self._leaves(rows, self.jaxpr.outvars)
-        return self._of_lanes(values, leaves, rows[0].shape[-1], max_steps)
+        return self._of_lanes(values, leaves, rows[0].shape[-1], 0)
 
     def changes(self, values: list, rows: Sequence, max_steps: Count) -> list:
         """The leaves that it changes in all lanes, None for the others."""

@@ -78,8 +78,7 @@ def sweep(
     **Arguments:**
 
     - `point`: a function of named scalars that JAX can trace, or a `Program`, which was
-        traced before. It returns a scalar, a
-        result of the library, which knows its dimensions and units, or a dict of
+        traced before. It returns a scalar, a result of the library, which knows its dimensions and units, or a dict of
         scalars, `Variable`s (arrays with named dimensions) and results. It is traced
         anew at each sweep, so that whatever it reads is read again, but compiled only
         if that changed its program. (A function that you give to `jax.jit` yourself and
@@ -90,7 +89,8 @@ def sweep(
         steps, each in batches of its own, in which a lane makes room for the next one
         as soon as its motion has ended. Motions inside a transformation of your own
         (`vmap`, `jvp`) or a loop or conditional (`lax.scan`, `lax.cond`) run whole;
-        inside a call (`jit`, `checkpoint`) they do as elsewhere.
+        inside a call (`jit`, `checkpoint`) they do as elsewhere, unless it holds keys
+        or has the host do something.
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
@@ -111,8 +111,8 @@ def sweep(
         the sweep, but about 256 points at least and 16 000 at most.
         The same sweep with the same store computes only what is missing or damaged,
         also after it was killed, and ends in the same numbers to the last bit (on the
-        same kind of processor). A store of another scene, other axes, tolerances,
-        or versions is refused. The scene is known by a digest of what JAX
+        same kind of processor). A store of another scene, other axes, tolerances or
+        versions is refused. The scene is known by a digest of what JAX
         traced, which does not show what a host callback computes: a sweep of a point
         with one (`jax.pure_callback`, `io_callback`) warns that it cannot be resumed,
         and its store is refused to the next. `open_sweep` reads the store at any time;
