@@ -78,8 +78,9 @@ def sweep(
     **Arguments:**
 
     - `point`: a function of named scalars that JAX can trace, or a `Program`, which was
-        traced before. It returns a scalar, a result of the library, which knows its dimensions and units, or a dict of
-        scalars, `Variable`s (arrays with named dimensions) and results. It is traced
+        traced before. It returns a scalar, a result of the library, which knows its
+        dimensions and units, or a dict of scalars, `Variable`s (arrays with named
+        dimensions) and results. It is traced
         anew at each sweep, so that whatever it reads is read again, but compiled only
         if that changed its program. (A function that you give to `jax.jit` yourself and
         call on plain numbers is JAX's to remember; a question that you ask of this
