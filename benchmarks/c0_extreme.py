@@ -1,12 +1,10 @@
 """Extreme cases: each ends with its expected outcome, and right where it ends well.
 
-Every case of `extreme_cases` runs with each explicit method and `Rosenbrock()`, in 64
-bits, and some in 32; and with set-valued friction (`Taylor()`, and StickSlip on Tsit5)
-where the case is not one of the smoothed law's rates. The end state's error is against
+Every case of `extreme_cases` runs with each explicit method and `Rosenbrock()`; and with
+set-valued friction (`Taylor()`, and StickSlip on Tsit5) where the case is not one of the smoothed law's rates. The end state's error is against
 scipy (DOP853, or Radau where friction or damping is stiff) at 1e-12, of a field that is
 written once more here; in tolerances of the largest number of the end state. It may be
-`EACH` tolerances (three times that in 32 bits) for each unit by which the motion itself
-magnifies a change of its start, by scipy too, and never more than a hundredth of that
+`EACH` tolerances for each unit by which the motion itself magnifies a change of its start, by scipy too, and never more than a hundredth of that
 number. The truth of set-valued friction is scipy's where there is no friction; with
 mu_s = mu_k the smoothed law's at v_smooth = 1e-8; else its outcome alone is judged.
 Writes results/extreme.md and results/extreme.json; three minutes.
@@ -28,7 +26,6 @@ from scenes import models
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
-from ziegler_jax.context import Context, within
 
 RESULTS = Path(__file__).parent / "results"
 SOLVERS = {
@@ -45,7 +42,6 @@ EACH = 100.0  # what an error may be, in tolerances, where a motion magnifies no
 SHIFT = 1e-9  # of a start, to see what the motion magnifies it to
 LIMIT_V = 1e-8  # v_smooth of the law that stands for set-valued friction
 SMOOTH_ONLY = "v_smooth", "v_stribeck"
-IN_32_BITS = ("mu_s = mu_k", "q = 0", "v_smooth 1e-4", "tau 10", "a load that is NaN")
 
 
 def column_of(n, set_valued=False):
@@ -106,10 +102,9 @@ class Truth(NamedTuple):
     growth: float
     exact: float = FINEST
 
-    def bound(self, tol, bits):
+    def bound(self, tol):
         """What an error may be, in tolerances of the largest number."""
-        each = EACH if bits == 64 else 3 * EACH
-        return min(each * max(1.0, self.growth), 0.01 / tol)
+        return min(EACH * max(1.0, self.growth), 0.01 / tol)
 
 
 def truth_of(n):
@@ -145,9 +140,9 @@ def judged(case, solver, code, error, bound):
     return error is None or error <= bound
 
 
-def row(case, solver, run, truth, bits=64):
+def row(case, solver, run, truth):
     n = {"escape": 1e12, "lead": 0.0} | case.numbers
-    tol = n["tol"] = max(n["tol"], 1e-5) if bits == 32 else n["tol"]
+    tol = n["tol"]
     started = time.perf_counter()
     code, end, steps, _ = jax.block_until_ready(run(n))
     seconds = time.perf_counter() - started
@@ -155,10 +150,9 @@ def row(case, solver, run, truth, bits=64):
     if truth is not None and zj.OUTCOME(int(code)).name in ("unsettled", "stuck"):
         scale, tol = max(1.0, np.abs(truth.end).max()), max(tol, truth.exact)
         error = float(np.abs(np.array(end) - truth.end).max() / scale / tol)
-        bound = truth.bound(tol, bits)
+        bound = truth.bound(tol)
     return {
         "case": case.name,
-        "bits": bits,
         "expected": " or ".join(case.outcomes),
         "bound": bound,
         "solver": solver,
@@ -192,7 +186,6 @@ def long_row(solver, run):
     error = abs(float(joint[1]) - LONG_AMPLITUDE)
     return {
         "case": LONG.name,
-        "bits": 64,
         "expected": "amplitude 0.63443",
         "bound": LONG_BOUND / LONG.numbers["tol"],
         "solver": solver,
@@ -218,14 +211,14 @@ def written(rows, chosen):
         "set-valued friction; where mu_s > mu_k its outcome alone is judged.",
         "Springs make phi + 2 pi another state: wound up by a turn, not the same.",
         "",
-        "| case | bits | expected | bound | solver | outcome | error | steps | s | |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| case | expected | bound | solver | outcome | error | steps | s | |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         error = r["error_in_tolerances"]
         mark = " (chosen)" if chosen.get(r["case"]) == r["solver"] else ""
         cells = [
-            r["case"], str(r["bits"]), r["expected"],
+            r["case"], r["expected"],
             "" if error is None else f"{r['bound']:.3g}",
             r["solver"] + mark, r["outcome"], "" if error is None else f"{error:.2g}",
             str(r["steps"]), f"{r['seconds']:.2g}",
@@ -264,12 +257,6 @@ def main():
             print(json.dumps(rounded(rows[-1])), flush=True)
     for name, solver in SOLVERS.items():
         rows.append(long_row(name, runner(solver, steps=100_000_000)))
-    with jax.enable_x64(False), within(Context(narrow=True)):  # as a sweep does
-        for name in ("Tsit5", "Rodas5P"):
-            run = runner(SOLVERS[name])
-            for case in CASES:
-                if case.name in IN_32_BITS:
-                    rows.append(row(case, name, run, truths[case.name], bits=32))
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / "extreme.md").write_text(written(rows, chosen))
     missed = [r for r in rows if not r["as_expected"]]

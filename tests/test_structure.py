@@ -89,7 +89,6 @@ def test_every_entry_of_the_second_tier_is_a_test_and_no_mark_leaves_none_out():
 OF_THE_INSIDE = {
     "a6_certainty": {"sweep.program"},
     "b4_first_call": {"sweep.program"},
-    "c0_extreme": {"context"},  # for numbers in 32 bits without a sweep
     "d0_soak": {"sweep.program"},
     "s0_store": {"sweep"},
 }
