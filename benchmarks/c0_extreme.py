@@ -1,12 +1,14 @@
 """Extreme cases: each ends with its expected outcome, and right where it ends well.
 
-Every case of `extreme_cases` runs with each explicit method and `Rosenbrock()`; and with
-set-valued friction (`Taylor()`, and StickSlip on Tsit5) where the case is not one of the smoothed law's rates. The end state's error is against
-scipy (DOP853, or Radau where friction or damping is stiff) at 1e-12, of a field that is
-written once more here; in tolerances of the largest number of the end state. It may be
-`EACH` tolerances for each unit by which the motion itself magnifies a change of its start, by scipy too, and never more than a hundredth of that
-number. The truth of set-valued friction is scipy's where there is no friction; with
-mu_s = mu_k the smoothed law's at v_smooth = 1e-8; else its outcome alone is judged.
+Every case of `extreme_cases` runs with each explicit method and `Rosenbrock()`; and
+with set-valued friction (`Taylor()`, and StickSlip on Tsit5) where the case is not one
+of the smoothed law's rates. The end state's error is against scipy (DOP853, or Radau
+where friction or damping is stiff) at 1e-12, of a field that is written once more here;
+in tolerances of the largest number of the end state. It may be `EACH` tolerances for
+each unit by which the motion itself magnifies a change of its start, by scipy too, and
+never more than a hundredth of that number. The truth of set-valued friction is scipy's
+where there is no friction; with mu_s = mu_k the smoothed law's at v_smooth = 1e-8; else
+its outcome alone is judged.
 Writes results/extreme.md and results/extreme.json; three minutes.
 
     python benchmarks/c0_extreme.py
