@@ -128,6 +128,7 @@ SLOW = {
         "analysis/test_passages.py::test_all_passages_below_the_top_of_an_angle[viscous-2",
         "analysis/test_passages.py::test_all_passages_below_the_top_of_a_rate",
         "steady/test_endings.py::test_what_grows_is_never_at_rest",
+        "steady/test_endings.py::test_under_a_load_that_does_not_pay_nothing_repeats",
         "analysis/test_basins.py",
         "analysis/test_cycles.py::test_time_stepping_decays_below_the_fold_of_weak",
         "analysis/test_exponents.py::test_without_dissipation_they_sum_to_zero_in_chaos",

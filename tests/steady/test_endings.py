@@ -69,6 +69,26 @@ def test_of_many_columns_without_load_none_repeats(law, certify):
     assert ends <= {"stuck", "rest", "unsettled"} and len(ends) == 2
 
 
+def test_under_a_load_that_does_not_pay_nothing_repeats():
+    """Little dissipates; what the load feeds in at chosen times hides that."""
+    source, count = np.random.default_rng(1), 384
+    follower = np.where(np.arange(count) < count / 2, 0.0, 0.5)
+
+    @jax.jit
+    @jax.vmap
+    def ends(follower, q, tau, a, b, rtol):
+        start, method = zj.State((a, b)), zj.Method(rtol=rtol)
+        column = dry(tau, q=q, follower=follower)
+        return zj.settle(column, start, method=method, certify=False).outcome
+
+    found = ends(
+        follower, source.uniform(0, 0.35 + 0.4 * follower),
+        10 ** source.uniform(-7, -5, count), source.uniform(0.02, 0.4, count),
+        source.uniform(-0.4, 0.4, count), 10 ** source.uniform(-9, -7, count),
+    )  # fmt: skip
+    assert (found != OUTCOME.repeats).all()
+
+
 @pytest.mark.parametrize("offset", [0.5, 0.0])
 def test_an_offset_does_not_hide_that_a_joint_rings_down(offset):
     """Joint 1 sticks; joint 2 rings at 0.01 rad and loses 4 tau a period.
@@ -159,6 +179,60 @@ def test_what_has_decayed_below_the_steps_error_is_at_rest(certify):
 def test_of_many_columns_what_has_decayed_is_at_rest(certify):
     ends = decayed(certify, 2048, 4)
     assert len(ends) > 1000 and (ends == "rest").mean() >= 0.98
+
+
+class Quadratic(zj.AbstractDamping):
+    c1: float
+    c2: float
+
+    def matrix(self, cos_d, omega):
+        c1, c2 = self.c1 * abs(omega[0]), self.c2 * abs(omega[1] - omega[0])
+        return (c1 + c2, -c2), (-c2, c2)
+
+
+@pytest.mark.parametrize("certify", [None, False])
+def test_of_many_small_cycles_none_is_stuck(certify):
+    """Friction and damping of any scale, below the cut or the noise of the steps."""
+    source, count = np.random.default_rng(8), 768
+    bounds = {
+        "size": (-5, -1), "slope1": (-3, 0.3), "slope2": (-3, 0.3), "v": (-3, 0),
+        "v_stribeck": (-3, 0), "c1": (-4, -0.5), "c2": (-4, -0.5), "e1": (-1, 1),
+        "e2": (-1, 1), "kick": (-1, 0.3), "tol": (-8, -3),
+    }  # fmt: skip
+    scenes = {
+        name: jnp.asarray(10 ** source.uniform(*ends, count))
+        for name, ends in bounds.items()
+    }
+    scenes["q"] = jnp.asarray(source.uniform(1, 3.5, count))
+
+    def settled(s, method):
+        v, size = s["v"] * s["size"], s["size"]
+        static = s["slope1"] * v, s["slope2"] * v
+        law = zj.SmoothCoulomb(
+            static, (0.6 * static[0], 0.6 * static[1]), pin_radius=1.0, v_smooth=v,
+            v_stribeck=s["v_stribeck"] * size, load=zj.ConstantLoad(1.0),
+        )  # fmt: skip
+        damping = zj.model.damping.Sum(
+            zj.Viscous(s["c1"], s["c2"]), Quadratic(s["e1"] / size, s["e2"] / size)
+        )
+        column = zj.uniform_rods(s["q"], friction=law, damping=damping)
+        start = zj.State(omega=(0.0, s["kick"] * size))
+        return zj.settle(column, start, method=method, certify=certify).outcome
+
+    @jax.jit
+    @jax.vmap
+    def ends(s):
+        return settled(s, zj.Method(rtol=s["tol"], atol=s["tol"]))
+
+    @jax.jit
+    @jax.vmap
+    def finer(s):
+        return settled(s, zj.Method(rtol=1e-8, atol=1e-10 * s["size"]))
+
+    stuck = np.flatnonzero(ends(scenes) == OUTCOME.stuck)
+    assert len(stuck) > 50
+    again = finer({name: x[stuck] for name, x in scenes.items()})
+    assert not np.isin(again, [OUTCOME.cycle, OUTCOME.repeats]).any()
 
 
 def ends_of_what_grows(certify, count, seed):

@@ -134,9 +134,11 @@ def poincare(
 ) -> PoincareSection:
     r"""The motion's first passages through a plane after the transient.
 
-    Each is found on the step's Hermite interpolants, quintics of the angles and cubics
-    of the rates, $O(h^6)$ and $O(h^4)$ from the motion: with Tsit5 at 1e-9 angles are
-    within 1e-9, rates 4e-7, times 7e-9 (q = 2.6, $\tau$ = 0.026, v_smooth = 0.1).
+    Each is found on the step's Hermite interpolants, quintics of the angles and their
+    slopes, quartics, of the rates, $O(h^6)$ and $O(h^5)$ from the motion: with Tsit5 at
+    1e-9 angles are within 1e-9, rates 4e-7, times 7e-9 (q = 2.6, $\tau$ = 0.026,
+    v_smooth = 0.1). No better than the steps: at 1e-4 one that spans the layer of
+    smoothed friction is off by some 3 % in a rate, and so are its passages.
 
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 

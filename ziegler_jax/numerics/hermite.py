@@ -196,13 +196,18 @@ class HermiteQuartic(NamedTuple):
         return self.v0 + x * (2 * c2 + 3 * x * c3) + bends
 
 
+def cubic(g0: Scalar, g1: Scalar, v0: Scalar, v1: Scalar) -> HermiteQuartic:
+    """What has these values and slopes at both ends."""
+    return HermiteQuartic(g0, g1, v0, v1, jnp.zeros_like(g0))
+
+
 def through(
     g0: Scalar, v0: Scalar, x: Scalar, gx: Scalar, g1: Scalar
 ) -> HermiteQuartic:
     """The cubic with this start and slope that passes gx at x and g1 at 1."""
     chord = g1 - g0 - v0
     c3 = (chord - (gx - g0 - v0 * x) / (x * x)) / (1 - x)
-    return HermiteQuartic(g0, g1, v0, v0 + 2 * chord + c3, jnp.zeros_like(g0))
+    return cubic(g0, g1, v0, v0 + 2 * chord + c3)
 
 
 Course = HermiteQuartic | Quintic | QuinticRate

@@ -7,49 +7,63 @@ direction, so that the window holds a whole return, and
 
 $$|S_j - S_j'| \le \epsilon\, S_j + \mathrm{atol}.$$
 
-That alone is no repetition: where little dissipates a motion decays by less. With $W$
-what friction and damping took out over both windows, and $\Delta E$ the change of the
-energy from the start of the first to the end of the second, a motion that repeats has
-$|\Delta E| \le W / 2$, as the load pays for the losses. Without load $\Delta E = -W$.
+That alone is no repetition: where little dissipates a motion decays by less. Let $W$
+be what friction and damping took out over both windows. Where it repeats the load pays
+for the losses, and the energies at a joint's turns lie within $W / 4$ of one another.
+Without load all of W is lost. Elsewhere on its way the load's work comes and goes, and
+might seem to pay by chance.
+
 Nor may W be so small that the steps' own error of the energy, some $(\mathrm{rtol} +
 \mathrm{atol} / S)\,E$ a unit of time, hides what is not paid. Where W = 0 no motion
 attracts: another start swings otherwise.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from ..model.column import Column, dissipated, energy, power
-from ..motion.observers import joint_rates
-from ..numerics.numbers import Pair, Scalar, Traced, Traced4, Vector4
+from ..model.column import Column, dissipated, energy, energy_rate, power
+from ..numerics.elementary import larger, smaller
+from ..numerics.hermite import HermiteQuartic, cubic
+from ..numerics.numbers import Flag, Pair, Scalar, Traced, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import Step
 
 TURNS = 2.0  # downward turns of a joint, between which one return lies
 NOTHING = 1e-10  # of the energy: what rounding leaves of the losses of a window
-PAID = 0.5  # of the losses
+PAID = 0.25  # of the losses: what the energy may have changed by
 # Of (rtol + atol / S) E a unit of time: by so much the losses must exceed it. Of 128
 # columns without load, at 1e-5 to 1e-8, steps changed the energy by up to 23 (Taylor),
 # 21 (Tsit5), 4 (Dopri8) and 3 (Rodas5P), in the median by 1.
 DOUBT = 100.0
 
 
+class Course(NamedTuple):
+    """The energy where a step ends, and how it changes there."""
+
+    energy: Traced
+    rate: Scalar  # its time derivative
+    loss: Scalar  # what friction and damping take out a unit of time
+
+
 class Window(NamedTuple):
     """What a window has seen beside the observers."""
 
     turns: Pair  # how often each joint's angle has turned down
+    low: Pair  # the least energy where it did
+    high: Pair  # the greatest
     lost: Traced  # what friction and damping have taken out
-    loss: Traced  # and take out a unit of time at the last step's end
-    energy: Traced  # at the window's start
+    now: Course  # at the last step's end
 
 
 class Before(NamedTuple):
     """What is kept of the window before."""
 
     swings: Pair
+    low: Pair
+    high: Pair
     lost: Traced
-    energy: Traced
 
 
 class Noise(NamedTuple):
@@ -67,58 +81,99 @@ class Agreement(NamedTuple):
     outcome: Scalar  # `not_computed` where they do not agree
 
 
-def begun(column: Column, y: Traced4, loss: Traced) -> Window:
+def begun(now: Course) -> Window:
     """At a window's start."""
+    zero = 0.0 * now.energy
+    least, most = zero + jnp.inf, zero - jnp.inf
+    return Window((zero, zero), (least, least), (most, most), zero, now)
+
+
+def at_start(column: Column, y: Vector4) -> Course:
+    """Where no step has told how the energy changes."""
     zero = 0.0 * y[0]
-    return Window((zero, zero), zero, loss, energy(column, y))
+    return Course(energy(column, y), zero, zero)
+
+
+def at_end(column: Column, step: Step) -> Course:
+    """Where a step ends."""
+    there = energy(column, step.y1)
+    if step.modes:  # the last accelerations are not quite those at its end
+        fed, *losses = power(column, step.y1)
+        loss = sum((x for x in losses if x is not None), 0.0 * there)
+        return Course(there, fed - loss, loss)
+    ends = column, step.y1, (step.f1[2], step.f1[3])
+    return Course(there, energy_rate(*ends), dissipated(*ends))
 
 
 def watched(column: Column, window: Window, step: Step) -> Window:
     """After a step."""
-    pairs = zip(window.turns, joint_rates(step.y0), joint_rates(step.y1), strict=True)
-    turns = tuple(n + jnp.where((a > 0) & (b <= 0), 1.0, 0.0) for n, a, b in pairs)
-    loss = loss_at_end(column, step)
-    lost = window.lost + (step.t1 - step.t0) * (window.loss + loss) / 2
-    return window._replace(turns=turns, lost=lost, loss=loss)
+    h, before, after = step.t1 - step.t0, window.now, at_end(column, step)
+    course = cubic(before.energy, after.energy, h * before.rate, h * after.rate)
+    ends = step.y0, step.y1, step.f0[2:], step.f1[2:]
+    rates = zip(*map(by_joint, ends), strict=True)
+    turned = [
+        turned_down(cubic(u0, u1, h * v0, h * v1), course) for u0, u1, v0, v1 in rates
+    ]
+    turns, low, high = window.turns, window.low, window.high
+    turns = paired(lambda by, n: n + jnp.where(by[0], 1.0, 0.0), turned, turns)
+    low = paired(lambda by, x: smaller(x, jnp.where(by[0], by[1], x)), turned, low)
+    high = paired(lambda by, x: larger(x, jnp.where(by[0], by[1], x)), turned, high)
+    lost = window.lost + h * (before.loss + after.loss) / 2
+    return Window(turns, low, high, lost, now=after)
 
 
-def loss_at_end(column: Column, step: Step) -> Traced:
-    """What friction and damping take out a unit of time, where a step ends."""
-    if not step.modes:  # the accelerations there are those of the laws, to rounding
-        return jnp.asarray(dissipated(column, step.y1, (step.f1[2], step.f1[3])))
-    _, *losses = power(column, step.y1)
-    there = [loss for loss in losses if loss is not None]
-    return jnp.asarray(sum(there, 0.0 * step.y1[0]))
+def paired(function: Callable[..., Scalar], one: Sequence, other: Sequence) -> Pair:
+    """What a function of one joint's numbers gives for both."""
+    first, second = map(function, one, other)
+    return first, second
+
+
+def by_joint(rods: Traced4 | Pair) -> Pair:
+    """A rate's or an acceleration's numbers of the joints, from those of the rods."""
+    first, second = rods[-2:]
+    return first, second - first
+
+
+def turned_down(rate: HermiteQuartic, energy: HermiteQuartic) -> tuple[Flag, Scalar]:
+    """Whether a joint's rate falls through zero in a step, and the energy there.
+
+    The place is the chord's and one step of Newton's method.
+    """
+    down = (rate.g0 > 0) & (rate.g1 <= 0)
+    x = rate.g0 / jnp.where(down, rate.g0 - rate.g1, 1.0)
+    slope = rate.slope(x)
+    x = x - rate(x) / jnp.where(slope < 0, slope, -jnp.inf)
+    return down, energy(jnp.clip(x, 0.0, 1.0))
 
 
 def compared(
-    column: Column,
     before: Before,
     window: Window,
     swings: Pair,
-    y: Vector4,
     agreement: Scalar,
     time: Scalar,
     noise: Noise,
 ) -> Agreement:
     """How a window compares with the one before.
 
-    **Arguments:** `swings`: the window's, which ends at y; `time`: of both windows.
+    **Arguments:** `swings`: the window's; `time`: of both windows.
     """
     floor, rtol, atol = noise
-    agrees, moves = jnp.asarray(True), jnp.asarray(False)
-    drift = 0.0 * y[0]
-    for swing, other, turns in zip(swings, before.swings, window.turns, strict=True):
+    agrees, moves, paid = jnp.asarray(True), jnp.asarray(False), jnp.asarray(False)
+    drift, lost = 0.0 * window.lost, before.lost + window.lost
+    low = paired(smaller, before.low, window.low)
+    high = paired(larger, before.high, window.high)
+    joints = swings, before.swings, window.turns, low, high
+    for swing, other, turns, least, most in zip(*joints, strict=True):
         change, still = jnp.abs(swing - other), (swing <= floor) & (other <= floor)
         same = (turns >= TURNS) & (change <= agreement * swing + atol)
         agrees &= still | same
         moves |= jnp.logical_not(still)
+        paid |= jnp.logical_not(still) & (most - least <= PAID * lost)
         relative = change / jnp.where(still, 1.0, jnp.maximum(swing, other))
         drift = jnp.maximum(drift, jnp.where(still, 0.0, relative))
-    lost, now = before.lost + window.lost, energy(column, y)
-    size = jnp.maximum(now, before.energy)
+    size = larger(window.now.energy, jnp.where(moves, larger(*high), 0.0))
     conserves = jnp.abs(lost) <= NOTHING * size
-    paid = jnp.abs(now - before.energy) <= PAID * lost
     share = rtol + atol / jnp.maximum(jnp.maximum(*swings), atol)
     paid &= lost > DOUBT * share * time * size
     kind = jnp.where(paid, OUTCOME.repeats, OUTCOME.not_computed)

@@ -7,10 +7,12 @@ own angles, $\theta = (\phi_1, \phi_2 - \phi_1)$, the linear column about the st
 
 $$\ddot\theta + C\,\dot\theta + K\,\theta = 0,$$
 
-must be stable by Hurwitz' conditions on $s^4 + p_1 s^3 + p_2 s^2 + p_3 s + p_4$, with
-the slopes of friction at rest, those at the motion's largest rate, in either joint and
-direction, and those between: there lies the damping that a smaller motion feels, and
-dampings that are stable at both ends need not be so between them.
+must be stable by Hurwitz' conditions on $s^4 + p_1 s^3 + p_2 s^2 + p_3 s + p_4$ with
+every damping that a motion of this size or a smaller one may feel: a mean of the
+law's slopes over the rates from rest to the largest. So the law is asked at rest and at
+rates from the largest down, in each joint and direction; the least and the greatest of
+its slopes and some in between are tried, each of one joint with each of the other.
+Dampings that are stable at both ends need not be so between them.
 """
 
 from typing import NamedTuple, cast
@@ -22,6 +24,7 @@ from jax import lax
 from jaxtyping import Array, Bool
 
 from ..model.column import Column
+from ..model.damping import is_polynomial
 from ..motion.observers import joint_rates
 from ..motion.scene import field, prepared
 from ..numerics.elementary import larger
@@ -34,8 +37,12 @@ from ..solvers import Step
 # Tsit5 left 41, Dopri8 8, whatever the tolerance.
 NOISE = 100.0
 ROUNDING = 1e-12  # of Hurwitz' terms: a column on the boundary does not grow
-SHARES = (0.25, 0.5, 0.75, 1.0)  # of the way from the slope at rest to another
-BESIDE = 1e-6  # of the largest rate: what counts as at rest
+# Of the largest rate: where the slope of friction or damping is asked. A motion of size
+# A is slower than A / 1000 for less than a thousandth of its time.
+LEVELS = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 0.001)
+BESIDE = 1e-6  # of it: at rest itself a law of |u| has no slope to JAX
+MEANS = 8  # slopes from the least to the greatest that a motion may feel in the mean
+DECADES = 1e-4  # of the greatest: below it they are not told apart
 JOINTS = ((1.0, 1.0), (0.0, 1.0))  # the rods that the angle of one joint turns
 
 
@@ -139,36 +146,50 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     **Arguments:** `rate`: the largest of a joint; 0 where the motion stands still.
     """
     column, zero = prepared(column), 0.0 * y[0]
-    free = column.friction is None and column.damping is None
-    # beside rest, not at it: there a law of |u| has no slope to JAX
-    sizes = (0,) if free else (BESIDE, 1, -1)
-    # K's two columns, then C's two for each size, one after the other: a program of one
-    rows = [(0.0, 0.0, 0.0, *joint) for joint in JOINTS]
-    rows += [(size, *joint, 0.0, 0.0) for size in sizes for joint in JOINTS]
+    sizes = (BESIDE,)
+    if column.friction is not None or not is_polynomial(column.damping):
+        sizes += tuple(way * level for level in LEVELS for way in (1.0, -1.0))
+    # of each joint K's column, then C's for each size: one after the other, for each
+    # place where the field is written out is ten thousand instructions
+    rows = [
+        (*turned, size, *moved, 1.0 if size == BESIDE else 0.0)
+        for joint in JOINTS
+        for turned, size, moved in [(joint, 0.0, (0.0, 0.0))]
+        + [((0.0, 0.0), size, joint) for size in sizes]
+    ]
 
     def forces(*y):
         """Against the joints' own accelerations."""
         _, _, a1, a2 = field(zero, y, column)
         return -a1, a1 - a2
 
-    def slopes(_, row):
-        size, moved1, moved2, turned1, turned2 = row
-        state = (y[0], y[1], size * rate * moved1, size * rate * moved2)
-        direction = (turned1, turned2, moved1, moved2)
-        return None, jax.jvp(forces, state, tuple(x + zero for x in direction))[1]
+    def along(ends, row):
+        """A column, and the least and the greatest of C's so far, by its own force."""
+        turned1, turned2, size, moved1, moved2, begins = row
+        # K in the state; C where the column is straight: no gyroscopic forces there
+        bent, rate_there = jnp.abs(turned2), size * rate
+        state = bent * y[0], bent * y[1], rate_there * moved1, rate_there * moved2
+        direction = tuple(x + zero for x in (turned1, turned2, moved1, moved2))
+        here = jax.jvp(forces, state, direction)[1]
+        low, high = ends
+        own, least, most = (jnp.where(moved1 > 0, *x) for x in (here, low, high))
+        low = tree_where((begins > 0) | (own < least), here, low)
+        high = tree_where((begins > 0) | (own > most), here, high)
+        return (low, high), (here, low, high)
 
-    rows = tuple(map(jnp.asarray, zip(*rows, strict=True)))
-    _, forces_along = lax.scan(slopes, None, rows)
-    along = jnp.stack(forces_along)  # by force, and by row
-    (k11, k12), (k21, k22) = along[:, :2]
-    # by force, size and joint: the slope at rest, those at the largest rates, and some
-    # from one to the other
-    rates = along[:, 2:].reshape(2, len(sizes), 2)
-    shares = jnp.reshape(jnp.asarray(SHARES), (1, -1, 1, 1))
-    between = rates[:, None, :1] + shares * (rates - rates[:, :1])[:, None]
-    damping = between.reshape(2, -1, 2)  # by force, and by joint
+    blank = (zero, zero), (zero, zero)
+    columns = tuple(map(jnp.asarray, zip(*rows, strict=True)))
+    _, (found, *ends) = lax.scan(along, blank, columns)
+    first, second = 0, len(sizes) + 1  # the joints' rows
+    (k11, k12), (k21, k22) = ((force[first], force[second]) for force in found)
+    low, high = ends
+    last1, last2 = second - 1, -1
+    low1, high1 = ((force1[last1], force2[last1]) for force1, force2 in (low, high))
+    low2, high2 = ((force1[last2], force2[last2]) for force1, force2 in (low, high))
+    one = len(sizes) == 1
     # each damping of one joint with each of the other
-    (c11, c21), (c12, c22) = damping[:, :, None, 0], damping[:, None, :, 1]
+    c11, c21 = (c[:, None] for c in _between(low1, high1, 0, one))
+    c12, c22 = (c[None] for c in _between(low2, high2, 1, one))
     unsure = 0.0
     if column.friction is None:
         unsure = rate * (rate + jnp.abs(y[0]) + jnp.abs(y[1]))
@@ -180,6 +201,25 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
         k11 * k22 - k12 * k21,
     )
     return jnp.all(damped) | (rate == 0)
+
+
+def _between(
+    low: tuple[Array, Array], high: tuple[Array, Array], joint: int, one: bool
+) -> tuple[Array, Array]:
+    """Columns of C from one to another, each by the same ratio greater than the last.
+
+    **Arguments:** `joint`: by whose force; `one`: whether there is one alone.
+    """
+    if one:
+        return low[0][None], low[1][None]
+    least, most = low[joint], high[joint]
+    begin = larger(least, DECADES * jnp.abs(most))
+    ratio = jnp.log(jnp.where(most > begin, most / begin, 1.0))
+    slopes = begin * jnp.exp(jnp.linspace(0.0, 1.0, MEANS) * ratio)
+    rise = jnp.where(most > least, most - least, jnp.inf)
+    shares = ((slopes - least) / rise).at[0].set(0.0)
+    first, second = (a + shares * (b - a) for a, b in zip(low, high, strict=True))
+    return first, second
 
 
 def _damped(unsure: Scalar, p1: Scalar, p2: Scalar, p3: Scalar, p4: Scalar) -> Flag:

@@ -32,7 +32,7 @@ from ..results import OUTCOME
 from ..solvers.explicit import Integrand
 from .growth import Growth
 from .observation import Observation
-from .repeats import Before, Noise, Window, begun, compared, loss_at_end, watched
+from .repeats import Before, Noise, Window, at_end, at_start, begun, compared, watched
 from .rest import Rest, Speeds
 
 
@@ -66,11 +66,11 @@ class SettleFold(AbstractSpans[WindowState]):
     def begin(self, column, t0, y0):
         """Observers that saw nothing yet."""
         zero = 0.0 * y0[0]
-        several = self.most > 1
+        pair, several = (zero, zero), self.most > 1
         return WindowState(
             observed=self.observation.init(column, t0, y0),
-            window=begun(column, y0, zero) if several else (),
-            before=Before((zero, zero), zero, zero) if several else (),
+            window=begun(at_start(column, y0)) if several else (),
+            before=Before(pair, pair, pair, zero) if several else (),
             drift=zero + jnp.inf,
             speeds=self.rest.begin(y0),
         )
@@ -112,7 +112,7 @@ class SettleFold(AbstractSpans[WindowState]):
         if window and before:
             noise = Noise(self.rest.noise, self.rtol, self.rest.atol)
             options = self.agreement, 2 * self.span, noise
-            drawn = compared(column, before, window, swings, step.y1, *options)
+            drawn = compared(before, window, swings, *options)
             second = ended_window & (state.spans > 1)
             drift = jnp.where(second, drawn.drift, drift)
             agreed = second & (drawn.outcome != OUTCOME.not_computed)
@@ -124,10 +124,9 @@ class SettleFold(AbstractSpans[WindowState]):
 
         fresh = self.observation.init(column, step.t1, step.y1)
         if window and before:
-            last_one = Before(swings, window.lost, window.energy)
+            last_one = Before(swings, window.low, window.high, window.lost)
             before = tree_where(begins, last_one, before)
-            loss = loss_at_end(column, step)
-            window = tree_where(begins, begun(column, step.y1, loss), window)
+            window = tree_where(begins, begun(at_end(column, step)), window)
         watch = WindowState(
             observed=tree_where(begins, fresh, watch.observed),
             window=window,
