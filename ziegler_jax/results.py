@@ -7,7 +7,7 @@ therefore carries a code, and every code a sentence. A result tells a sweep by i
 
 import dataclasses
 import enum
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
@@ -167,6 +167,20 @@ def flag_attributes(codes: type[Code]) -> dict[str, object]:
         "flag_meanings": " ".join(code.name for code in codes),
         "comment": "; ".join(f"{code.name}: {code.sentence}" for code in codes),
     }
+
+
+# The attributes without which a variable's numbers mean nothing.
+MEANING = ("units", "si_unit", "flag_values", "flag_meanings")
+
+
+def unlike_meaning(
+    one: Mapping[Hashable, object], other: Mapping[Hashable, object]
+) -> str | None:
+    """The first of `MEANING` in which a variable's attributes differ, or None."""
+    for key in MEANING:
+        if not np.array_equal(np.asarray(one.get(key)), np.asarray(other.get(key))):
+            return key
+    return None
 
 
 # of a variable: the numbers, their shape alone, or none yet

@@ -6,6 +6,7 @@ import pytest
 import xarray as xr
 
 import ziegler_jax as zj
+from ziegler_jax.results import Code
 
 
 def point(x, y):
@@ -69,11 +70,17 @@ def other_scene(ds):
 
 
 def without_digest(ds):
-    return ds.drop_attrs(deep=False)
+    ds = ds.copy()
+    ds.attrs = {}
+    return ds
 
 
 def with_host_callbacks(ds):
     return ds.assign_attrs(scene_digest="none")
+
+
+def in_unit(ds, unit):
+    return ds.assign(z=ds.z.assign_attrs(units=unit))
 
 
 @pytest.mark.parametrize(
@@ -81,12 +88,15 @@ def with_host_callbacks(ds):
     [
         (other_scene, ("`sweeps[1]`", "`scene_digest`", "5eed", "another program")),
         (with_host_callbacks, ("`sweeps[1]`", "host callbacks", "xarray")),
-        (without_digest, ("`sweeps[1]`", "`ziegler_jax_version`", "None")),
+        (without_digest, ("`sweeps[1]`", "no attribute `scene_digest`")),
         (lambda ds: ds.assign_attrs(jax_version="9.9"), ("9.9", 'versions="any"')),
         (lambda ds: ds.rename(x="w"), ("axes", "'w'")),
         (lambda ds: ds.drop_vars("z"), ("holds", "'z'")),
         (lambda ds: ds.assign(z=ds.z + 1), ("`z`", "x = 1", "agree")),
         (lambda ds: ds.assign_coords(w=("x", [1.0])), ("`w`", "xr.concat")),
+        (lambda ds: ds.assign_coords(x=[1.0]), ("`units`", "`x`", "None", "'1'")),
+        (lambda ds: in_unit(ds, "mm"), ("`units`", "`z`", "'mm'", "'1'")),
+        (lambda ds: ds.assign_coords(c=1.0), ("labels", "'c'")),
         (lambda ds: 3, ("`sweeps[1]`", "3")),
     ],
 )
@@ -155,7 +165,61 @@ def test_sweeps_of_two_versions_merge_by_consent():
         zj.merge(one, other_scene(other), versions="any")
     # and numbers that meet are compared
     with pytest.raises(ValueError, match="agree where they meet"):
-        zj.merge(one, newer.assign_coords(x=[0.0]), versions="any")
+        moved = newer.assign_coords(x=("x", [0.0], newer.x.attrs))
+        zj.merge(one, moved, versions="any")
+
+
+def test_consent_to_versions_lets_no_other_scene_in():
+    """Any two of one version are compared, also behind one of another version."""
+    one, two, three = (sweep([x], [1.0]) for x in (0.0, 1.0, 2.0))
+    old = one.assign_attrs(jax_version="0.1", scene_digest="5eed")
+    with pytest.raises(ValueError, match=r"`sweeps\[2\]`.*`sweeps\[1\]`.*`scene_d"):
+        zj.merge(old, two, other_scene(three), versions="any")
+    both = zj.merge(old, two, versions="any")  # which still knows whose is which
+    with pytest.raises(ValueError, match="`scene_digest`"):
+        zj.merge(both, three.assign_attrs(scene_digest="5eed"), versions="any")
+    assert zj.merge(both, three).z.values.tolist() == [[10.0], [11.0], [12.0]]
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_consent_to_versions_is_none_to_scenes_that_are_not_known(place):
+    sweeps = [sweep([0.0], [1.0]), sweep([1.0], [1.0])]
+    sweeps[place] = sweeps[place].assign_attrs(jax_version="9", scene_digest="none")
+    with pytest.raises(ValueError, match=rf"`sweeps\[{place}\]`.*host callbacks"):
+        zj.merge(*sweeps, versions="any")
+
+
+class Opposite(Code):
+    """The names of two codes of `REGIME`, exchanged."""
+
+    not_computed = 0, "not computed"
+    flutter = int(zj.REGIME.stable), "flutter"
+    stable = int(zj.REGIME.flutter), "stable"
+
+
+def test_codes_of_two_meanings_are_two_scenes_to_merge():
+    def turned(x, y):
+        found = point(x, y)
+        return {**found, "regime": found["regime"]._replace(codes=Opposite)}
+
+    one = sweep([0.0], [1.0])
+    other = zj.sweep(turned, x=[1.0], y=[1.0], progress=False)
+    assert one.attrs["scene_digest"] == other.attrs["scene_digest"]
+    with pytest.raises(ValueError, match=r"`sweeps\[1\]`.*`flag_.*`regime`"):
+        zj.merge(one, other)
+
+
+def test_sweeps_in_si_units_of_two_scales_are_refused_and_the_scale_stays():
+    def turning(v):
+        return {"w": zj.Variable(2.0 * v, "torque", "k")}
+
+    parts = [zj.sweep(turning, v=[v], progress=False) for v in (0.0, 1.0)]
+    units = [zj.SI(m=1.0, l=1.0, k=k) for k in (10.0, 1000.0)]
+    with pytest.raises(ValueError, match="`si_unit`.*`w`.*1000.0.*10.0"):
+        zj.merge(*(unit.restore(ds) for unit, ds in zip(units, parts, strict=True)))
+    whole = zj.merge(*(units[0].restore(ds) for ds in parts))
+    assert whole.w.attrs == units[0].restore(parts[0]).w.attrs
+    assert whole.w.attrs["si_unit"] == 10.0
 
 
 def test_axes_that_differ_by_rounding_are_one():
@@ -208,3 +272,51 @@ def test_a_cell_is_one_datasets_even_where_it_failed():
         both=failed.both.where(failed.x < 0.05),
     )
     assert zj.merge(nothing, two).z.values[1, 0] == two.z.values[1, 0]
+
+
+@pytest.mark.parametrize("alone", ["x", "y", None])
+def test_a_variable_without_all_axes_takes_no_cells_from_the_others(alone):
+    """Near values of `x` are one, and at each of them all four of `y` were computed."""
+
+    def parts(x, y):
+        ds = sweep(x, y)
+        return ds.assign(w=2 * ds[alone] if alone else xr.DataArray(2.0))
+
+    one = parts([0.0, 0.1, 0.2], [1.0, 2.0])
+    whole = zj.merge(one, parts([0.0, 0.1 + 1e-14, 0.2], [3.0, 4.0]))
+    assert not any(np.isnan(v).any() for v in whole.data_vars.values())
+    assert of_values(whole)["x"] == of_values(one)["x"]
+    if alone:
+        expected = 2 * (one.x if alone == "x" else whole.y)
+        assert whole.w.values.tolist() == expected.values.tolist()
+
+
+def test_an_axis_of_another_name_is_one():
+    """And so are the cells along it, which have not all been computed."""
+    one, two = sweep([0.0, 0.1], [1.0, 2.0]), sweep([0.0, 0.1 + 1e-14], [1.0, 2.0])
+    one = one.where(one.y < 1.5).assign(regime=one.regime.where(one.y < 1.5, 0))
+    whole = zj.merge(one.rename(x="load"), two.rename(x="load"))
+    assert not np.isnan(whole.z).any()
+
+
+def test_a_cell_is_of_the_first_dataset_that_computed_it_whatever_follows():
+    """Also of a near one, before one at the first dataset's own coordinates."""
+    exact, near = sweep([0.0, 0.1], [1.0]), sweep([0.0, 0.1 + 1e-14], [1.0])
+    nothing = exact.where(False).assign(regime=exact.regime * 0)
+    assert exact.z.values[1, 0] != near.z.values[1, 0]
+    for order, first in (((near, exact), near), ((exact, near), exact)):
+        whole = zj.merge(nothing, *order, *order)
+        assert whole.x.values.tolist() == exact.x.values.tolist()
+        assert whole.z.values.tobytes() == first.z.values.tobytes()
+    # two at one coordinate still have to agree
+    with pytest.raises(ValueError, match="agree where they meet"):
+        zj.merge(nothing, near, exact, near.assign(z=near.z + 1))
+
+
+def test_a_value_stays_with_the_one_it_was_taken_for():
+    """A later one, too far from the first to be it, may be nearer."""
+    parts = [sweep([x, 1.0], [0.0]) for x in (0.0, 0.9e-9, 1.1e-9)]
+    failed = parts[0].where(False).assign(regime=parts[0].regime * 0)
+    whole = zj.merge(failed, *parts[1:])
+    assert whole.x.values.tolist() == [0.0, 1.1e-9, 1.0]
+    assert whole.z.values[:, 0].tolist() == [0.9e-9, 1.1e-9, 1.0]

@@ -8,12 +8,15 @@ import sys
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import stored
+import xarray as xr
 from stored import X, Y, point, same, settled, sweep
 
 import ziegler_jax as zj
+from ziegler_jax.results import Code
 from ziegler_jax.sweep import partition, program, provenance
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
@@ -56,6 +59,55 @@ def test_another_sweep_is_refused_by_name_and_replaced_on_demand(
         refuses(lambda: sweep(store=path), "computed with ziegler_jax", "9.9")
     assert sweep(store=zj.Store(path, overwrite=True), x=X[:-1]).x.size == 7
     assert zj.open_sweep(path).attrs["points_done"] == 35
+
+
+class Opposite(Code):
+    """The names of two codes of `REGIME`, exchanged."""
+
+    not_computed = 0, "not computed"
+    flutter = int(zj.REGIME.stable), "flutter"
+    stable = int(zj.REGIME.flutter), "stable"
+
+
+def labelled(units="m", of_axis="s", codes=zj.REGIME, name="length"):
+    """A sweep whose numbers are the same whatever these are."""
+
+    def made(x):
+        code = jnp.where(x > 0.5, jnp.int8(2), jnp.int8(4))
+        return {
+            "z": zj.Variable(2.0 * x, name, units),
+            "code": zj.Variable(code, "code", codes=codes),
+        }
+
+    x = xr.DataArray([0.0, 1.0], dims="x", attrs={"units": of_axis})
+    return lambda path: zj.sweep(made, x=x, store=path, progress=False)
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"units": "mm"}, ("`z`", "units", "'m'", "'mm'")),
+        ({"of_axis": "ms"}, ("`x`", "units", "'s'", "'ms'")),
+        ({"codes": Opposite}, ("`code`", "flag_values", "[0, 2, 4]")),
+    ],
+)
+def test_a_store_in_other_units_or_codes_is_another_sweeps(
+    path, refuses, change, words
+):
+    """No digest has them: they are in no equation."""
+    first = labelled()(path)
+    refuses(lambda: labelled(**change)(path), "`store`", str(path), *words, "overwrite")
+    again = labelled(name="the same, in other words")(path)
+    assert same(first, again) and first.z.attrs["units"] == "m"
+
+
+def test_numbers_in_a_unit_that_looks_like_a_date_stay_numbers(path):
+    stored = labelled(units="days since 2000-01-01", of_axis="days since 1900-01-01")
+    for ds in (stored(path), stored(path), zj.open_sweep(path)):
+        assert ds.z.dtype == ds.x.dtype == np.float64
+        assert ds.z.values.tolist() == [0.0, 2.0]
+        assert ds.z.attrs["units"] == "days since 2000-01-01"
+        assert ds.x.attrs["units"] == "days since 1900-01-01"
 
 
 @pytest.mark.parametrize("change", ["constant", "table", "helper"])

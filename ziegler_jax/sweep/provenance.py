@@ -5,7 +5,8 @@ the numbers in them. That sees globals, helpers, attributes and table values, wh
 source code hides; it is the same in every process, thread and kind of CPU, and changes
 with the version of JAX. It stands in the dataset (`scene_digest`), and in stores. A
 point that has the host compute something (`jax.pure_callback`) has none: its equations
-do not show what that is. Labels, units and origin are those of the dataset.
+do not show what that is. Units and lists of codes are in no equation, and are compared
+beside it. What else labels a variable, and its origin, are those of the dataset.
 """
 
 import functools
@@ -25,7 +26,7 @@ import numpy as np
 import xarray as xr
 from jax.core import Tracer
 
-from ..results import AXES, coordinate, labels
+from ..results import AXES, coordinate, labels, unlike_meaning
 from ..runtime import compiles_whole_loops
 from .axes import check_name, empty, parameters
 from .partition import Blocks
@@ -120,6 +121,27 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
         )
     if there["scene"] != here["scene"]:
         return "is of another scene: its program is not that of this `point`"
+    return None
+
+
+def difference_of_meaning(
+    there: Mapping[str, Mapping], here: Mapping[str, Mapping]
+) -> str | None:
+    """The first unit or list of codes that differs, as a part of a sentence, or None.
+
+    A digest is of what is computed, and does not see them.
+
+    **Arguments:** what two stores of the same variables say of their sweeps.
+    """
+    for kind in ("data_vars", "coords"):
+        for name, own in here["metadata"][kind].items():
+            old, new = there["metadata"][kind][name]["attrs"], own["attrs"]
+            key = unlike_meaning(old, new)
+            if key is not None:
+                return (
+                    f"has `{name}` with {key} {old.get(key)!r}, and this sweep "
+                    f"{new.get(key)!r}"
+                )
     return None
 
 

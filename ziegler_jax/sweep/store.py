@@ -44,7 +44,7 @@ from zarr.storage import MemoryStore
 from ..results import coordinate
 from .axes import check_name
 from .partition import Block, Blocks, Tally
-from .provenance import difference
+from .provenance import difference, difference_of_meaning
 
 LAYOUT, WRITTEN_BY = 3, {"1": "0.1", "2": "0.2"}  # of the files, and whose were others
 RECORD = "sweep-record"  # no variable's name: names have no hyphen
@@ -399,6 +399,7 @@ def prepared(
         other = difference(store.record["identity"], identity)
         if other is None and _shapes(store.record) != _shapes(record):
             other = "is laid out otherwise"
+        other = other or difference_of_meaning(store.record, record)
     except BAD_JSON:
         other = "does not say of which sweep"
     if other is not None:
@@ -843,12 +844,13 @@ class _Shown(Files):
 
 
 def _shown(metadata: Mapping[str, bytes], chunk: Callable[[str], bytes]) -> xr.Dataset:
-    """The Dataset of these arrays, its chunks read when they are looked at."""
+    """The Dataset of these arrays as they are, its chunks read when looked at."""
     files = _Shown({k: cpu.Buffer.from_bytes(t) for k, t in metadata.items()})
     files.chunk = chunk
     store = MemoryStore(files, read_only=True)
-    # chunks=None: without Dask
-    return xr.open_zarr(store, consolidated=False, zarr_format=3, chunks=None)  # pyright: ignore[reportArgumentType]
+    # chunks=None: without Dask; not decoded: "days since 2000-01-01" is a sweep's unit
+    how = {"consolidated": False, "zarr_format": 3, "chunks": None}
+    return xr.open_zarr(store, **how, decode_cf=False)  # pyright: ignore[reportArgumentType]
 
 
 def _with_foreign(ds: xr.Dataset, store: SweepStore) -> xr.Dataset:
@@ -864,7 +866,7 @@ def _with_foreign(ds: xr.Dataset, store: SweepStore) -> xr.Dataset:
         if reason is None and about is not None:
             metadata = {"zarr.json": root["zarr.json"], f"{name}/zarr.json": about}
             try:
-                one = _shown(metadata, chunk)
+                one = xr.decode_cf(_shown(metadata, chunk))  # xarray wrote it
                 ds = ds.merge(one, join="exact", compat="equals")
             except Exception as error:  # xarray's and Zarr's, of many kinds
                 reason = f"cannot stand beside the others ({error})"

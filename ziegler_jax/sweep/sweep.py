@@ -112,11 +112,12 @@ def sweep(
         the sweep, but about 256 points at least and 16 000 at most.
         The same sweep with the same store computes only what is missing or damaged,
         also after it was killed, and ends in the same numbers to the last bit (on the
-        same kind of processor). A store of another scene, other axes, tolerances or
-        versions is refused. The scene is known by a digest of what JAX
-        traced, which does not show what a host callback computes: a sweep of a point
-        with one (`jax.pure_callback`, `io_callback`) warns that it cannot be resumed,
-        and its store is refused to the next. `open_sweep` reads the store at any time;
+        same kind of processor). A store of another scene, other axes, tolerances,
+        units, codes or versions is refused. (Other names and sentences are not: the
+        store's stay.) The scene is known by a digest of what JAX traced, which does not
+        show what a host callback computes: a sweep of a point with one
+        (`jax.pure_callback`, `io_callback`) warns that it cannot be resumed, and its
+        store is refused to the next. `open_sweep` reads the store at any time;
         `Store(path, overwrite=True)` replaces the sweep that is in it.
     - `client`: a `dask.distributed.Client`: blocks become tasks of its cluster, one a
         worker's thread at a time. Its workers must be able to import the package and
