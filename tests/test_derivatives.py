@@ -38,6 +38,9 @@ MOMENT = "when the verdict comes is a matter of steps"
 ROUNDING = "rounding: by how much an equation is missed"
 CREEPS = "what creeps on depends on the moment at which it was judged"
 ON_THE_ARC = "where a point lies on the arc is a matter of the steps"
+OF_THE_BRACKET = "it is a share of the bracket"
+IN_STICK = "the edge cycle sticks at its section: no differences of its monodromy"
+SECOND = "it would need second variations"
 OPTION = "the end of a motion without a verdict depends on them"
 
 
@@ -177,6 +180,28 @@ def test_derivatives_are_right_or_listed(name):
     assert tally["right"] > 0
 
 
+def test_steps_behind_a_stop_do_not_move_as_that_which_was_shortened_to_it():
+    """Where they ended moved with it 100 times as far; what is read from them, too."""
+
+    @jax.jit
+    def stuck(transient):
+        def share(transient):
+            windows = zj.Windows(transient=transient, length=6.0, max_windows=2)
+            end = zj.settle(
+                column(P(NUMBERS), smooth), start(P(NUMBERS)), windows=windows,
+                observers=(zj.StickFraction(),), method=zj.Method(rtol=1e-8),
+                certify=False,
+            )  # fmt: skip
+            return end.stick_fraction
+
+        return jax.jvp(share, (transient,), (1.0,))
+
+    h = 1e-4
+    difference = (stuck(11.0 + h)[0] - stuck(11.0 - h)[0]) / (2 * h)
+    # measured 5e-5, before 8e-2
+    np.testing.assert_allclose(stuck(11.0)[1], difference, rtol=0, atol=1e-3)
+
+
 def test_averages_over_long_motions_have_no_derivatives(refuses):
     """Lyapunov exponents and verdicts: they were 9e14 for 0.47."""
 
@@ -205,6 +230,69 @@ def test_reverse_mode_through_a_motion_of_unknown_length_is_refused(refuses, cer
 
     derived = jax.grad(jax.jit(amplitude))
     refuses(lambda: jax.make_jaxpr(derived)(2.6), "`settle`", "jax.jacfwd")
+
+
+ASKED = {
+    "settle": lambda c, s, **o: zj.settle(c, s, **o).joint_amplitude,
+    "settle by windows": lambda c, s, **o: (
+        zj.settle(c, s, certify=False, **o).joint_amplitude
+    ),
+    "trajectory": lambda c, s, **o: zj.trajectory(c, s, [0.0, 3.0, 6.0], **o).phi,
+    "poincare": lambda c, s, **o: (
+        zj.poincare(c, s, section=zj.SectionPlane("phi1"), points=1, **o).times
+    ),
+    "sweep_up_down": lambda c, s, **o: (
+        zj.sweep_up_down(lambda _: c, [2.4, 2.6], kick=s, **o).joint_amplitude
+    ),
+}
+
+
+def asked(name, law, q, **options):
+    return ASKED[name](column(P(NUMBERS | {"q": q}), law), start(P(NUMBERS)), **options)
+
+
+@pytest.mark.parametrize(
+    "name, law",
+    [(name, smooth) for name in ("settle", "settle by windows", "sweep_up_down")]
+    + [(name, dry) for name in ("trajectory", "poincare")],
+)
+def test_second_derivatives_that_would_be_wrong_are_refused(refuses, name, law):
+    """They were: of a certified cycle twice the right one, or 20 times."""
+
+    def slope(q):
+        return jax.jvp(lambda q: asked(name, law, q), (q,), (1.0,))[1]
+
+    twice = jax.make_jaxpr(lambda q: jax.jvp(jax.jit(slope), (q,), (1.0,)))
+    refuses(lambda: twice(2.6), name.split()[0], "first derivatives only")
+
+
+@pytest.mark.parametrize("name", ["trajectory", "poincare"])
+def test_second_derivatives_under_smoothed_friction_are_right(name):
+    @jax.jit
+    def slopes(q):
+        def slope(q):
+            number = functools.partial(asked, name, smooth, method=FINE)
+            return jax.jvp(number, (q,), (1.0,))[1]
+
+        return jax.jvp(slope, (q,), (1.0,))
+
+    h = 1e-4
+    difference = (slopes(2.6 + h)[0] - slopes(2.6 - h)[0]) / (2 * h)
+    # measured 1.5e-5, of the differences
+    np.testing.assert_allclose(slopes(2.6)[1], difference, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name, tolerance", [*((name, "rtol") for name in ASKED), ("trajectory", "atol")]
+)
+def test_a_derivative_in_a_tolerance_is_refused(refuses, name, tolerance):
+    """It was a zero, or NaN."""
+
+    def answer(x):
+        return asked(name, smooth, 2.6, method=zj.Method(**{tolerance: x}))
+
+    derived = jax.jacfwd(jax.jit(answer))
+    refuses(lambda: jax.make_jaxpr(derived)(1e-6), "`rtol` and `atol`", "no derivative")
 
 
 def test_what_is_constant_to_jax_refuses_traced_numbers(refuses):
@@ -251,6 +339,9 @@ def test_a_lost_derivative_is_nan_and_spoils_no_other():
             np.testing.assert_array_equal(slope["none"], exact)
             assert np.isnan(slope["lost"][:, 0]).all()
             np.testing.assert_array_equal(slope["lost"][:, 1], exact[:, 1])
+    # nor is a second one of it a number
+    twice = jax.jacfwd(jax.jacfwd(numbers))(p)["lost"]
+    assert np.isnan(twice[:, 0, 0]).all()
     # cotangents of unlike sign have no sum, and still no number
     assert np.isnan(jax.grad(lambda p: jnp.diff(numbers(p)["lost"])[0])(p)[0])
     batch = jax.jvp(jax.jit(jax.vmap(numbers)), (p[None],), (p[None],))[1]
@@ -293,15 +384,12 @@ def test_every_public_function_is_walked_or_has_no_derivatives():
 CONSTANT = {
     "configure_cache": "an action",
     "configure_cpu": "an action",
-    "critical_kick": "the search of `flutter_onset`; differences in its tests",
     "is_stiff": "yes or no",
-    "least_kick": "in its own tests, with differences of the search itself",
     "merge": "of datasets",
     "motion": "of datasets",
     "open_sweep": "of datasets",
     "refine": "of datasets",
     "regime": "a code",
-    "regularisation_error": "two calls of `settle` by windows",
     "scene": "of datasets",
     "sweep": "of datasets",
     "tableaus": "a module",
@@ -426,6 +514,41 @@ def _onset(p):
     return {"threshold": found.threshold, "width": found.width, "rises": found.rises}
 
 
+def _kick(p):
+    p = P(NUMBERS | p)
+    found = zj.critical_kick(
+        column(p, smooth), start(p), (p.low, 6.0), search=zj.Search(6, 22)
+    )
+    return {"threshold": found.threshold, "width": found.width, "rises": found.rises}
+
+
+def _least(p):
+    """As in its own tests, where `energy` is derived in reverse mode, too."""
+    friction = zj.SetValuedCoulomb(
+        (p.tau1, 0.02), pin_radius=1.0, load=zj.ConstantLoad(1.0)
+    )
+    found = zj.least_kick(
+        zj.uniform_rods(p.q, friction=friction), (0.0, 0.008),
+        directions=zj.Directions(count=8, scan=4, width=1e-7),
+        method=zj.Method(rtol=1e-9, atol=2e-11),
+    )  # fmt: skip
+    names = ("energy", "width", "ray", "misalignment", "edge_state", "edge_period")
+    names += ("edge_multiplier", "edge_amplitude")
+    return {name: getattr(found, name) for name in names}
+
+
+def _smoothing(p):
+    p = P(NUMBERS | p)
+    windows = zj.Windows(transient=5.0, length=p.length, max_windows=3)
+    law = zj.SetValuedCoulomb(p.mu_s, pin_radius=p.pin)
+    found = zj.regularisation_error(
+        zj.uniform_rods(p.q, kappa=p.kappa, friction=law), start(p), p.v,
+        windows=windows, method=FINE,
+    )  # fmt: skip
+    names = ("rod_amplitude", "joint_amplitude", "period", "stick_fraction")
+    return {name: getattr(found, f"{name}_error") for name in names}
+
+
 VERDICT = {("final", "*"): MOMENT, ("time", "*"): MOMENT, ("drift", "*"): ROUNDING}
 USUAL = {"cut": 0.05, "transient": 300.0, "length": 20.0}
 SETTLE = given(*OF_SMOOTH, *OF_START)
@@ -485,12 +608,34 @@ SLOW = {
     "flutter_onset": Case(
         _onset,
         given("kappa", "c1", "mu_s", "phi2", "w2", low=1.0),
-        {("width", "low"): "it is a share of the bracket"},
+        {("width", "low"): OF_THE_BRACKET},
         rtol=5e-3,
         step=1e-3,
         least=3e-7,
         reverse=True,
         batch=True,
+    ),
+    "critical_kick": Case(
+        _kick,
+        given("kappa", "mu_s", "w2", low=0.02) | {"q": 1.6},
+        {("width", "low"): OF_THE_BRACKET},
+        rtol=5e-3,
+        step=1e-3,
+        least=3e-7,
+        reverse=True,
+        batch=True,
+    ),
+    "least_kick": Case(
+        _least,
+        {"q": 2.3, "tau1": 0.02},
+        {(n, "*"): SECOND for n in ("width", "ray", "misalignment")}
+        | {("edge_multiplier", "*"): IN_STICK},
+        rtol=5e-3,
+        step=1e-3,
+        batch=True,
+    ),
+    "regularisation_error": Case(
+        _smoothing, given("q", "kappa", "mu_s", "pin", "v", "w2", length=6.0)
     ),
 }  # fmt: skip
 

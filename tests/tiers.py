@@ -4,7 +4,8 @@ The rule: a test that takes more than about four seconds of processor time (`--c
 measures it) is here, unless nothing else looks at its part of the package and it takes
 less than some forty. So the first tier follows no branch, finds no fold along one, no
 least kick and no torus, and starts no cluster. An entry is the beginning of a test's
-name, below `tests`. `pytest -m ""` runs them all, as CI does.
+name, below `tests`. `pytest -m ""` runs both tiers, as CI does,
+and `--night` the large draws beside them.
 """
 
 LONG_PROGRAMS = (
@@ -205,6 +206,11 @@ SLOW = {
         "[Method]",
     ],
     OTHER_WAY: [
+        "test_derivatives.py::test_second_derivatives_that_would_be_wrong_are_refused[settle-",
+        "test_derivatives.py::test_second_derivatives_that_would_be_wrong_are_refused[sweep",
+        "test_derivatives.py::test_second_derivatives_that_would_be_wrong_are_refused[poincare",
+        "test_derivatives.py::test_second_derivatives_that_would_be_wrong_are_refused[trajectory",
+        "test_derivatives.py::test_second_derivatives_under_smoothed_friction_are_right[poincare",
         "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew[settle_damped-False",
         "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Taylor-1e-09-4e-07-6e-08-c18_layerrule",
         "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Tsit5-1e-09-1e-06-2e-07-c18_layerrule",

@@ -39,7 +39,8 @@ class Code(enum.IntEnum):
 class OUTCOME(Code):
     """How the motion of a lane ended, in order of precedence.
 
-    Everything below `unsettled` is a failure: the lane's numbers are NaN in a sweep.
+    Below `unsettled` the lane's numbers are NaN. All of these but `escaped`, which the
+    column does itself, are failures.
     """
 
     not_computed = 0, "the point was left out or has not been computed yet"

@@ -105,7 +105,9 @@ if hasattr(os, "register_at_fork"):  # Windows forks no process
 def refuse_forked() -> None:
     """Refuse to compute in a process forked from one in which JAX had started.
 
-    The threads of JAX are not in it: the first computation would wait for ever.
+    The threads of JAX are not in it: the first computation would wait for ever. Every
+    public function that computes asks here. Methods of laws and columns do not, and
+    wait, as whatever of JAX's own is called: it has no place to ask.
 
     **Raises:** `RuntimeError`.
     """

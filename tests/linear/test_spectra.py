@@ -324,13 +324,6 @@ class ByItsSize(AbstractRateFriction):
         return 0.02
 
 
-class Flat(ByItsSize):
-    """A law that begins flat, and smoothly."""
-
-    def levers(self, u1, u2):
-        return tuple(self.mu * u**3 for u in (u1, u2))
-
-
 def test_a_law_without_its_slope_at_rest_is_refused_where_it_first_meets_numbers():
     start, told = zj.State(omega=(0.0, 0.1)), r"rises by 5 .* derivative there is 0"
     column = zj.uniform_rods(1.0, friction=ByItsSize(0.1))
@@ -346,5 +339,40 @@ def test_a_law_without_its_slope_at_rest_is_refused_where_it_first_meets_numbers
     traced = jax.jit(lambda mu: zj.tangent_column(
         zj.uniform_rods(1.0, friction=ByItsSize(mu))).damping.c1)  # fmt: skip
     assert jnp.isnan(traced(0.1))
-    flat = zj.tangent_column(zj.uniform_rods(1.0, friction=Flat(0.1)))
-    assert flat.damping.c1 == 0
+
+
+def own(f):
+    class Own(ByItsSize):
+        def levers(self, u1, u2):
+            return self.mu * f(u1), self.mu * f(u2)
+
+    return zj.tangent_column(zj.uniform_rods(1.0, friction=Own(0.1)))
+
+
+@pytest.mark.parametrize(
+    "f, slope",
+    [
+        (lambda u: u**3, 0.0),
+        (lambda u: jnp.sign(u) * abs(u) ** 1.5, 0.0),
+        (lambda u: jnp.sign(u) * abs(u) ** 1.1, 0.0),
+        (lambda u: jnp.tanh(u / 1e-8), 1e7),
+        (lambda u: jnp.tanh(u / 1e-14), 1e13),
+        (lambda u: u / jnp.sqrt(u * u + 1e-4), 10.0),
+    ],
+)
+def test_a_law_whose_slope_jax_sees_is_taken_flat_or_steep(f, slope):
+    np.testing.assert_allclose(own(f).damping.c1, slope, rtol=1e-12)  # 2e-16
+
+
+@pytest.mark.parametrize(
+    "f, rise",
+    [
+        (jnp.sign, "5e.11"),
+        (lambda u: jnp.sign(u) * (1 - jnp.exp(-abs(u) / 1e-9)), "1e.08"),
+        (lambda u: jnp.sign(u) * abs(u) / (abs(u) + 0.01), "10"),
+        (lambda u: jnp.where(u == 0, 0 * u, jnp.tanh(u / 0.01)), "10"),
+    ],
+)
+def test_a_law_whose_slope_jax_does_not_see_is_refused(f, rise):
+    with pytest.raises(ValueError, match=rf"rises by {rise} .* there is 0"):
+        own(f)

@@ -19,6 +19,7 @@ from PIL import Image
 from scipy.interpolate import CubicHermiteSpline
 
 import ziegler_jax as zj
+from ziegler_jax.plot.cells import followed
 from ziegler_jax.plot.page import TEMPLATE, thinned
 
 Q, MU = np.linspace(1.6, 2.8, 4), np.geomspace(0.05, 0.4, 3)
@@ -256,6 +257,28 @@ def test_a_page_says_where_a_motion_ends_otherwise_than_its_cell(ds, tmp_path):
     early = zj.plot.page(told, cell, tmp_path / "e.html", **options)
     notes = [shown["note"] for shown in Reader(early).json["cells"]]
     assert "ended early" in notes[1] and "the map's cell is cycle" in notes[1]
+
+
+@pytest.mark.parametrize("name", ["smoothed", "dry"])
+def test_it_says_so_of_what_was_judged_by_windows(name):
+    """Of `repeats`, and of rest, whose amplitude is not the last state's."""
+
+    def cell(q, kick=0.3):
+        friction = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.05)
+        if name == "dry":
+            friction = zj.SetValuedCoulomb(0.1, pin_radius=0.1)
+        return zj.uniform_rods(q, friction=friction), zj.State(omega=(0.0, kick))
+
+    def point(q):
+        windows = zj.Windows(transient=10.0, length=20.0, max_windows=9)
+        return zj.settle(*cell(q), windows=windows, certify=False)
+
+    ds = zj.sweep(point, q=[1.0, 2.2], progress=False)
+    assert ds.outcome.values.tolist() == [zj.OUTCOME.stuck, zj.OUTCOME.repeats]
+    for place in range(2):
+        assert followed(ds, cell, {"q": place}).note == ""
+        other = followed(ds, lambda q: cell(q, 1e-3), {"q": place})
+        assert "joint 1 is" in other.note and "in the map" in other.note
 
 
 def test_what_makes_no_page_is_refused(ds, refuses, tmp_path):

@@ -3,12 +3,14 @@
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax.sweep.partition import REMEDIES
 
 
 def coded(codes):
@@ -39,6 +41,7 @@ def test_a_sweep_in_which_lanes_failed_warns_once_and_names_the_cure(small_block
 
 @pytest.mark.parametrize(
     "codes, code", [(zj.OUTCOME, "chattering"), (zj.ORBIT, "not_integrated"),
+                    (zj.ORBIT, "no_return"), (zj.ORBIT, "not_converged"),
                     (zj.CRITICAL, "invalid"), (zj.OUTCOME, "invalid")]
 )  # fmt: skip
 def test_each_failure_has_a_remedy(codes, code):
@@ -57,6 +60,14 @@ def test_each_failure_has_a_remedy(codes, code):
 )
 def test_what_a_column_does_is_no_failure(codes, names):
     assert told(codes, [float(codes[name]) for name in names]) == []
+
+
+def test_a_lane_without_numbers_has_failed_or_turned_over():
+    below = [code for code in zj.OUTCOME if code < zj.OUTCOME.unsettled]
+    assert {c.name for c in below} - set(REMEDIES) == {"not_computed", "escaped"}
+    readme = Path(__file__).parents[2].joinpath("README.md").read_text()
+    said = "`escaped` (a rod turned over) has no numbers: NaN. Nor have failures"
+    assert said in readme.replace("\n", " ")
 
 
 def test_an_audit_and_a_finished_store_say_nothing_twice(path):
@@ -78,6 +89,24 @@ def sweep():
 def critical():
     return zj.critical_load(zj.uniform_rods(1.0)).q_cr
 
+law = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.1)
+column, y = zj.uniform_rods(1.0, friction=law), (0.1, 0.2, 0.3, 0.4)
+
+def energy():
+    return zj.energy(column, y)
+
+def power():
+    return zj.power(column, y).follower
+
+def forces():
+    return zj.reactions(column, y)[0, 0]
+
+def field():
+    return zj.vector_field(0.0, y, column)[2]
+
+def stiff():
+    return 1.0 + zj.is_stiff(column, 1e-6)
+
 def child(question):
     pid = os.fork()
     if not pid:
@@ -90,8 +119,8 @@ def child(question):
 
 if sys.argv[1] == "after":
     sweep()
-child(sweep)
-child(critical)
+for question in sweep, critical, energy, power, forces, field, stiff:
+    child(question)
 """
 
 
@@ -104,10 +133,10 @@ def test_a_forked_process_computes_or_says_that_it_cannot(when):
         capture_output=True, text=True, timeout=100,
     )  # fmt: skip
     lines = done.stdout.splitlines()
-    assert len(lines) == 2, done.stderr
+    assert len(lines) == 7, done.stderr
     if when == "before":
         assert lines[0] == "[2. 4.]"
-        assert 0 < float(lines[1]) < np.inf
+        assert all(0 < abs(float(line)) < np.inf for line in lines[1:])
     else:
         for line in lines:
             assert line.startswith("RuntimeError") and "fork" in line

@@ -68,6 +68,10 @@ def test_what_a_search_met_on_its_way_is_no_failure_of_the_point(name, failures)
     """An onset that is found names no motion that stood in its way."""
     variables = {name: zj.Variable(None, "how a motion ended", codes=zj.OUTCOME)}
     block = types.SimpleNamespace(region=(slice(0, 3),))
-    arrays = {name: np.full(3, zj.OUTCOME.not_computed, np.int8)}
+    arrays = {name: np.full(3, zj.OUTCOME.budget_spent, np.int8)}
     opened = partition.OpenBlock(block, np.arange(3), arrays)
     assert opened.tally(variables).failures == failures
+    # what the column does itself is none
+    arrays = {name: np.full(3, zj.OUTCOME.escaped, np.int8)}
+    opened = partition.OpenBlock(block, np.arange(3), arrays)
+    assert opened.tally(variables).failures == 0

@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State, power
-from ..motion.implicit import refused
 from ..motion.not_finite import motion
 from ..motion.options import Method, Spans, spans_for
 from ..motion.scene import (
@@ -29,6 +28,7 @@ from ..motion.section import Passage, SectionPlane, passage
 from ..motion.spans import AbstractSpans, SpanState, follow_spans
 from ..motion.tangents import AbstractGrowth
 from ..numerics.materialise import if_any_lane
+from ..numerics.no_number import refused
 from ..numerics.numbers import Flag, Pair, Scalar, keeps, number
 from ..results import OUTCOME, TIME, VERDICT, AbstractMotionResult, quantity
 from ..solvers import Explicit

@@ -90,8 +90,8 @@ def sweep_up_down(
     - `values`: that number's, increasing, shape (n,), at least two.
     - `kick`: the disturbance, added to the state at every value. Without one a column
         that rests stays at rest: with set-valued friction at any load.
-    - `start`: the first state, and the one after a motion that failed (`escaped` and
-        the like); None is the upright column.
+    - `start`: the first state, and the one after a motion without numbers (`escaped`
+        and the like); None is the upright column.
     - `axis`: what the values are called in a sweep's dataset.
     - `windows`, `observers`, `method`: of each motion, as in `settle`.
 
@@ -159,7 +159,7 @@ def sweep_up_down(
         motion, update, lambda now: now.place < 2 * n, first._replace(results=empty)
     )
     return UpDownSweep(
-        numbers=forward_only("sweep_up_down", end.results),
+        numbers=forward_only("sweep_up_down", end.results, once=True),
         quantities=tuple(
             (name, variable._replace(dims=("branch", axis, *variable.dims)))
             for name, variable in described.items()

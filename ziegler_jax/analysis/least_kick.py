@@ -25,10 +25,11 @@ from jaxtyping import Array, Float, Int
 
 from ..context import plain
 from ..model.column import Column, State, energy
-from ..motion.implicit import fixed, lost, refused
+from ..motion.implicit import fixed, lost
 from ..motion.options import Method, Windows, recorded
 from ..motion.scene import check_scene, check_takes
 from ..motion.sequence import run_in_sequence
+from ..numerics.no_number import refused
 from ..numerics.numbers import (
     Count,
     Scalar,

@@ -16,12 +16,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..model.column import Column, State
-from ..motion.implicit import refused
 from ..motion.not_finite import motion
 from ..motion.options import Method, Spans, recorded, spans_for
 from ..motion.scene import check_scene, ending, explicit_method, nan_where
 from ..motion.spans import AbstractSpans, SpanState, follow_spans
 from ..motion.tangents import AbstractGrowth, TangentFrame, in_logs, unit_tangents
+from ..numerics.no_number import refused
 from ..numerics.numbers import (
     Flag,
     Option,

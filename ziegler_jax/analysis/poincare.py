@@ -153,6 +153,7 @@ def poincare(
     **Returns:** `PoincareSection`.
 
     **Derivatives:** forward, those of the steps and of where they pass the plane.
+    Second ones are refused (`ValueError`) with set-valued friction.
 
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
     session.
@@ -188,7 +189,7 @@ def poincare(
             escape=fold.escape,
         ),
     )
-    return forward_only("poincare", section_)
+    return forward_only("poincare", section_, once=column.sticks)
 
 
 class SectionState(NamedTuple):

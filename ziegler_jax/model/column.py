@@ -28,6 +28,7 @@ from ..numerics.numbers import (
     keeps_rules,
     pair,
 )
+from ..runtime import refuse_forked
 from .damping import AbstractDamping, lengths
 from .friction import AbstractFriction, AbstractRateFriction
 from .joint_reactions import joint_reactions
@@ -218,6 +219,7 @@ def energy(column: Column, y: Vector4 | State) -> jax.Array:
 
     **Arguments:** `column`; `y`: a `State`, or its four scalars.
     """
+    refuse_forked()
     y = scalars_of(y)
     phi1, phi2, w1, w2 = y
     _, cos_d = sincos(phi1 - phi2)
@@ -343,6 +345,7 @@ class _Forces:
 
     def __init__(self, column: Column, y: Vector4):
         phi1, phi2, w1, w2 = y
+        refuse_forked()  # what needs the forces asks here
         self.column, self.y = column, y
         self.sin_d, self.cos_d = sincos(phi1 - phi2)
         self.load = _load(column, y, self.sin_d)

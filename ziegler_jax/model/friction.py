@@ -111,6 +111,11 @@ class AbstractRateFriction(AbstractFriction):
     ```
 
     Its normal load is the follower load unless it has a `load_law` of its own.
+
+    Write torques as smooth odd functions of the rate: `sign(u) * f(abs(u))` has no
+    slope at rest to JAX. Such a law is refused where it first meets numbers
+    (`ValueError`). With a number that is traced, as an axis of a sweep is, it is not:
+    then `tangent_column` is NaN, and so is what is asked of it.
     """
 
     def load_law(self) -> AbstractLoad | None:
@@ -122,8 +127,12 @@ class AbstractRateFriction(AbstractFriction):
         r"""Torque per unit of normal load, $\rho_i \mu_i(u_i)$, of both joints."""
 
 
-BESIDE = 1e-5  # of the rate cut: where a law's slope at rest is looked at
+# Of the rate cut: where a law's slope at rest is looked at. The nearer place is as far
+# as rounding lets differences see; by what they change on the way they tell a slope
+# from one that differences do not reach, as that of |u|^1.5 or of a steeper layer.
+PLACES = (1e-5, 1e-11)
 ALIKE = 0.1  # how far that may be from the derivative
+FLAT = 1e-5  # of the slope of the whole layer: as good as none
 
 
 def slopes_at_rest(law: AbstractRateFriction) -> Pair:
@@ -145,7 +154,8 @@ def slopes_at_rest(law: AbstractRateFriction) -> Pair:
 def check_slopes(law: AbstractFriction | None) -> None:
     """Refuse a law of one's own whose slope at rest JAX does not see.
 
-    Nothing of it is in the program: traced numbers are not looked at.
+    Nothing of it is in the program: traced numbers are not looked at. (Where they are,
+    `slopes_at_rest` is NaN, and rest is judged by slopes beside it.)
 
     **Raises:** `ValueError`.
     """
@@ -163,18 +173,24 @@ def _checked_slopes(law: AbstractRateFriction) -> Pair:
     _, slopes = jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))
     cut = law.rate_cut()
     cuts = jnp.broadcast_to(jnp.asarray(1.0 if cut is None else cut, float), (2,))
-    near, checked_ones = BESIDE * cuts, []
-    ahead, behind, at_cut = (law.levers(*u) for u in (near, -near, cuts))
-    rows = zip(slopes, ahead, behind, at_cut, near, cuts, strict=True)
-    for joint, (slope, a, b, far, u, whole) in enumerate(rows, 1):
-        rise = (a - b) / (2 * u)
-        # a law that begins flat has no slope on either side
-        within = ALIKE * jnp.abs(rise) + BESIDE * jnp.abs(far / whole)
-        agrees = jnp.abs(slope - rise) <= within
+
+    def rises(share: float) -> Pair:
+        u1, u2 = share * cuts
+        (a1, a2), (b1, b2) = law.levers(u1, u2), law.levers(-u1, -u2)
+        return (a1 - b1) / (2 * u1), (a2 - b2) / (2 * u2)
+
+    checked_ones = []
+    rows = zip(slopes, *map(rises, (*PLACES, 1.0)), strict=True)
+    for joint, (slope, far, near, whole) in enumerate(rows, 1):
+        off = slope - near
+        within = ALIKE * jnp.abs(near) + FLAT * jnp.abs(whole)
+        # or it lies where differences still go as they draw near
+        goes_on = (jnp.abs(near - far) > within) & (off * (near - far) > 0)
+        agrees = (jnp.abs(off) <= within) | goes_on
         if not isinstance(agrees, Tracer) and not agrees:
             raise ValueError(
                 f"Argument `friction` must have the slope at rest that JAX sees, but "
-                f"`{type(law).__name__}` rises by {float(rise):.3g} a unit of rate in "
+                f"`{type(law).__name__}` rises by {float(near):.3g} a unit of rate in "
                 f"joint {joint}, and its derivative there is {float(slope):.3g}: write "
                 "it as a smooth odd function of the rate, without `sign` and `abs`."
             )

@@ -3,8 +3,8 @@
 A search is not differentiated: its result is a constant, to which a zero is added that
 carries the derivative in the scene's numbers. A number's derivative is right, NaN, or a
 sentence, never a silent zero: where a number has none, it is `lost` (NaN) if others of
-the same result have theirs, and else the function refuses with `refused` (a sentence).
-`fixed` is for inside of a search alone.
+the same result have theirs, and else the function refuses with `refused` (a
+sentence, in `numerics/no_number.py`). `fixed` is for inside of a search alone.
 """
 
 from collections.abc import Callable
@@ -16,8 +16,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from ..numerics.no_number import forward_alone, no_number
-from ..numerics.numbers import is_concrete
+from ..numerics.no_number import forward_alone, moves, no_number, refused
 from .variational import Parameters
 
 Numbers = Float[Array, "..."]
@@ -30,7 +29,7 @@ def moving(
 ) -> tuple[Parameters, Callable[[Parameters], Tree]]:
     """A tree's traced real numbers as a vector (n,), and the tree of such a vector."""
     # not `eqx.is_array`: concrete numbers are NumPy's, and have no derivative
-    traced, known = eqx.partition(tree, _moves)
+    traced, known = eqx.partition(tree, moves)
     leaves, structure = jax.tree.flatten(traced)
     ends = [0]
     for leaf in leaves:
@@ -45,11 +44,6 @@ def moving(
 
     numbers = [jnp.ravel(jnp.asarray(x, dtype)) for x in leaves]
     return (jnp.concatenate(numbers) if leaves else jnp.zeros(0, dtype)), make
-
-
-def _moves(x: object) -> bool:
-    """Whether it is a number that a derivative may be taken in."""
-    return not is_concrete(x) and jnp.issubdtype(jnp.result_type(x), jnp.floating)
 
 
 def implicit(
@@ -96,21 +90,6 @@ def zeros_of(shape: tuple[int, ...], p: Parameters, *still: object) -> Numbers:
 # ---- what has no derivative
 
 
-def refused(sentence: str, tree: Tree) -> Tree:
-    """The same numbers; to take a derivative in them is a `ValueError`."""
-
-    @jax.custom_jvp
-    def same(x: Numbers) -> Numbers:
-        return x
-
-    @same.defjvp
-    def refuse(primals, tangents):
-        del primals, tangents
-        raise ValueError(sentence)
-
-    return jax.tree.map(lambda x: same(x) if _moves(x) else x, tree)
-
-
 def first_order(x: Numbers) -> Numbers:
     """A first derivative; one of it is refused."""
     return refused(
@@ -136,8 +115,9 @@ def lost(tree: Tree, inputs: object) -> Tree:
 
     @nothing.defjvp
     def rule(primals, tangents):
-        moved = jnp.sum(no_number(tangents[0]))
-        return nothing(*primals), moved
+        zero = nothing(*primals)
+        # the factor has no derivative either, and so there is no second one
+        return zero, jnp.sum(no_number(tangents[0])) * (1.0 + zero)
 
     # broadcast behind the zero, for cotangents of unlike sign may have no sum
     zero = nothing(p)
@@ -146,11 +126,16 @@ def lost(tree: Tree, inputs: object) -> Tree:
         spread = jnp.broadcast_to(zero, jnp.shape(x)).astype(x.dtype)
         return x + no_number(spread)
 
-    return jax.tree.map(lambda x: without(x) if _moves(x) else x, tree)
+    return jax.tree.map(lambda x: without(x) if moves(x) else x, tree)
 
 
-def forward_only(question: str, tree: Tree) -> Tree:
-    """The same numbers; to take their derivatives in reverse mode is a `ValueError`."""
+def forward_only(question: str, tree: Tree, *, once: bool) -> Tree:
+    """The same numbers; to take their derivatives in reverse mode is a `ValueError`.
+
+    **Arguments:** `once`: whether to take second ones is one, too.
+    """
+    if once:
+        tree = _once(question, tree)
     sentence = (
         f"`{question}` has derivatives in forward mode only (the number of its steps "
         "is not known beforehand): use `jax.jvp` or `jax.jacfwd` for `jax.grad`, "
@@ -158,9 +143,27 @@ def forward_only(question: str, tree: Tree) -> Tree:
     )
 
     def marked(x: Numbers) -> Numbers:
-        return forward_alone(x, sentence) if _moves(x) else x
+        return forward_alone(x, sentence) if moves(x) else x
 
     return jax.tree.map(marked, tree)
+
+
+def _once(question: str, tree: Tree) -> Tree:
+    sentence = (
+        f"`{question}` has first derivatives only: second ones would need second "
+        "variations of cycles, and of when joints stick and slip. Take differences of "
+        "the first."
+    )
+
+    @jax.custom_jvp
+    def same(x: Numbers) -> Numbers:
+        return x
+
+    @same.defjvp
+    def rule(primals, tangents):
+        return same(*primals), refused(sentence, tangents[0])
+
+    return jax.tree.map(lambda x: same(x) if moves(x) else x, tree)
 
 
 def fixed(tree: Tree) -> Tree:

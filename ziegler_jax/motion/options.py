@@ -13,6 +13,7 @@ import equinox as eqx
 import numpy as np
 
 from ..context import overridden_tolerances
+from ..numerics.no_number import refused
 from ..numerics.numbers import (
     Count,
     Option,
@@ -25,6 +26,11 @@ from ..results import Settings
 from ..solvers import Explicit, Rosenbrock, Taylor
 
 Solver = Explicit | Rosenbrock | Taylor
+NO_SLOPE = (
+    "Arguments `rtol` and `atol` have no derivatives, but one in them was asked for: "
+    "what a tolerance changes is an error, no smooth function of it. Compare two "
+    "tolerances."
+)
 
 
 class AbstractOptions(eqx.Module):
@@ -110,7 +116,8 @@ class Method(AbstractOptions):
     Taylor8 stands for Tsit5 with the load `JointReaction()` and with a damping law of
     one's own.
 
-    **Raises:** `ValueError` for what is no such method, and numbers that break a rule.
+    **Raises:** `ValueError` for what is no such method, for numbers that break a rule,
+    and where a derivative in a tolerance is taken.
     """
 
     solver: Solver | None
@@ -127,8 +134,9 @@ class Method(AbstractOptions):
     ):
         """Check and keep them."""
         self.solver = None if solver is None else solver_of(solver)
-        self.rtol = None if rtol is None else number("rtol", rtol, "positive")
-        self.atol = None if atol is None else number("atol", atol, "positive")
+        rtol = None if rtol is None else number("rtol", rtol, "positive")
+        atol = None if atol is None else number("atol", atol, "positive")
+        self.rtol, self.atol = refused(NO_SLOPE, (rtol, atol))
         if max_steps is not None:
             max_steps = whole_number("max_steps", cast(int, max_steps))
         self.max_steps = max_steps
@@ -153,9 +161,9 @@ class Windows(AbstractOptions):
     r"""How long a motion is followed, and when it has settled.
 
     After a transient, windows follow each other until two consecutive ones agree in
-    each joint's swing, $|S_j - S_j'| \le$ `agreement` $S_j$ (see `settle`). Where
-    cycles are certified nothing has to agree: then they say when a motion is given up,
-    at `transient + length * max_windows`, and `agreement` is refused.
+    each joint's swing, $|S_j - S_j'| \le$ `agreement` $S_j$ + `atol` (see `settle`).
+    Where cycles are certified nothing has to agree: then they say when a motion is
+    given up, at `transient + length * max_windows`, and `agreement` is refused.
 
     **Arguments:** None is the question's own; times in $\sqrt{m l^2/k}$.
 

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 
 from ..model.column import Column, vector_field
 from ..numerics.numbers import Pair, Scalar, Vector4, instance, is_concrete, number
+from ..runtime import refuse_forked
 
 
 def is_stiff(column: Column, rtol: Scalar) -> jax.Array:
@@ -56,6 +57,7 @@ def is_stiff(column: Column, rtol: Scalar) -> jax.Array:
     **Raises:** `ValueError` for what is no `Column`, and for a concrete `rtol` that is
     not positive.
     """
+    refuse_forked()
     instance("column", column, Column)
     rtol = number("rtol", rtol, "positive")
     with ExitStack() as known:

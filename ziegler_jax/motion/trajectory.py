@@ -253,7 +253,8 @@ def trajectory(
 
     **Returns:** `Trajectory`.
 
-    **Derivatives:** forward, those of the steps; on the times, too.
+    **Derivatives:** forward, those of the steps; on the times, too. Second ones are
+    refused (`ValueError`) with set-valued friction.
 
     **Raises:** `ValueError` as `settle`, and for times that do not increase.
     """
@@ -292,4 +293,4 @@ def trajectory(
         events=run.folded.events,
         times=times,
     )
-    return forward_only("trajectory", history)
+    return forward_only("trajectory", history, once=column.sticks)

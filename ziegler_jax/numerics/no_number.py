@@ -1,17 +1,22 @@
-"""Two linear maps for derivatives: one that has no number, one for forward mode alone.
+"""Numbers whose derivatives are NaN, of forward mode alone, or refused.
 
-Both are primitives, for what they do to a cotangent no rule of JAX's own can say.
+The first two are primitives, for what they do to a cotangent no rule of JAX's own can
+say.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
+import jax
 import jax.numpy as jnp
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Shaped
 
+from .numbers import is_concrete
+
 Numbers = Shaped[Array, "*shape"]
+Tree = TypeVar("Tree")  # a pytree of numbers, concrete ones among them
 
 
 def no_number(x: Numbers) -> Numbers:
@@ -25,6 +30,26 @@ def no_number(x: Numbers) -> Numbers:
 def forward_alone(x: Numbers, sentence: str) -> Numbers:
     """The same numbers; a cotangent of them is a `ValueError` with this sentence."""
     return _forward_alone.bind(x, sentence=sentence)
+
+
+def refused(sentence: str, tree: Tree) -> Tree:
+    """The same numbers; to take a derivative in them is a `ValueError`."""
+
+    @jax.custom_jvp
+    def same(x: Numbers) -> Numbers:
+        return x
+
+    @same.defjvp
+    def refuse(primals, tangents):
+        del primals, tangents
+        raise ValueError(sentence)
+
+    return jax.tree.map(lambda x: same(x) if moves(x) else x, tree)
+
+
+def moves(x: object) -> bool:
+    """Whether it is a number that a derivative may be taken in."""
+    return not is_concrete(x) and jnp.issubdtype(jnp.result_type(x), jnp.floating)
 
 
 def _linear(name: str, forward: Callable, backward: Callable) -> Primitive:

@@ -123,22 +123,17 @@ def _note(here: xr.Dataset, motion: Trajectory, end: float) -> str:
         return f"The map's cell is {cells.name}, the motion shown is not."
     if not end > 0 or "joint_amplitude" not in here:
         return ""
-    return _unlike(here, motion)
+    return _unlike(here, motion, end)
 
 
-def _unlike(here: xr.Dataset, motion: Trajectory) -> str:
-    """Whether the motion's last turn is as large as the cell says."""
-    period = in_own_unit(here.get("period", xr.DataArray(np.nan)))
-    turn = period if period > 0 else 0.0  # at rest the last state
+def _unlike(here: xr.Dataset, motion: Trajectory, end: float) -> str:
+    """Whether the motion is as large at its end as the cell says."""
+    last = _observed(here, end)
+    if "joint" not in here.coords or last is None:
+        return ""
     ts, phi = np.asarray(motion.ts), np.asarray(motion.phi)
-    late = phi[ts >= ts[-1] - turn]
+    late = phi[ts >= ts[-1] - last]
     shown = np.abs(late - np.pad(late, ((0, 0), (1, 0)))[:, :-1]).max(axis=0)
-    at_rest = int(here.get("outcome", OUTCOME.complete)) in (
-        OUTCOME.stuck,
-        OUTCOME.rest,
-    )
-    if "joint" not in here.coords or not (at_rest or period > 0):
-        return ""  # a window's amplitude is not known from its last state
     joints = np.atleast_1d(here["joint"]).tolist()
     drawn = np.atleast_1d(here["joint_amplitude"]).tolist()
     for joint, one in zip(joints, drawn, strict=True):
@@ -148,6 +143,24 @@ def _unlike(here: xr.Dataset, motion: Trajectory) -> str:
                 f"{shown[joint - 1]:.4g} at the end of the motion shown."
             )
     return ""
+
+
+def _observed(here: xr.Dataset, end: float) -> float | None:
+    """For how long before its end the cell's motion was observed; None: not known."""
+    if "windows" in here:
+        transient, length = (here.attrs.get(n) for n in ("transient", "window_length"))
+        windows = int(here["windows"])
+        if windows < 0:  # it stuck in the transient
+            return 0.0
+        if not (isinstance(transient, float) and isinstance(length, float)):
+            return None
+        within = end - transient - windows * length
+        # it ended within a window, or with one
+        return within if within > 1e-9 * end else length
+    if int(here.get("outcome", OUTCOME.complete)) in (OUTCOME.stuck, OUTCOME.rest):
+        return 0.0  # the last state
+    period = in_own_unit(here.get("period", xr.DataArray(np.nan)))
+    return period if period > 0 else None
 
 
 def in_own_unit(number: xr.DataArray) -> float:

@@ -184,7 +184,8 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         verdict = None if signals is None else signals.verdict
         if verdict is None:
             verdict = self.verdict(t0, t1, y0, y1_candidate, error, error_order, cut)
-        keep, h = verdict.accepts > 0, tried * verdict.factor
+        # one that was shortened to a stop moves with it, those behind it do not
+        keep, h = verdict.accepts > 0, lax.stop_gradient(tried) * verdict.factor
         if not whole:
             # one that was shortened to a stop says little about how long one may be
             shortened = keep & (tried < 0.9 * allowed)

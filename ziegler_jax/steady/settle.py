@@ -102,7 +102,7 @@ def settle(
     $S_j$ (largest minus smallest angle) of each joint that moves, over at least one
     whole return of it,
 
-    $$|S_j - S_j'| \le \mathrm{agreement}\; S_j,$$
+    $$|S_j - S_j'| \le \mathrm{agreement}\; S_j + \mathrm{atol},$$
 
     and the load pays for what friction and damping take out, to half of it at least
     (`steady/repeats.py`). Then the outcome is `repeats`: no certificate. Where nothing
@@ -132,29 +132,30 @@ def settle(
         steps. Not with `Rosenbrock()`. It fits no column that dissipates
         nothing: there no cycle attracts.
 
-    **Returns:** `Settled`. Where the outcome is a failure (before `unsettled` in
-    `OUTCOME`), observed numbers and `drift` are NaN.
+    **Returns:** `Settled`. Where the outcome stands before `unsettled` in `OUTCOME`,
+    observed numbers and `drift` are NaN.
 
-    **Derivatives:** forward (`jax.jvp`, `jax.jacfwd`), first order. Of a certified
-    cycle they are those of its fixed point, see `steady/derivative.py`; on the start
-    and the options it does not depend. Its `final` state and `time` depend on when the
-    verdict came, which no derivative says, as do all numbers of a motion that came to
-    rest under a smoothed law or without friction: theirs are NaN, and so are those of
-    `drift` and `growth`. Else they are those of the motion's steps, whose size does
-    not follow the tangents' error: it grows with the time, and at the usual tolerance
-    the first digit can be wrong. With `certify=False` ask for `Method(rtol=1e-10)`, and
-    compare with differences. Reverse mode is refused (`ValueError`): the number of
-    steps is not known beforehand.
+    **Derivatives:** forward (`jax.jvp`, `jax.jacfwd`), first order; second ones are
+    refused (`ValueError`). Of a certified cycle they are those of its fixed point, see
+    `steady/derivative.py`; on the start and the options it does not depend. Its `final`
+    state and `time` depend on when the verdict came, which no derivative says, as do,
+    where cycles are certified, all numbers of a motion that came to rest under a
+    smoothed law or without friction: theirs are NaN, and so are those of `drift` and
+    `growth`. Else they are those of the motion's steps (by windows, at rest too: of the
+    last window), whose size does not follow the tangents' error: it grows with the
+    time, and at the usual tolerance the first digit can be wrong. With `certify=False`
+    ask for `Method(rtol=1e-10)`, and compare with differences. Reverse mode is refused
+    (`ValueError`): the number of steps is not known beforehand.
 
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit session.
     """
     scene = column, start, "settle", windows, observers, method
     motion = settling(*scene, certify)
     if not isinstance(motion, CertifiedMotion):
-        return forward_only("settle", settled(motion, follow(motion)))
+        return forward_only("settle", settled(motion, follow(motion)), once=True)
     fixed_scene = (*fixed((column, start)), "settle", *fixed(scene[3:]))
     still = CertifiedMotion(*fixed_scene, odd=fixed(motion.odd))
-    return forward_only("settle", settled(motion, still.follow()))
+    return forward_only("settle", settled(motion, still.follow()), once=True)
 
 
 Settling = CertifiedMotion | SettleProblem
@@ -210,7 +211,7 @@ def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settle
     failed = run.outcome < OUTCOME.unsettled
     named = _nan_where_failed(failed, named)
     named["windows"] = Variable(run.folded.spans, "observed windows")
-    how, scene = ending(run), (motion.column, motion.y0, motion.windows, motion.method)
+    how, scene = ending(run), (motion.column, motion.y0, motion.windows)
     # a failure is noticed at the end of a step: when that is, no derivative says
     ends = how["final"], how["time"]
     how["final"], how["time"] = tree_where(failed, lost(ends, scene), ends)
@@ -244,7 +245,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     )
     move = carried(motion, place, floats(named).size)
     # a cycle does not depend on options, the end of another motion does
-    options = motion.windows.transient, motion.windows.length, motion.method
+    options = motion.windows.transient, motion.windows.length
     move = tree_where(closed, move, lost(move, options))
     named = _nan_where_failed(
         end.outcome < OUTCOME.unsettled, with_zeros(named, move.observed)
@@ -268,7 +269,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     named |= certificate
     if motion.grows:
         largest = cast(Grown, end.march.folded.grown).largest
-        largest = lost(largest, (motion.column, motion.y0, motion.method))
+        largest = lost(largest, (motion.column, motion.y0))
         failed = end.outcome < OUTCOME.unsettled
         named |= growth_variables(largest, failed, cast(Scalar, motion.method.rtol))
     how, scene = ending(end), (motion.column, motion.y0, *options)

@@ -201,13 +201,16 @@ def evaluate_where(
 
 _MORE_STEPS = "name more, `Method(max_steps=...)`; where it is stiff, `Rosenbrock()`"
 # Codes with which a lane failed, of whatever question, and what to do. A column that
-# turned over did not fail, nor did a motion that is undecided.
+# turned over did not fail, nor did a motion that is undecided, nor a search that found
+# rest for a cycle.
 REMEDIES = {
     "invalid": "leave such points out by `where`",
     "not_finite": "ask the question there alone, under `jax.debug_nans(True)`",
     "step_vanished": "name larger `Method(rtol=..., atol=...)`, or `Rosenbrock()`",
     "budget_spent": _MORE_STEPS,
     "not_integrated": _MORE_STEPS,
+    "no_return": "name a longer `max_time`, or a guess nearer to the cycle",
+    "not_converged": "name a guess nearer to the cycle; a branch ends there",
     "chattering": "smooth the friction, e.g. by `SmoothCoulomb`",
 }
 
@@ -223,9 +226,8 @@ class Tally(NamedTuple):
 
     @property
     def failures(self) -> int:
-        """Points whose numbers are NaN."""
-        failed = (code for code in OUTCOME if code < OUTCOME.unsettled)
-        return sum(self.outcomes.get(code.name, 0) for code in failed)
+        """Motions that failed."""
+        return sum(self.outcomes.get(code, 0) for code in REMEDIES)
 
 
 class BlockAssembler:
