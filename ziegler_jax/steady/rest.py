@@ -44,6 +44,7 @@ BESIDE = 1e-6  # of it: at rest itself a law of |u| has no slope to JAX
 MEANS = 8  # slopes from the least to the greatest that a motion may feel in the mean
 DECADES = 1e-4  # of the greatest: below it they are not told apart
 JOINTS = ((1.0, 1.0), (0.0, 1.0))  # the rods that the angle of one joint turns
+Damping = tuple[Array, Array]  # a column of C: against the first joint, the second
 
 
 class Speeds(NamedTuple):
@@ -203,9 +204,7 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     return jnp.all(damped) | (rate == 0)
 
 
-def _between(
-    low: tuple[Array, Array], high: tuple[Array, Array], joint: int, one: bool
-) -> tuple[Array, Array]:
+def _between(low: Damping, high: Damping, joint: int, one: bool) -> Damping:
     """Columns of C from one to another, each by the same ratio greater than the last.
 
     **Arguments:** `joint`: by whose force; `one`: whether there is one alone.
