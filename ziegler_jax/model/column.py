@@ -221,8 +221,11 @@ def energy(column: Column, y: Vector4 | State) -> jax.Array:
     """
     refuse_forked()
     y = scalars_of(y)
+    return jnp.asarray(_energy(column, y, sincos(y[0] - y[1])[1]))
+
+
+def _energy(column: Column, y: Vector4, cos_d: Scalar) -> Scalar:
     phi1, phi2, w1, w2 = y
-    _, cos_d = sincos(phi1 - phi2)
     kinetic = column.a * w1 * w1 / 2 + column.d * w2 * w2 / 2
     kinetic += column.b * cos_d * w1 * w2
     return kinetic + (column.kappa * phi1**2 + (phi2 - phi1) ** 2) / 2
@@ -268,31 +271,34 @@ def power(column: Column, y: Vector4 | State) -> Power:
     return Power(follower, damping, friction)
 
 
-def energy_rate(column: Column, y: Vector4, accelerations: Pair) -> Scalar:
-    r"""How the energy changes, from the state and its accelerations alone.
+class EnergyBalance(NamedTuple):
+    """The energy, its time derivative, and what friction and damping take out."""
+
+    energy: Scalar
+    rate: Scalar
+    loss: Scalar
+
+
+def energy_balance(column: Column, y: Vector4, accelerations: Pair) -> EnergyBalance:
+    r"""The energy and its balance, from the state and its accelerations alone.
 
     $$\frac{dE}{dt} = a\omega_1\dot\omega_1 + b\cos D\,(\dot\omega_1\omega_2 +
     \omega_1\dot\omega_2) - b\sin D\,(\omega_1 - \omega_2)\,\omega_1\omega_2 +
     d\omega_2\dot\omega_2 + \kappa\phi_1\omega_1 + (\phi_2 - \phi_1)(\omega_2 -
     \omega_1)$$
+
+    The loss is $Q\cdot\omega - dE/dt$, the sum of the last two parts of `power`,
+    whatever the laws are: none is evaluated.
     """
     phi1, phi2, w1, w2 = y
     a1, a2 = accelerations
     sin_d, cos_d = sincos(phi1 - phi2)
-    kinetic = column.a * w1 * a1 + column.d * w2 * a2
-    kinetic += column.b * (cos_d * (a1 * w2 + w1 * a2) - sin_d * (w1 - w2) * w1 * w2)
-    return kinetic + column.kappa * phi1 * w1 + (phi2 - phi1) * (w2 - w1)
-
-
-def dissipated(column: Column, y: Vector4, accelerations: Pair) -> Scalar:
-    """What friction and damping take out: what the load feeds in less `energy_rate`.
-
-    The sum of the last two parts of `power`, whatever the laws are: none is evaluated.
-    """
-    phi1, phi2, w1, w2 = y
-    load1, load2 = _load(column, y, sincos(phi1 - phi2)[0])
+    rate = column.a * w1 * a1 + column.d * w2 * a2
+    rate += column.b * (cos_d * (a1 * w2 + w1 * a2) - sin_d * (w1 - w2) * w1 * w2)
+    rate += column.kappa * phi1 * w1 + (phi2 - phi1) * (w2 - w1)
+    load1, load2 = _load(column, y, sin_d)
     fed = load1 * w1 + (0.0 if load2 is None else load2 * w2)
-    return fed - energy_rate(column, y, accelerations)
+    return EnergyBalance(_energy(column, y, cos_d), rate, fed - rate)
 
 
 def joint_balance(column: Column, y: Vector4) -> Dynamics:

@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from ..model.column import Column, dissipated, energy, energy_rate, power
+from ..model.column import Column, EnergyBalance, energy, energy_balance, power
 from ..numerics.elementary import larger, smaller
 from ..numerics.hermite import HermiteQuartic, cubic
-from ..numerics.numbers import Flag, Pair, Scalar, Traced, Traced4, Vector4
+from ..numerics.numbers import Flag, Pair, Scalar, Traced4, Vector4
 from ..results import OUTCOME
 from ..solvers import Step
 
@@ -39,22 +39,14 @@ PAID = 0.25  # of the losses: what the energy may have changed by
 DOUBT = 100.0
 
 
-class Course(NamedTuple):
-    """The energy where a step ends, and how it changes there."""
-
-    energy: Traced
-    rate: Scalar  # its time derivative
-    loss: Scalar  # what friction and damping take out a unit of time
-
-
 class Window(NamedTuple):
     """What a window has seen beside the observers."""
 
     turns: Pair  # how often each joint's angle has turned down
     low: Pair  # the least energy where it did
     high: Pair  # the greatest
-    lost: Traced  # what friction and damping have taken out
-    now: Course  # at the last step's end
+    lost: Scalar  # what friction and damping have taken out
+    now: EnergyBalance  # at the last step's end
 
 
 class Before(NamedTuple):
@@ -63,7 +55,7 @@ class Before(NamedTuple):
     swings: Pair
     low: Pair
     high: Pair
-    lost: Traced
+    lost: Scalar
 
 
 class Noise(NamedTuple):
@@ -81,28 +73,28 @@ class Agreement(NamedTuple):
     outcome: Scalar  # `not_computed` where they do not agree
 
 
-def begun(now: Course) -> Window:
+def begun(now: EnergyBalance) -> Window:
     """At a window's start."""
     zero = 0.0 * now.energy
     least, most = zero + jnp.inf, zero - jnp.inf
     return Window((zero, zero), (least, least), (most, most), zero, now)
 
 
-def at_start(column: Column, y: Vector4) -> Course:
+def at_start(column: Column, y: Vector4) -> EnergyBalance:
     """Where no step has told how the energy changes."""
     zero = 0.0 * y[0]
-    return Course(energy(column, y), zero, zero)
+    return EnergyBalance(energy(column, y), zero, zero)
 
 
-def at_end(column: Column, step: Step) -> Course:
+def at_end(column: Column, step: Step) -> EnergyBalance:
     """Where a step ends."""
+    if not step.modes:
+        return energy_balance(column, step.y1, (step.f1[2], step.f1[3]))
+    # the last accelerations are not quite those at its end
     there = energy(column, step.y1)
-    if step.modes:  # the last accelerations are not quite those at its end
-        fed, *losses = power(column, step.y1)
-        loss = sum((x for x in losses if x is not None), 0.0 * there)
-        return Course(there, fed - loss, loss)
-    ends = column, step.y1, (step.f1[2], step.f1[3])
-    return Course(there, energy_rate(*ends), dissipated(*ends))
+    fed, *losses = power(column, step.y1)
+    loss = sum((x for x in losses if x is not None), 0.0 * there)
+    return EnergyBalance(there, fed - loss, loss)
 
 
 def watched(column: Column, window: Window, step: Step) -> Window:
@@ -111,18 +103,16 @@ def watched(column: Column, window: Window, step: Step) -> Window:
     course = cubic(before.energy, after.energy, h * before.rate, h * after.rate)
     ends = step.y0, step.y1, step.f0[2:], step.f1[2:]
     rates = zip(*map(by_joint, ends), strict=True)
-    turned = [
-        turned_down(cubic(u0, u1, h * v0, h * v1), course) for u0, u1, v0, v1 in rates
-    ]
+    turned = [turn(cubic(u0, u1, h * v0, h * v1), course) for u0, u1, v0, v1 in rates]
     turns, low, high = window.turns, window.low, window.high
-    turns = paired(lambda by, n: n + jnp.where(by[0], 1.0, 0.0), turned, turns)
-    low = paired(lambda by, x: smaller(x, jnp.where(by[0], by[1], x)), turned, low)
-    high = paired(lambda by, x: larger(x, jnp.where(by[0], by[1], x)), turned, high)
+    turns = of_both(lambda by, n: n + jnp.where(by[0], 1.0, 0.0), turned, turns)
+    low = of_both(lambda by, x: smaller(x, jnp.where(by[0], by[1], x)), turned, low)
+    high = of_both(lambda by, x: larger(x, jnp.where(by[0], by[1], x)), turned, high)
     lost = window.lost + h * (before.loss + after.loss) / 2
     return Window(turns, low, high, lost, now=after)
 
 
-def paired(function: Callable[..., Scalar], one: Sequence, other: Sequence) -> Pair:
+def of_both(function: Callable[..., Scalar], one: Sequence, other: Sequence) -> Pair:
     """What a function of one joint's numbers gives for both."""
     first, second = map(function, one, other)
     return first, second
@@ -134,7 +124,7 @@ def by_joint(rods: Traced4 | Pair) -> Pair:
     return first, second - first
 
 
-def turned_down(rate: HermiteQuartic, energy: HermiteQuartic) -> tuple[Flag, Scalar]:
+def turn(rate: HermiteQuartic, energy: HermiteQuartic) -> tuple[Flag, Scalar]:
     """Whether a joint's rate falls through zero in a step, and the energy there.
 
     The place is the chord's and one step of Newton's method.
@@ -161,8 +151,8 @@ def compared(
     floor, rtol, atol = noise
     agrees, moves, paid = jnp.asarray(True), jnp.asarray(False), jnp.asarray(False)
     drift, lost = 0.0 * window.lost, before.lost + window.lost
-    low = paired(smaller, before.low, window.low)
-    high = paired(larger, before.high, window.high)
+    low = of_both(smaller, before.low, window.low)
+    high = of_both(larger, before.high, window.high)
     joints = swings, before.swings, window.turns, low, high
     for swing, other, turns, least, most in zip(*joints, strict=True):
         change, still = jnp.abs(swing - other), (swing <= floor) & (other <= floor)

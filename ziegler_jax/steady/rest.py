@@ -180,9 +180,9 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
 
     blank = (zero, zero), (zero, zero)
     columns = tuple(map(jnp.asarray, zip(*rows, strict=True)))
-    _, (found, *ends) = lax.scan(along, blank, columns)
+    _, (every, *ends) = lax.scan(along, blank, columns)
     first, second = 0, len(sizes) + 1  # the joints' rows
-    (k11, k12), (k21, k22) = ((force[first], force[second]) for force in found)
+    (k11, k12), (k21, k22) = ((force[first], force[second]) for force in every)
     low, high = ends
     last1, last2 = second - 1, -1
     low1, high1 = ((force1[last1], force2[last1]) for force1, force2 in (low, high))
