@@ -321,7 +321,7 @@ def test_powers_are_integrated_only_where_asked_for():
 
 
 def test_one_window_keeps_nothing_to_compare():
-    """Of two joints turns, the least and the greatest energy; losses; three of a balance.
+    """Of joints turns, the least and the greatest energy; losses; three of a balance.
 
     Of the window before the same energies, losses and swings; and how far swings moved.
     """
