@@ -9,8 +9,8 @@
 """
 
 import itertools
-from collections.abc import Callable, Hashable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import wraps
 from typing import NamedTuple, ParamSpec, TypeVar, cast
 
@@ -19,7 +19,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .own_values import own_values
 from .runtime import own_flags, refuse_forked
 
 
@@ -29,14 +28,13 @@ class Context(NamedTuple):
     `tolerance` replaces rtol, and atol follows in the scene's own ratio; `factor`
     multiplies both; `solver` replaces the solver, where it is not None. `trace` is a
     number of its own for each sweep: what JAX or diffrax traced for an earlier one is
-    not asked, as it may have read an attribute that has changed since. A question that
-    holds nothing of the user's own has a key of its values there.
+    not asked, as it may have read an attribute that has changed since.
     """
 
     tolerance: float | None = None
     factor: float = 1.0
     solver: eqx.Module | None = None
-    trace: Hashable = 0
+    trace: int = 0
 
 
 Solver = TypeVar("Solver")
@@ -58,17 +56,6 @@ def current_context() -> Context:
 def of_its_own() -> Context:
     """This thread's context, with a trace that no cache has seen."""
     return current_context()._replace(trace=next(_TRACES))
-
-
-def as_traced_before(*scene: object) -> AbstractContextManager[None]:
-    """A context manager: JAX keeps what it traced of this question in earlier sweeps.
-
-    Only where the scene holds nothing of the user's own, which might have changed.
-    """
-    context = current_context()
-    # outside of a sweep JAX remembers as it always does
-    key = own_values((scene, context.solver)) if context.trace else None
-    return nullcontext() if key is None else within(context._replace(trace=key))
 
 
 def overridden_tolerances(
@@ -105,7 +92,7 @@ def plain(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
                 'bits; type `jax.config.update("jax_enable_x64", True)` before it, '
                 "or use `sweep`."
             )
-        with own_flags(), as_traced_before(args, options):
+        with own_flags():
             return function(*args, **options)
 
     return computed

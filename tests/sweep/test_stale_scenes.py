@@ -255,24 +255,24 @@ def test_laws_that_read_an_attribute_are_traced_anew(
     assert after == pytest.approx(once(scene), rel=1e-12)
 
 
-@pytest.mark.parametrize("observer, again", [(None, False), (OwnObserver(), True)])
-def test_what_holds_nothing_of_the_users_own_is_traced_once(
-    observer, again, monkeypatch
-):
-    """Its law of friction is evaluated in the first sweep alone."""
+@pytest.mark.parametrize(
+    "keep, again", [(lambda point: point, True), (zj.Program, False)]
+)
+def test_a_point_is_traced_anew_and_a_program_once(keep, again, monkeypatch):
+    """The law of friction is evaluated in the first sweep alone, or in each."""
     asked = []
     torque = friction.torque
     monkeypatch.setattr(
         friction, "torque", lambda u, curve: asked.append(None) or torque(u, curve)
     )
 
-    def scene(x):
+    def point(x):
         law = zj.SmoothCoulomb(0.3 * x, pin_radius=0.05, v_smooth=0.011)
         column = zj.uniform_rods(1.0, friction=law)
-        observers = () if observer is None else (observer,)
-        settled = zj.settle(column, START, observers=observers, **SHORT, certify=False)
+        settled = zj.settle(column, START, **SHORT, certify=False)
         return {"value": settled.final.phi[0]}
 
+    scene = keep(point)
     first = once(scene)
     before = len(asked)
     assert before > 0 and once(scene) == first

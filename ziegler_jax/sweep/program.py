@@ -1,10 +1,9 @@
 """What a sweep compiles: the scene, known by its equations, for a batch of lanes.
 
 A scene is traced anew at each sweep, in a trace of its own: whatever it reads, an
-attribute of an object, a table, the environment, is read again. (A question that it
-asks of this package's own values alone is not, see `as_traced_before`.) What was traced
-is known by its digest: one of the scene, by which stores and `merge` know it, and one
-of each stage, by which its compiled program is found again. So a sweep of what has not
+attribute of an object, a table, the environment, is read again. What was traced is
+known by its digest: one of the scene, by which stores and `merge` know it, and one of
+each stage, by which its compiled program is found again. So a sweep of what has not
 changed is neither lowered nor compiled again, and one of what has is never answered by
 the old program.
 """

@@ -83,9 +83,7 @@ def sweep(
         dimensions) and results. It is traced
         anew at each sweep, so that whatever it reads is read again, but compiled only
         if that changed its program. (A function that you give to `jax.jit` yourself and
-        call on plain numbers is JAX's to remember; a question that you ask of this
-        package's own values alone, without a law or observer of your own, is traced
-        once: assign no methods of its classes.) The motions that it follows one
+        call on plain numbers is JAX's to remember.) The motions that it follows one
         after the other (`settle`, `periodic_orbit`, `verdict`, ...) run in chunks of
         steps, each in batches of its own, in which a lane makes room for the next one
         as soon as its motion has ended. Motions inside a transformation of your own
