@@ -89,17 +89,23 @@ def test_late_ends_are_followed_again(written):
     )
     assert (marks["growth"].values[late] >= 1).all()
     count = int((marks["sensitive"] == 1).sum())
-    assert f"followed again: {late.sum()} (" in said
-    assert f"depend on the tolerance: {count}\n" in said and str(name) in said
+    assert f"settled after t = 120: {late.sum()} (" in said
+    assert f"may end otherwise: {count}.\n" in said and str(name) in said
 
 
-def test_the_summary_counts_every_outcome(written):
+def test_the_summary_counts_every_outcome_that_there_is(written):
     folder, text = written
     ds = xr.open_zarr(folder / "bifurcation_map.zarr", consolidated=False)
-    for code in zj.OUTCOME:
-        (line,) = [x for x in text.splitlines() if x.split()[:1] == [code.name]]
-        assert int(line.split()[1]) == int((ds["outcome"] == code).sum())
-    assert "points per second" in text and "share of useful steps" in text
+    total = int((ds["outcome"] != zj.OUTCOME.not_computed).sum())
+    assert text.startswith(f"{total} motions, each")
+    for code in list(zj.OUTCOME)[1:]:
+        lines = [x for x in text.splitlines() if f"%  {code.name}: " in x]
+        count = int((ds["outcome"] == code).sum())
+        assert len(lines) == (count > 0)
+        for line in lines:
+            assert line.split()[:2] == [str(count), f"{count / total:.1%}"]
+            assert code.sentence in line
+    assert "motions a second on" in text and "XLA" not in text
     assert "< q_on <=" in text and "bifurcation_map.png" in text
 
 
@@ -227,7 +233,7 @@ def test_a_closed_stdout_is_named_and_the_map_is_written(written, tmp_path, clos
         process.stdout.close()
         (line,) = process.stderr.read().splitlines()
     assert process.returncode == 3
-    assert line.startswith("Standard output took nothing; written: ")
+    assert line.startswith("Standard output took nothing. Written: ")
     assert (tmp_path / job.PICTURE).read_bytes().startswith(PNG)
 
 
@@ -260,7 +266,7 @@ def test_letters_that_stdout_lacks_are_written_as_their_codes(
     folder = tmp_path / "F\u00f6hn"
     assert job.main(["--out", str(folder)]) == 0
     last = raw.getvalue().decode("ascii").splitlines()[-1]
-    assert last.startswith("written: ") and "F\\xf6hn" in last
+    assert last.startswith("Written: ") and "F\\xf6hn" in last
     assert (folder / job.PICTURE).exists()
 
 

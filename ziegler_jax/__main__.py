@@ -157,49 +157,69 @@ def draw(ds: xr.Dataset, path: Path) -> None:
 
 
 def summary(ds: xr.Dataset) -> str:
-    """What the map cost and what it holds, in a few lines."""
+    """What the map holds, where flutter begins, and what it cost."""
     a, outcome = ds.attrs, ds["outcome"].values
-    counts = [(code, int((outcome == code).sum())) for code in zj.OUTCOME]
-    lines = [f"{a['points']} points"]
+    ends = outcome[outcome != zj.OUTCOME.not_computed]
+    lines = [f"{_count(ends.size)} motions. How they ended:"]
+    lines += _shares(ends, zj.OUTCOME, ends.size, "  ")
+    undecided = ds["undecided"].values[outcome == zj.OUTCOME.unsettled]
+    if undecided.size:
+        lines.append("What the unsettled ones may be:")
+        lines += _shares(undecided, zj.UNDECIDED, ends.size, "  ")
+    begins = [line for ratio, _ in SECTIONS for line in _onsets(section(ds, ratio))]
+    if begins:
+        lines.append("Flutter begins between the last stuck q and the first cycle's:")
+        lines += begins
     if "run_seconds" in a:  # not where the last run was killed after its last point
-        lines += [
-            f"the last run that computed any: {a['run_seconds']:.1f} s after "
+        lines.append(
+            f"The last run that computed any took {a['run_seconds']:.1f} s after "
             f"{a['compile_seconds']:.1f} s of compilation, "
-            f"{a['points_per_second']:.0f} points per second on {a['threads']} threads",
-            f"share of useful steps: {a['useful_step_fraction']:.3f}",
-        ]
-    lines += ["outcomes:"]
-    lines += [
-        f"  {code.name:12s} {count:8d}  {code.sentence}" for code, count in counts
-    ]
-    kinds = ds["undecided"].values[outcome == zj.OUTCOME.unsettled]
-    counts = [(kind, int((kinds == kind).sum())) for kind in list(zj.UNDECIDED)[1:]]
-    lines.append("the unsettled ones by kind:")
-    lines += [f"  {kind.name:13s} {n:7d}  {kind.sentence}" for kind, n in counts]
-    lines.append("flutter onset, between the last stuck q and the first cycle's:")
-    for ratio, _ in SECTIONS:
-        plane = section(ds, ratio)
-        low, high = onset(plane)
-        for mu in ONSET_AT:
-            row = int(np.abs(plane["mu_s"].values - mu).argmin())
-            if abs(plane["mu_s"].values[row] - mu) > 1e-9:
-                continue
-            where = f"  mu_s = {mu:.2f}, mu_k = {plane['mu_k'].values[row]:.4f}: "
-            if np.isfinite(low[row]):
-                lines.append(f"{where}{low[row]:.3f} < q_on <= {high[row]:.3f}")
-            elif (plane["outcome"].isel(mu_s=row) != zj.OUTCOME.not_computed).any():
-                lines.append(f"{where}not on this grid")
+            f"{_count(round(a['points_per_second']))} motions a second on "
+            f"{a['threads']} threads."
+        )
     return "\n".join(lines)
+
+
+def _count(number: int) -> str:
+    return f"{number:,}".replace(",", " ")
+
+
+def _shares(codes: np.ndarray, kinds, whole: int, indent: str) -> list[str]:
+    """A line for each code that there is, the most frequent one first."""
+    counts = [(int((codes == kind).sum()), kind) for kind in kinds]
+    counts = sorted((-count, kind) for count, kind in counts if count)
+    return [
+        f"{indent}{_count(-count):>10s} {-count / whole:6.1%}  {kind.name}: "
+        f"{kind.sentence}"
+        for count, kind in counts
+    ]
+
+
+def _onsets(plane: xr.Dataset) -> list[str]:
+    """Where flutter begins in a section, at some of its frictions."""
+    lines, (low, high), mu_s = [], onset(plane), plane["mu_s"].values
+    for mu in ONSET_AT:
+        row = int(np.abs(mu_s - mu).argmin())
+        if abs(mu_s[row] - mu) > 1e-9:
+            continue
+        where = f"  mu_s = {mu:.2f}, mu_k = {plane['mu_k'].values[row]:.4f}: "
+        if np.isfinite(low[row]):
+            lines.append(f"{where}{low[row]:.3f} < q_on <= {high[row]:.3f}")
+        elif (plane["outcome"].isel(mu_s=row) != zj.OUTCOME.not_computed).any():
+            lines.append(f"{where}not on this grid")
+    return lines
 
 
 def sensitive_summary(ds: xr.Dataset) -> str:
     """How many points settled late, and how many of these other steps may change."""
     a, marks = ds.attrs, int((ds["sensitive"].values == 1).sum())
-    text = f"settled after t = {LATE:.0f} and followed again: {a['points']}"
+    text = (
+        f"Followed again, as they settled after t = {LATE:.0f}: {_count(a['points'])}"
+    )
     if "run_seconds" in a:
-        text += f" (the last run {a['run_seconds']:.1f} s after "
+        text += f" (the last run took {a['run_seconds']:.1f} s after "
         text += f"{a['compile_seconds']:.1f} s of compilation)"
-    return f"{text}; sensitive, their end may depend on the tolerance: {marks}"
+    return f"{text}; other tolerances may end otherwise: {_count(marks)}."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -210,7 +230,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     marks = options.out / SENSITIVE_STORE
     advice = ADVICE.format(" without --overwrite" if options.overwrite else "")
     try:
-        printed = _say(zj.configure_cpu())
+        zj.configure_cpu()
+        q, mu = grid(options.points)
+        count = _count(q.size * mu.size * (mu.size + 1) // 2)
+        printed = _say(
+            f"{count} motions, each kicked once and followed until it settles, into "
+            f"{store}."
+        )
         with _ended_by_ctrl_c(f"Stopped: {advice}."):
             with _refused_by(parser):
                 ds = compute(options.points, store, options.overwrite)
@@ -226,11 +252,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         print(f"Could not write to {options.out}: {error}; {advice}.", file=sys.stderr)
         return 1
-    written = f"written: {store}, {picture}"
-    written += f", {marks}" if options.sensitive else ""
+    written = f"Written: {store}, {picture}"
+    written += f", {marks}." if options.sensitive else "."
     if printed and _say(written):
         return 0
-    print(f"Standard output took nothing; {written}", file=sys.stderr)
+    print(f"Standard output took nothing. {written}", file=sys.stderr)
     return 3
 
 
