@@ -94,7 +94,10 @@ def in_unit(ds, unit):
         (lambda ds: ds.drop_vars("z"), ("holds", "'z'")),
         (lambda ds: ds.assign(z=ds.z + 1), ("`z`", "x = 1", "agree")),
         (lambda ds: ds.assign_coords(w=("x", [1.0])), ("`w`", "xr.concat")),
-        (lambda ds: ds.assign_coords(x=[1.0]), ("`units`", "`x`", "None", "'1'")),
+        (
+            lambda ds: ds.assign_coords(x=("x", [1.0], {"units": "m"})),
+            ("`units`", "`x`", "'m'", "'1'"),
+        ),
         (lambda ds: in_unit(ds, "mm"), ("`units`", "`z`", "'mm'", "'1'")),
         (lambda ds: ds.assign_coords(c=1.0), ("labels", "'c'")),
         (lambda ds: 3, ("`sweeps[1]`", "3")),
@@ -106,6 +109,13 @@ def test_what_is_not_of_one_scene_is_refused(change, words):
     with pytest.raises(ValueError) as error:
         zj.merge(ds, change(part))
     assert all(word in str(error.value) for word in words), error.value
+
+
+def test_a_coordinate_assigned_anew_and_axes_in_another_order_are_joined():
+    ds = sweep([0.0, 1.0], [0.0, 2.0])
+    left, right = ds.isel(x=[0]), ds.isel(x=[1])
+    other = right.assign_coords(x=right.x.values).transpose()
+    assert zj.merge(left, other).identical(zj.merge(left, right))
 
 
 def test_a_number_that_both_are_at_stays_and_another_is_refused():

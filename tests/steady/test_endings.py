@@ -89,6 +89,25 @@ def test_under_a_load_that_does_not_pay_nothing_repeats():
     assert (found != OUTCOME.repeats).all()
 
 
+def test_a_cycle_whose_joints_turn_several_times_a_period_repeats():
+    """Each turn has an energy of its own; certificates say that both are cycles."""
+
+    def ends(q, kappa, follower, c1, c2, tau, a, b):
+        law = zj.SmoothCoulomb(
+            tau, pin_radius=1.0, v_smooth=0.05, load=zj.ConstantLoad(1.0)
+        )
+        column = zj.uniform_rods(
+            q, kappa=kappa, follower=follower, damping=zj.Viscous(c1, c2), friction=law
+        )
+        return zj.settle(column, zj.State((a, b)), certify=False).outcome
+
+    found = jax.jit(jax.vmap(ends))(*jnp.array([
+        [2.533, 0.5659, 0.7566, 0.004078, 0.00799, 0.0039, 0.03276, 0.1],
+        [2.297, 1.73, 0.8587, 0.0005033, 0.00455, 0.0006806, -0.3406, 0.0],
+    ]).T)  # fmt: skip
+    assert (found == OUTCOME.repeats).all()
+
+
 @pytest.mark.parametrize("offset", [0.5, 0.0])
 def test_an_offset_does_not_hide_that_a_joint_rings_down(offset):
     """Joint 1 sticks; joint 2 rings at 0.01 rad and loses 4 tau a period.

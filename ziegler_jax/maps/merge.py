@@ -73,6 +73,8 @@ def merge(*sweeps: xr.Dataset, versions: Literal["same", "any"] = "same") -> xr.
         raise ValueError("Arguments of `merge` must be datasets, but there are none.")
     for number, ds in enumerate(sweeps):
         instance(f"sweeps[{number}]", ds, xr.Dataset)
+    sweeps = (sweeps[0], *(_in_order(sweeps[0], ds) for ds in sweeps[1:]))
+    for number, ds in enumerate(sweeps):
         along = [n for n, c in ds.coords.items() if c.ndim and n not in ds.indexes]
         if along:
             raise ValueError(
@@ -247,6 +249,16 @@ def _refuse(number: int, what: str, two: object, one: object) -> NoReturn:
     )
 
 
+def _in_order(first: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
+    """Its variables over the dimensions in the first's order."""
+    turned = {}
+    for name, one in first.data_vars.items():
+        dims = other[name].dims if name in other else ()
+        if dims != one.dims and {*dims} == {*one.dims}:
+            turned[name] = other[name].transpose(*one.dims)
+    return other.assign(turned) if turned else other
+
+
 def _check_like(first: xr.Dataset, other: xr.Dataset, number: int) -> None:
     """Refuse a sweep of other variables, or of the same in other units."""
     for what, one, two in (
@@ -260,7 +272,9 @@ def _check_like(first: xr.Dataset, other: xr.Dataset, number: int) -> None:
         if two.dims != one.dims:
             _refuse(number, f"its `{name}` has the dimensions", two.dims, one.dims)
         key = unlike_meaning(one.attrs, two.attrs)
-        if key is not None:
+        # xarray forgets attributes where a coordinate is assigned anew
+        said = {key} <= {*one.attrs} & {*two.attrs} or name not in first.coords
+        if key is not None and said:
             what = f"the attribute `{key}` of its `{name}` is"
             _refuse(number, what, two.attrs.get(key), one.attrs.get(key))
         if name in first.coords:

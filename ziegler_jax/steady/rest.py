@@ -8,11 +8,12 @@ own angles, $\theta = (\phi_1, \phi_2 - \phi_1)$, the linear column about the st
 $$\ddot\theta + C\,\dot\theta + K\,\theta = 0,$$
 
 must be stable by Hurwitz' conditions on $s^4 + p_1 s^3 + p_2 s^2 + p_3 s + p_4$ with
-every damping that a motion of this size or a smaller one may feel: a mean of the
-law's slopes over the rates from rest to the largest. So the law is asked at rest and at
-rates from the largest down, in each joint and direction; the least and the greatest of
-its slopes and some in between are tried, each of one joint with each of the other.
-Dampings that are stable at both ends need not be so between them.
+every damping that a motion of this size or a smaller one may feel: a mean of the law's
+slopes over the rates from rest to the largest. So the law is asked at rest and at rates
+from the largest down, in each joint by itself and direction; the least and the greatest
+of its slopes and some in between are tried, each of one joint with each of the other.
+Dampings that are stable at both ends need not be so between them. A damping of one
+joint that depends on the other's rate, or on an angle that small, is not seen.
 """
 
 from typing import NamedTuple, cast
@@ -77,9 +78,10 @@ class Rest(eqx.Module):
         """The rate, or the swing, that steps leave of a motion that has decayed."""
         return NOISE * self.atol
 
-    def slow(self, rate: Scalar) -> Flag:
+    def slow(self, column: Column, rate: Scalar) -> Flag:
         """Whether a joint rate is so low that what is left may be rest."""
-        return (rate < cast(Scalar, self.rate_cut)) | (rate < self.noise)
+        slow = rate < cast(Scalar, self.rate_cut)
+        return slow | (rate < self.noise) if is_polynomial(column.damping) else slow
 
     def begin(self, y: Vector4) -> Speeds:
         """At the start of a motion."""
@@ -110,7 +112,7 @@ class Rest(eqx.Module):
         if self.by_modes:
             return self.sticks(step) | (ended & (speeds.now < 0.5))
         # slow is not at rest where it grows: the span before tells, and what decays
-        slow = ended & self.slow(speeds.now) & (speeds.now <= speeds.before)
+        slow = ended & self.slow(column, speeds.now) & (speeds.now <= speeds.before)
 
         def damped(slow: Bool[Array, ""]) -> Bool[Array, ""]:
             return slow & decays(column, step.y1, speeds.now)
@@ -167,9 +169,7 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     def along(ends, row):
         """A column, and the least and the greatest of C's so far, by its own force."""
         turned1, turned2, size, moved1, moved2, begins = row
-        # K in the state; C where the column is straight: no gyroscopic forces there
-        bent, rate_there = jnp.abs(turned2), size * rate
-        state = bent * y[0], bent * y[1], rate_there * moved1, rate_there * moved2
+        state = y[0], y[1], size * rate * moved1, size * rate * moved2
         direction = tuple(x + zero for x in (turned1, turned2, moved1, moved2))
         here = jax.jvp(forces, state, direction)[1]
         low, high = ends

@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..model.column import Column
 from ..motion.section import SectionPlane, passage
 from ..motion.spans import may_turn_over, turns_over
 from ..motion.tangents import push
@@ -169,7 +170,7 @@ class March(AbstractFold[Lookout]):
             """As numbers, and once: what a passage leaves asks for it 15 times."""
             falls = self.odd & (step.y1[0] < step.y0[0])
             before, after = (jnp.where(falls, -y[0], y[0]) for y in (step.y0, step.y1))
-            rests, goes_on = self._rests(state, step)
+            rests, goes_on = self._rests(column, state, step)
             asks = jnp.where(accepts & rests, REST, state.asks)
             there = jnp.where(accepts & (before < 0) & (after >= 0), 1.0, 0.0)
             return there, asks.astype(jnp.int32), jnp.where(goes_on, 1.0, 0.0)
@@ -192,7 +193,7 @@ class March(AbstractFold[Lookout]):
         after = Lookout(passed, state.waits + there, calm, asks, growth)
         return after, jnp.inf, asks != NOTHING
 
-    def _rests(self, state: Lookout, step: Step) -> Flags:
+    def _rests(self, column: Column, state: Lookout, step: Step) -> Flags:
         """Whether it rests for long enough, not on its way up; or is calm so far."""
         if self.rest.by_modes:
             assert step.event
@@ -201,7 +202,7 @@ class March(AbstractFold[Lookout]):
         rate = fastest(step.y1)
         calm = _longer(cast(Calm, state.calm), step, rate)
         over = step.t1 - calm.start >= CALM
-        slow = self.rest.slow(rate)
+        slow = self.rest.slow(column, rate)
         rests = slow & over & (calm.late <= calm.early)
         return rests, slow & (~over | rests)
 

@@ -104,9 +104,11 @@ def settle(
 
     $$|S_j - S_j'| \le \mathrm{agreement}\; S_j + \mathrm{atol},$$
 
-    and the load pays for what friction and damping take out, to half of it at least
-    (`steady/repeats.py`). Then the outcome is `repeats`: no certificate. Where nothing
-    dissipates in what moves it is `conservative`. Rest is asked for as above, over two
+    and the load pays for what friction and damping take out, to three quarters of it at
+    least, by the energies where the joints turn (`steady/repeats.py`). Then the outcome
+    is `repeats`: no certificate. Where so little dissipates that the steps' error hides
+    it, or the load's work to and fro, windows never tell; a finer tolerance does. Where
+    nothing dissipates in what moves it is `conservative`. Rest is asked for as above, over two
     windows. After `max_windows` a motion is `unsettled`. The result is that of the last
     window, means to within a turn's share of it. With one window there is nothing to
     compare: the outcome is `unsettled` or `stuck`. About 1 % of the main job's map then

@@ -117,7 +117,7 @@ class SettleFold(AbstractSpans[WindowState]):
             drift = jnp.where(second, drawn.drift, drift)
             agreed = second & (drawn.outcome != OUTCOME.not_computed)
             if not self.rest.by_modes:
-                agreed &= ~self.rest.slow(speeds.now)  # what is left is noise
+                agreed &= ~self.rest.slow(column, speeds.now)  # what is left is noise
             outcome = jnp.where(agreed, drawn.outcome, outcome)
         outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
         begins = ended & (outcome == OUTCOME.not_computed)
