@@ -108,12 +108,12 @@ def settle(
     least, by the energies where the joints turn (`steady/repeats.py`). Then the outcome
     is `repeats`: no certificate. Where so little dissipates that the steps' error hides
     it, or the load's work to and fro, windows never tell; a finer tolerance does. Where
-    nothing dissipates in what moves it is `conservative`. Rest is asked for as above, over two
-    windows. After `max_windows` a motion is `unsettled`. The result is that of the last
-    window, means to within a turn's share of it. With one window there is nothing to
-    compare: the outcome is `unsettled` or `stuck`. About 1 % of the main job's map then
-    repeat that a finer run does not confirm: most are on their slow way past an
-    unstable cycle (`benchmarks/a4_settling.py`).
+    nothing dissipates in what moves it is `conservative`. Rest is asked for as above,
+    over two windows. After `max_windows` a motion is `unsettled`. The result is that of
+    the last window, means to within a turn's share of it. With one window there is
+    nothing to compare: the outcome is `unsettled` or `stuck`. About 1 % of the main
+    job's map then repeat that a finer run does not confirm: most are on their slow way
+    past an unstable cycle (`benchmarks/a4_settling.py`).
 
     **Arguments:**
 
