@@ -48,7 +48,7 @@ USUAL = {
 LANES = {
     "repeats": {},
     "stuck": {"q": 1.0},
-    "unsettled": {"agreement": 1e-15},
+    "unsettled": {"agreement": 1e-15, "rtol": 1e-8},
     "escaped": {"escape": 0.4},
     "budget_spent": {"rtol": 1e-11},
     # the rate's change of sign is a jump that no step resolves to 1e-16
