@@ -554,6 +554,9 @@ USUAL = {"cut": 0.05, "transient": 300.0, "length": 20.0}
 SETTLE = given(*OF_SMOOTH, *OF_START)
 # measured likewise: 7e-6, none, 3e-6, 2e-5, none, 3e-10; 1e-5, 5e-9; 2e-8, 3e-6, 5e-9,
 # and 2e-4 of the onset
+OF_A_THRESHOLD = {
+    "rtol": 5e-3, "step": 1e-3, "least": 3e-7, "reverse": True, "batch": True,
+}  # fmt: skip
 SLOW = {
     "settle: a certified cycle": Case(
         _smooth, SETTLE | USUAL, VERDICT, rtol=1e-4, least=1e-8, step=1e-3
@@ -609,21 +612,13 @@ SLOW = {
         _onset,
         given("kappa", "c1", "mu_s", "phi2", "w2", low=1.0),
         {("width", "low"): OF_THE_BRACKET},
-        rtol=5e-3,
-        step=1e-3,
-        least=3e-7,
-        reverse=True,
-        batch=True,
+        **OF_A_THRESHOLD,
     ),
     "critical_kick": Case(
         _kick,
         given("kappa", "mu_s", "w2", low=0.02) | {"q": 1.6},
         {("width", "low"): OF_THE_BRACKET},
-        rtol=5e-3,
-        step=1e-3,
-        least=3e-7,
-        reverse=True,
-        batch=True,
+        **OF_A_THRESHOLD,
     ),
     "least_kick": Case(
         _least,

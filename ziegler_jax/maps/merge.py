@@ -272,9 +272,9 @@ def _check_like(first: xr.Dataset, other: xr.Dataset, number: int) -> None:
         if two.dims != one.dims:
             _refuse(number, f"its `{name}` has the dimensions", two.dims, one.dims)
         key = unlike_meaning(one.attrs, two.attrs)
-        # xarray forgets attributes where a coordinate is assigned anew
-        said = {key} <= {*one.attrs} & {*two.attrs} or name not in first.coords
-        if key is not None and said:
+        if name in first.coords and not (key in one.attrs and key in two.attrs):
+            key = None  # xarray forgets them where a coordinate is assigned anew
+        if key is not None:
             what = f"the attribute `{key}` of its `{name}` is"
             _refuse(number, what, two.attrs.get(key), one.attrs.get(key))
         if name in first.coords:

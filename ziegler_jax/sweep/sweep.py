@@ -80,16 +80,16 @@ def sweep(
     - `point`: a function of named scalars that JAX can trace, or a `Program`, which was
         traced before. It returns a scalar, a result of the library, which knows its
         dimensions and units, or a dict of scalars, `Variable`s (arrays with named
-        dimensions) and results. It is traced
-        anew at each sweep, so that whatever it reads is read again, but compiled only
-        if that changed its program. (A function that you give to `jax.jit` yourself and
-        call on plain numbers is JAX's to remember.) The motions that it follows one
-        after the other (`settle`, `periodic_orbit`, `verdict`, ...) run in chunks of
-        steps, each in batches of its own, in which a lane makes room for the next one
-        as soon as its motion has ended. Motions inside a transformation of your own
-        (`vmap`, `jvp`) or a loop or conditional (`lax.scan`, `lax.cond`) run whole;
-        inside a call (`jit`, `checkpoint`) they do as elsewhere, unless it holds keys
-        or has the host do something.
+        dimensions) and results. It is traced anew at each sweep, so that whatever it
+        reads is read again, but compiled only if that changed its program. (A function
+        that you give to `jax.jit` yourself and call on plain numbers is JAX's to
+        remember.) The motions that it follows one after the other (`settle`,
+        `periodic_orbit`, `verdict`, ...) run in chunks of steps, each in batches of its
+        own, in which a lane makes room for the next one as soon as its motion has
+        ended. Motions inside a transformation of your own (`vmap`, `jvp`) or a loop or
+        conditional (`lax.scan`, `lax.cond`) run whole; inside a call (`jit`,
+        `checkpoint`) they do as elsewhere, unless it holds keys or has the host do
+        something.
     - `where`: a function of the same names that says which points to compute. It gets
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
