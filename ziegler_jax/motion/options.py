@@ -29,8 +29,10 @@ Solver = Explicit | Rosenbrock | Taylor
 NO_SLOPE = (
     "Arguments `rtol` and `atol` have no derivatives, but one in them was asked for: "
     "what a tolerance changes is an error, no smooth function of it. Compare two "
-    "tolerances."
+    "tolerances; one that follows a parameter goes through `jax.lax.stop_gradient`."
 )
+# whose numbers are those of a motion's steps
+OF_STEPS = {"settle", "sweep_up_down", "trajectory", "poincare"}
 
 
 class AbstractOptions(eqx.Module):
@@ -116,8 +118,10 @@ class Method(AbstractOptions):
     Taylor8 stands for Tsit5 with the load `JointReaction()` and with a damping law of
     one's own.
 
-    **Raises:** `ValueError` for what is no such method, for numbers that break a rule,
-    and where a derivative in a tolerance is taken.
+    **Raises:** `ValueError` for what is no such method, and numbers that break a rule;
+    and by `settle`, `sweep_up_down`, `trajectory` and `poincare` where a derivative in
+    a tolerance is taken. What a search finds (an orbit, a threshold, a least kick) does
+    not depend on it.
     """
 
     solver: Solver | None
@@ -134,9 +138,8 @@ class Method(AbstractOptions):
     ):
         """Check and keep them."""
         self.solver = None if solver is None else solver_of(solver)
-        rtol = None if rtol is None else number("rtol", rtol, "positive")
-        atol = None if atol is None else number("atol", atol, "positive")
-        self.rtol, self.atol = refused(NO_SLOPE, (rtol, atol))
+        self.rtol = None if rtol is None else number("rtol", rtol, "positive")
+        self.atol = None if atol is None else number("atol", atol, "positive")
         if max_steps is not None:
             max_steps = whole_number("max_steps", cast(int, max_steps))
         self.max_steps = max_steps
@@ -260,6 +263,8 @@ def complete(question: str, method: Method, solver: Solver) -> Method:
     rtol = np.float64(rtol) if method.rtol is None else method.rtol
     atol = rtol if method.atol is None else method.atol
     rtol, atol = overridden_tolerances(rtol, atol)
+    if question in OF_STEPS:
+        rtol, atol = refused(NO_SLOPE, (rtol, atol))
     budget = max_steps if method.max_steps is None else method.max_steps
     return Method(solver, rtol, atol).at_most(budget)
 
