@@ -16,28 +16,30 @@ import ziegler_jax as zj
 TAU, KICK = 0.026, (0.0, 0.2)
 
 
-def point(q, v_smooth):
+def point(q, v_smooth, smooth=False):
     load = zj.ConstantLoad(1.0)
-    friction = zj.SetValuedCoulomb(TAU, pin_radius=1.0, load=load)
-    column = zj.uniform_rods(q=q, friction=friction)
+    law = zj.SetValuedCoulomb(TAU, pin_radius=1.0, load=load)
+    column = zj.uniform_rods(q, friction=law.smoothed(v_smooth) if smooth else law)
     windows, method = zj.Windows(transient=300.0, max_windows=10), zj.Method(rtol=1e-8)
     start = zj.State(omega=KICK)
-    return zj.regularisation_error(
-        column, start, v_smooth, windows=windows, method=method
-    )
+    return zj.settle(column, start, windows=windows, method=method, certify=False)
 
 
 def main():
     q, v = np.linspace(1.2, 2.8, 33), np.geomspace(1e-3, 0.3, 9)
-    ds = zj.sweep(point, q=q, v_smooth=v, progress=False)
-    rods = np.abs(ds.rod_amplitude_error.values).max(axis=-1)
-    error = np.fmax(rods, np.abs(ds.joint_amplitude_error.values).max(axis=-1))
-    wrong = ds.wrong_verdict.values == 1
+    variants = {"smoothed": {"smooth": True}}
+    both = zj.compare(point, variants, q=q, v_smooth=v, progress=False)
+    ds = both.sel(variant="smoothed")
+    rods = np.abs(ds.rod_amplitude_difference.values).max(axis=-1)
+    joints = np.abs(ds.joint_amplitude_difference.values).max(axis=-1)
+    error = np.fmax(rods, joints)
+    stuck = both.outcome.transpose("variant", "q", "v_smooth") == zj.OUTCOME.stuck
+    wrong = (stuck[0] != stuck[1]).values
     order = np.diff(np.log(np.where(wrong, np.nan, error)), axis=1) / np.diff(np.log(v))
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     about = {"long_name": "largest amplitude error", "units": "rad"}
-    plane = ds.assign(error=(("q", "v_smooth"), error, about))
+    plane = ds.drop_vars("outcome").assign(error=(("q", "v_smooth"), error, about))
     left.set_yscale("log")
     colours = {"norm": LogNorm(1e-4, 1.0), "cmap": "cividis"}
     zj.plot.map(plane, "error", x="q", y="v_smooth", ax=left, **colours)

@@ -23,7 +23,7 @@ import tokenize
 from pathlib import Path
 
 # A room imports from those before it; rooms that share a place do not know each other.
-ROOMS = [{"results", "runtime"}, {"context"}, {"numerics"}, {"model"}]
+ROOMS = [{"results", "runtime"}, {"numerics"}, {"model"}]
 ROOMS += [{"linear", "solvers"}, {"motion"}, {"steady"}]
 ROOMS += [
     {"analysis", "sweep"},

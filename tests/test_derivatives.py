@@ -382,6 +382,7 @@ def test_every_public_function_is_walked_or_has_no_derivatives():
 
 
 CONSTANT = {
+    "compare": "of datasets",
     "configure_cache": "an action",
     "configure_cpu": "an action",
     "is_stiff": "yes or no",
@@ -393,7 +394,6 @@ CONSTANT = {
     "scene": "of datasets",
     "sweep": "of datasets",
     "tableaus": "a module",
-    "work_precision": "of datasets",
 }
 
 # The second ---------------------------------------------------------------------------
@@ -537,18 +537,6 @@ def _least(p):
     return {name: getattr(found, name) for name in names}
 
 
-def _smoothing(p):
-    p = P(NUMBERS | p)
-    windows = zj.Windows(transient=5.0, length=p.length, max_windows=3)
-    law = zj.SetValuedCoulomb(p.mu_s, pin_radius=p.pin)
-    found = zj.regularisation_error(
-        zj.uniform_rods(p.q, kappa=p.kappa, friction=law), start(p), p.v,
-        windows=windows, method=FINE,
-    )  # fmt: skip
-    names = ("rod_amplitude", "joint_amplitude", "period", "stick_fraction")
-    return {name: getattr(found, f"{name}_error") for name in names}
-
-
 VERDICT = {("final", "*"): MOMENT, ("time", "*"): MOMENT, ("drift", "*"): ROUNDING}
 USUAL = {"cut": 0.05, "transient": 300.0, "length": 20.0}
 SETTLE = given(*OF_SMOOTH, *OF_START)
@@ -628,9 +616,6 @@ SLOW = {
         rtol=5e-3,
         step=1e-3,
         batch=True,
-    ),
-    "regularisation_error": Case(
-        _smoothing, given("q", "kappa", "mu_s", "pin", "v", "w2", length=6.0)
     ),
 }  # fmt: skip
 

@@ -51,7 +51,6 @@ QUESTIONS = {
     zj.lyapunov_exponents: (column(), KICK),
     zj.verdict: (column(), KICK),
     zj.poincare: (column(), KICK),
-    zj.regularisation_error: (column(), KICK, 0.1),
 }
 TOLD = {question.__name__: question for question in QUESTIONS}
 NEEDED = {
@@ -73,11 +72,7 @@ def record_of(question, smoothed=False, **fields):
         more = NEEDED.get(question, {}) | options_of(question, **fields)
         return question(*scene, **more)
 
-    record = dict(jax.eval_shape(asked).settings)
-    if question is zj.regularisation_error:
-        part = "set_valued_"
-        record = {k[len(part) :]: v for k, v in record.items() if k.startswith(part)}
-    return record
+    return dict(jax.eval_shape(asked).settings)
 
 
 def table(value):
@@ -113,9 +108,8 @@ def test_the_tables_say_what_each_question_does_on_its_own(value):
         said = record[RECORDED[value].get(what, what)]
         if what == "solver":
             assert said == cell.split()[-1]  # with set-valued friction
-            if question is not zj.regularisation_error:
-                usual = record_of(question, smoothed=True)["solver"]
-                assert usual == cell.split(",")[0], name
+            usual = record_of(question, smoothed=True)["solver"]
+            assert usual == cell.split(",")[0], name
         else:
             exact = np.pi if cell == "pi" else float(cell.split()[0])
             assert said == exact, (name, what)
@@ -219,12 +213,6 @@ def test_what_is_no_value_is_refused_by_name(refuses):
         (lambda: zj.Windows(max_windows=2.5), ("`max_windows`", "whole", "2.5")),  # type: ignore
         (lambda: zj.Method(rtol=-1.0), ("`rtol`", "positive", "-1")),
         (lambda: zj.Store("a", overwrite="no"), ("`overwrite`", "'no'")),  # type: ignore
-        (
-            lambda: zj.work_precision(
-                lambda q: q, reference=zj.Method(zj.Explicit(), 1e-9, 1e-3), q=[1.0]
-            ),
-            ("`reference`", "nothing else", "atol"),
-        ),
     ],
 )
 def test_a_value_refuses_what_breaks_its_rule(refuses, make, parts):

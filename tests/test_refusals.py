@@ -190,7 +190,6 @@ PLAIN = {
     "regime": lambda: zj.regime(COLUMN),
     "tangent_column": lambda: zj.tangent_column(COLUMN),
     "sticking_set": lambda: zj.sticking_set(SLIDING),
-    "regularisation_error": lambda: zj.regularisation_error(SLIDING, KICK, 0.1),
 }
 
 

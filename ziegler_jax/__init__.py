@@ -19,7 +19,6 @@ from .analysis.lyapunov import Exponents, lyapunov_exponents
 from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
 from .analysis.poincare import PoincareSection, poincare
-from .analysis.regularisation import RegularisationError, regularisation_error
 from .curves.bifurcations import BifurcationCurve, BifurcationPoints
 from .curves.codes import CURVE, MEETING
 from .curves.course import Course
@@ -82,11 +81,11 @@ from .runtime import configure_cache, configure_cpu
 from .solvers import Explicit, Rosenbrock, Taylor, tableaus
 from .steady.growth import Growth
 from .steady.settle import Settled, settle
+from .sweep.compare import compare
 from .sweep.lanes import Lanes
 from .sweep.once import Program
 from .sweep.store import Store, open_sweep
 from .sweep.sweep import sweep
-from .sweep.work_precision import work_precision
 from .units.si import SI
 
 __version__ = metadata.version("ziegler_jax")
@@ -138,7 +137,6 @@ __all__ = [
     "PeriodicOrbit",
     "PoincareSection",
     "Program",
-    "RegularisationError",
     "Rosenbrock",
     "Search",
     "SectionPlane",
@@ -159,6 +157,7 @@ __all__ = [
     "Viscous",
     "Windows",
     "bifurcation_curve",
+    "compare",
     "configure_cache",
     "configure_cpu",
     "continue_cycle",
@@ -180,7 +179,6 @@ __all__ = [
     "reactions",
     "refine",
     "regime",
-    "regularisation_error",
     "sensitivity",
     "settle",
     "spectral_abscissa",
@@ -195,7 +193,6 @@ __all__ = [
     "uniform_rods",
     "vector_field",
     "verdict",
-    "work_precision",
 ]
 
 

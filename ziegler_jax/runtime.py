@@ -7,13 +7,15 @@ import signal
 import tempfile
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from functools import wraps
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import jax
+import jax.numpy as jnp
 
 # Options of XLA, and the jaxlib versions [from, below) for which each is set (measured:
 # 0.10.2 and 0.12.0).
@@ -239,6 +241,33 @@ def own_flags() -> AbstractContextManager[ExitStack | None]:
     flags.enter_context(jax.debug_infs(False))
     flags.enter_context(jax.disable_jit(False))
     return flags
+
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def plain(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """A public function that computes: in 64 bits, and whatever is being debugged.
+
+    JAX computes in 32 bits unless it is told otherwise, and most numbers here would be
+    wrong in them without a word.
+    """
+    name = getattr(function, "__name__", "this")
+
+    @wraps(function)
+    def computed(*args: Arguments.args, **options: Arguments.kwargs) -> Result:
+        refuse_forked()
+        if jnp.result_type(float) != jnp.float64:
+            raise ValueError(
+                f"`{name}` must compute in 64-bit arithmetic, but JAX is set to 32 "
+                'bits; type `jax.config.update("jax_enable_x64", True)` before it, '
+                "or use `sweep`."
+            )
+        with own_flags():
+            return function(*args, **options)
+
+    return computed
 
 
 def free_memory() -> int | None:

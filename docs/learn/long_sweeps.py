@@ -83,10 +83,10 @@ ax = whole.pipe(zj.plot.map, "regime", x="q", y="kappa")
 
 
 # %%
-def kick(q, mu):
-    friction = zj.SetValuedCoulomb(mu, pin_radius=0.1)
+def kick(q, mu, rtol=1e-6):
+    column = zj.uniform_rods(q, friction=zj.SetValuedCoulomb(mu, pin_radius=0.1))
     start = zj.State(omega=(0, 0.3))
-    return zj.settle(zj.uniform_rods(q, friction=friction), start)
+    return zj.settle(column, start, method=zj.Method(rtol=rtol))
 
 
 coarse = zj.sweep(
@@ -114,18 +114,17 @@ for name in (
     print(name, "=", coarse.attrs[name])
 
 # %% [markdown]
-# How wrong is the map? `audit` computes a share of its points a second time, with
-# tolerances a hundred times finer, and says how much changed.
+# How wrong is the map? `compare` computes points of it by several methods: the usual
+# one and, as the reference, one with a hundred times finer tolerance. The point takes
+# the tolerance as an argument. Each cell has a difference, the sample its quantiles.
 
 # %%
-audited = zj.sweep(
-    kick, audit=0.05, q=np.linspace(1.5, 2.5, 15), mu=np.linspace(0.05, 0.2, 8)
-)
-print("points audited", audited.attrs["audit_points"])
-print("share with another outcome", audited.attrs["audit_changed_outcomes"])
-print("at", audited.attrs["audit_changed_at"])
-print("quantiles  ", audited.joint_amplitude.attrs["audit_quantiles"])
-print("differences", audited.joint_amplitude.attrs["audit_differences"])
+plane = {"q": np.linspace(1.5, 2.5, 15), "mu": np.linspace(0.05, 0.2, 8)}
+both = zj.compare(kick, {"usual": {}}, reference={"rtol": 1e-8}, sample=40, **plane)
+usual = both.sel(variant="usual")
+print("share with another outcome", usual.changed_share.item())
+print("quantiles  ", both["quantile"].values)
+print("differences", usual.joint_amplitude_difference_quantiles.values)
 
 # %% [markdown]
 # ## A cluster

@@ -116,32 +116,31 @@ print("and settle says:", zj.OUTCOME(int(end.outcome)).sentence)
 #
 # ## Over a plane
 #
-# `regularisation_error` settles one scene under both laws and says by how much they
-# differ, and whether the verdicts do.
+# `compare` settles each scene under both laws, side by side: by how much they differ,
+# and where the ends do.
 
 
 # %%
-def compared(q, mu):
-    friction = zj.SetValuedCoulomb(mu, pin_radius=0.1)
+def settled(q, mu, v_smooth=None):
+    law = zj.SetValuedCoulomb(mu, pin_radius=0.1)
+    friction = law if v_smooth is None else law.smoothed(v_smooth)
     column = zj.uniform_rods(q, friction=friction)
-    start = zj.State(omega=(0, 0.3))
-    return zj.regularisation_error(column, start, v_smooth=0.02)
+    return zj.settle(column, zj.State(omega=(0, 0.3)), certify=False)
 
 
 grid = {"q": np.linspace(1.3, 2.9, 9), "mu": np.linspace(0.04, 0.28, 7)}
-compare = zj.sweep(compared, **grid)
-wrong = int((compare.wrong_verdict == 1).sum())
-print(wrong, "of", compare.wrong_verdict.size, "verdicts differ")
-both = (compare.set_valued_outcome == zj.OUTCOME.repeats) & (
-    compare.smoothed_outcome == zj.OUTCOME.repeats
-)
-errors = abs(compare.sel(joint=2).joint_amplitude_error.where(both))
+both = zj.compare(settled, {"smoothed": {"v_smooth": 0.02}}, **grid)
+dry, smooth = both.sel(variant="reference"), both.sel(variant="smoothed")
+differ = int(smooth.changed.sum())
+print(differ, "of", smooth.changed.size, "motions end otherwise")
+repeat = (dry.outcome == zj.OUTCOME.repeats) & (smooth.outcome == zj.OUTCOME.repeats)
+errors = abs(smooth.sel(joint=2).joint_amplitude_difference.where(repeat))
 print("errors of the amplitude where both repeat, in rad:")
 print(errors.quantile([0, 0.5, 0.9, 1]).values)
-ax = compare.pipe(zj.plot.map, "set_valued_outcome", x="q", y="mu")
+ax = dry.pipe(zj.plot.map, "outcome", x="q", y="mu")
 
 # %%
-ax = compare.pipe(zj.plot.map, "smoothed_outcome", x="q", y="mu")
+ax = smooth.pipe(zj.plot.map, "outcome", x="q", y="mu")
 
 # %% [markdown]
 # ## Which to take

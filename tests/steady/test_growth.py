@@ -1,17 +1,13 @@
 """How much a difference in the kick grows: against differences, and what it tells."""
 
-import diffrax as dfx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.__main__ import KICK, point
-from ziegler_jax.context import Context, within
-from ziegler_jax.steady.certified import CertifiedMotion
+from ziegler_jax.__main__ import KICK
 from ziegler_jax.steady.growth import growth_variables
-from ziegler_jax.sweep.differences import settled_late
 
 SMOOTH = zj.SmoothCoulomb(0.026, pin_radius=1, v_smooth=0.05, load=zj.ConstantLoad(1))
 SET_VALUED = zj.SetValuedCoulomb(0.026, pin_radius=1, load=zj.ConstantLoad(1))
@@ -70,34 +66,6 @@ def test_a_hundredth_of_the_state_is_the_bound():
     assert growth_variables(growth, failed, 1e-8)["sensitive"].value.sum() == 0
 
 
-def test_growth_goes_along_with_the_solver_of_the_context():
-    column, start = zj.uniform_rods(2.6, friction=SMOOTH), zj.State(omega=KICK)
-    fine = zj.Explicit(dfx.Dopri8())
-    with within(Context(tolerance=1e-9, factor=0.01, solver=fine)):
-        motion = CertifiedMotion(
-            column, start, "settle", zj.Windows(), (zj.Growth(),), zj.Method()
-        )
-    assert motion.method.solver.name == "Dopri8"
-
-
-def test_an_audit_of_what_is_no_settled_motion_draws_at_random():
-    """Neither `time` nor `outcome`; and motions along a dimension of their own."""
-    bare = zj.sweep(
-        lambda q: {"largest_multiplier": q, "x": q}, q=[1.0, 2.0], audit=0.5
-    )
-    assert bare.attrs["audit_points"] == 1 and bare.attrs["audit_late_points"] == 0
-
-    def two(q):
-        code = jnp.zeros(2, jnp.int8) + zj.OUTCOME.cycle
-        numbers = {"time": q * jnp.ones(2) + 200, "undecided": q * jnp.ones(2)}
-        named = {n: zj.Variable(v, n, dims=("kick",)) for n, v in numbers.items()}
-        outcome = zj.Variable(code, "o", dims=("kick",), codes=zj.OUTCOME)
-        return {**named, "outcome": outcome}
-
-    pairs = zj.sweep(two, q=[1.0, 2.0, 3.0], audit=0.5)
-    assert pairs.attrs["audit_late_points"] == 0
-
-
 def test_growth_is_refused_where_windows_judge(refuses):
     column, start = zj.uniform_rods(2.6, friction=SMOOTH), zj.State(omega=KICK)
     growth = (zj.Growth(),)
@@ -115,12 +83,3 @@ def test_growth_is_refused_where_windows_judge(refuses):
         ),
         "`solver`", "explicit", "`Taylor8`",
     )  # fmt: skip
-
-
-def test_an_audit_draws_what_settled_late_first():
-    mu = np.linspace(0.05, 0.35, 12)
-    ds = zj.sweep(lambda mu: point(1.7, mu, 0.05), mu=mu, audit=0.25)
-    late = int(settled_late(ds, mu.shape).sum())
-    assert 0 < late < mu.size
-    assert ds.attrs["audit_points"] == 3
-    assert ds.attrs["audit_late_points"] == min(3, late)

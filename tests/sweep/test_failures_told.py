@@ -70,8 +70,7 @@ def test_a_lane_without_numbers_has_failed_or_turned_over():
     assert said in readme.replace("\n", " ")
 
 
-def test_an_audit_and_a_finished_store_say_nothing_twice(path):
-    assert len(told(zj.OUTCOME, [3.0, 11.0], audit=1.0)) == 1
+def test_a_finished_store_says_nothing_twice(path):
     assert len(told(zj.OUTCOME, [3.0, 11.0], store=path)) == 1
     assert told(zj.OUTCOME, [3.0, 11.0], store=path) == []
 

@@ -105,7 +105,6 @@ def test_what_breaks_a_rule_is_named(program, refuses):
         lambda: zj.sweep(program, lanes=zj.Lanes(batch_size=32), **axes),
         "`batch_size`", "32",
     )  # fmt: skip
-    refuses(lambda: zj.sweep(program, audit=0.1, **axes), "`audit`", "0.1")
     refuses(lambda: program(q=1.0), "q, mu", "given q")
     refuses(lambda: program(q=1.0, mu=np.nan), "`mu`", "nan")
     refuses(lambda: program(q=[1.0, 2.0], mu=[1.0, 2.0, 3.0]), "(2,)", "(3,)")

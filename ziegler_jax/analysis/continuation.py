@@ -28,7 +28,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from ..context import plain
 from ..model.column import Column
 from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
@@ -45,6 +44,7 @@ from ..results import (
     Variable,
     quantity,
 )
+from ..runtime import plain
 from ..steady.jets import Bundle, carried_extent, carried_monodromy, follow_bundle
 from .branch_point import Arc, BranchPoint, Continuation
 from .march import Walk

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, Shaped
 
-from ..context import plain
 from ..model.column import Column, State
 from ..motion.implicit import forward_only
 from ..motion.integrate import Run
@@ -20,6 +19,7 @@ from ..motion.sequence import run_in_sequence
 from ..motion.spans import SpanState
 from ..numerics.numbers import Scalar, Traced4, instance, is_concrete
 from ..results import DIMENSIONS, OUTCOME, AbstractDescribed, Settings, Variable
+from ..runtime import plain
 from ..steady.settle import settled
 from ..steady.window_rule import SettleProblem, WindowState
 

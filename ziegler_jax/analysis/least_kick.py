@@ -23,7 +23,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..context import plain
 from ..model.column import Column, State, energy
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, Windows, recorded
@@ -51,6 +50,7 @@ from ..results import (
     Variable,
     quantity,
 )
+from ..runtime import plain
 from ..solvers import Explicit
 from ..steady.certified import CertifiedMotion
 from ..steady.lane import Certifying

@@ -27,7 +27,6 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..context import plain
 from ..model.column import Column, State
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, Windows, recorded
@@ -51,6 +50,7 @@ from ..results import (
     Variable,
     quantity,
 )
+from ..runtime import plain
 from ..steady.certified import CertifiedMotion
 from ..steady.lane import Certifying
 from .threshold import carried

@@ -21,7 +21,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from ..context import plain
 from ..model.column import Column, State
 from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
@@ -41,7 +40,7 @@ from ..numerics.numbers import (
     whole_number,
 )
 from ..results import ORBIT, TIME, AbstractResult, Settings, Variable, quantity
-from ..runtime import own_flags
+from ..runtime import own_flags, plain
 from ..solvers import Explicit
 from ..steady.jets import carried_monodromy
 from .shooting import (

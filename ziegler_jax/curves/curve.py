@@ -29,13 +29,13 @@ from ..analysis.continuation import Branch, CycleFold, CyclePoints
 from ..analysis.march import ContinuationState, Walk
 from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from ..analysis.shooting import start_of
-from ..context import plain
 from ..model.column import Column
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, recorded
 from ..motion.scene import check_maker, made
 from ..numerics.numbers import Scalar, choice, instance, is_concrete, number
 from ..results import ORBIT, Settings
+from ..runtime import plain
 from .bifurcations import BifurcationCurve, BifurcationPoints
 from .codes import CURVE, MEETING
 from .course import Course

@@ -25,11 +25,11 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from ..context import plain
 from ..model.column import Column
 from ..numerics.numbers import Flag, Scalar, choice
 from ..numerics.series import value
 from ..results import CRITICAL, RATE, AbstractResult, Settings, quantity
+from ..runtime import plain
 from .characteristic import Characteristic, characteristic, slope
 from .spectrum import refuse_friction
 

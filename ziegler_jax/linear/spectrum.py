@@ -17,13 +17,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from ..context import plain
 from ..model.column import Column
 from ..model.damping import Sum, Viscous
 from ..model.friction import AbstractRateFriction, slopes_at_rest
 from ..numerics.numbers import Pair, Scalar, instance
 from ..numerics.series import value
 from ..results import REGIME
+from ..runtime import plain
 from .characteristic import Characteristic, characteristic, inertia, stiffness
 
 

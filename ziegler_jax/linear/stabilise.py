@@ -11,11 +11,11 @@ import optimistix as optx
 import xarray as xr
 from jax.core import Tracer
 
-from ..context import plain
 from ..model.column import Column
 from ..model.parameters import Make, as_function
 from ..numerics.numbers import pair
 from ..results import CRITICAL
+from ..runtime import plain
 from .critical_load import CriticalLoad, Kind, critical_load
 
 

@@ -18,8 +18,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..context import plain
 from ..numerics.numbers import Pair, Scalar
+from ..runtime import plain
 from .column import Column, joint_balance
 from .set_valued import SetValuedCoulomb
 

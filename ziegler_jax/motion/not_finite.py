@@ -15,10 +15,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from ..context import Arguments, plain
 from ..model.column import Column, State, vector_field
 from ..results import OUTCOME, AbstractMotionResult
-from ..runtime import own_flags
+from ..runtime import Arguments, own_flags, plain
 from ..solvers import AbstractFold
 from .integrate import Motion, follow
 from .options import Method

@@ -12,7 +12,6 @@ import diffrax as dfx
 import equinox as eqx
 import numpy as np
 
-from ..context import overridden_tolerances
 from ..numerics.no_number import refused
 from ..numerics.numbers import (
     Count,
@@ -104,7 +103,6 @@ class Method(AbstractOptions):
     |---|---|---|---|
     | `settle` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 |
     | `sweep_up_down` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
-    | `regularisation_error` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
     | `flutter_onset`, `critical_kick` | Tsit5 | 1e-8 | 3000000 (a motion) |
     | `least_kick` | Tsit5, set-valued Taylor8 | 1e-8 | 1000000 (a motion) |
     | `trajectory` | Dopri8, set-valued Taylor8 | 1e-8 | 1000000 |
@@ -181,7 +179,7 @@ class Windows(AbstractOptions):
 
     | question | transient | length | max_windows | agreement | escape |
     |---|---|---|---|---|---|
-    | `settle`, `regularisation_error` | 100 | 40 | 40 | 2e-4 | pi |
+    | `settle` | 100 | 40 | 40 | 2e-4 | pi |
     | `sweep_up_down` | 0 | 40 | 100 | 2e-4 | pi |
     | `flutter_onset`, `critical_kick` | 0 | 40 | 1000 | none | pi |
     | `least_kick` | 0 | 40 | 200 | none | pi |
@@ -258,11 +256,10 @@ _SPANS = {name: (200.0, 50.0, 20) for name in ("lyapunov_exponents", "verdict")}
 
 
 def complete(question: str, method: Method, solver: Solver) -> Method:
-    """A question's method, with the tolerances of the context where it has some."""
+    """A question's method, complete."""
     rtol, max_steps = _METHODS[question]
     rtol = np.float64(rtol) if method.rtol is None else method.rtol
     atol = rtol if method.atol is None else method.atol
-    rtol, atol = overridden_tolerances(rtol, atol)
     if question in OF_STEPS:
         rtol, atol = refused(NO_SLOPE, (rtol, atol))
     budget = max_steps if method.max_steps is None else method.max_steps

@@ -11,7 +11,6 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float, Int
 
-from ..context import overridden_solver
 from ..model.column import Column, State, vector_field
 from ..model.damping import is_polynomial
 from ..model.friction import check_slopes
@@ -132,12 +131,12 @@ def explicit_method(
 
 
 def method_of(question: str, method: Method, column: Column, usual: Solver) -> Method:
-    """The method of any motion, or the one of the context.
+    """The method of any motion.
 
     **Raises:** `ValueError` for one that cannot follow the column.
     """
     instance("method", method, Method)
-    solver = overridden_solver(method.solver)
+    solver = method.solver
     if isinstance(solver, Taylor) and not has_series(column):
         raise ValueError(
             "Argument `solver` may be `Taylor(...)` with `SetValuedCoulomb` friction "

@@ -24,7 +24,6 @@ from .style import (
     VERMILLION,
     YELLOW,
 )
-from .work_precision import work_precision
 
 __all__ = [
     "BLUE",
@@ -49,5 +48,4 @@ __all__ = [
     "spectrum",
     "time_history",
     "up_down",
-    "work_precision",
 ]

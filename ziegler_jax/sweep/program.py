@@ -8,6 +8,7 @@ changed is neither lowered nor compiled again, and one of what has is never answ
 the old program.
 """
 
+import itertools
 import linecache
 import sysconfig
 import threading
@@ -28,7 +29,6 @@ from jax import lax
 from jax.extend.core import ClosedJaxpr, JaxprEqn  # pyright: ignore
 from jax.stages import Lowered
 
-from ..context import of_its_own, within
 from ..numerics.jaxpr_digest import Digest, digest_of, digest_of_function
 from ..numerics.packing import Packing, some_number
 from ..numerics.resumable import CALLS, equations_within, inlined, resumable_loop
@@ -111,6 +111,13 @@ class Compiled(NamedTuple):
     compile_seconds: float  # 0 where all was kept from an earlier sweep
 
 
+# What JAX or diffrax traced for an earlier sweep is not asked: it may have read an
+# attribute that has changed since. So each trace has a number, in the key of JAX's
+# caches.
+_TRACE = jax.make_user_context(default_value=0)
+_TRACES = itertools.count(1)
+
+
 @held_interrupts()
 @paused_collector()
 def traced(
@@ -128,11 +135,11 @@ def traced(
     """
     refuse_forked()
     started = time.perf_counter()
-    context = of_its_own()
+    number = next(_TRACES)
     described: dict[str, Any] = {}  # what crosses no trace: names, meanings, settings
 
     def leaves(*values):
-        with within(context):
+        with _TRACE(number):
             result = point(**dict(zip(names, values, strict=True)))
             variables, coordinates, attributes = labelled(result)
             arrays = [jnp.asarray(v.value) for v in variables.values()]

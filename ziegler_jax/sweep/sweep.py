@@ -3,7 +3,6 @@
 import inspect
 import math
 import os
-import warnings
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -12,12 +11,10 @@ import jax.numpy as jnp
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..context import Context, within
 from ..numerics.numbers import instance
 from ..runtime import all_cores, refuse_forked
 from .axes import Returned, check_signature, checked_axes, own_labels, parameters
 from .cluster import Arrays, Client, Recipe, check_client, run_blocks
-from .differences import audit_attributes, checked_share, drawn, settled_late
 from .lanes import Lanes
 from .once import Program
 from .partition import (
@@ -35,8 +32,6 @@ from .provenance import check_names, identity, provenance, template, warn_of_hos
 from .scheduler import Effort, run_lanes
 from .store import Store, SweepStore, prepared
 
-FINER = 0.01  # the audit's tolerances, against the point's own
-
 
 def sweep(
     point: Callable[..., Returned] | Program,
@@ -45,7 +40,6 @@ def sweep(
     lanes: Lanes = Lanes(),  # noqa: B008, a value
     store: str | os.PathLike | Store | None = None,
     client: Client | None = None,
-    audit: float | None = None,
     progress: bool | None = None,
     log: str | os.PathLike | None = None,
     axes: Mapping[str, ArrayLike] | None = None,
@@ -94,17 +88,6 @@ def sweep(
         the axes as NumPy arrays that broadcast against each other; with `store`, those
         of a block at a time, so that it must judge each point by its own values.
     - `lanes`: how they run, see `Lanes`.
-    - `audit`: a share of the points, e.g. 0.01 (at least one), that is computed a
-        second time in float64, with tolerances a hundred times finer. They are drawn at
-        random, but what settled with a certificate after t = 120 before all others: of
-        what has settled only that was seen to depend on its steps. Each variable's
-        attributes then hold `audit_differences`, the `audit_quantiles` of the
-        differences of its values; the dataset's hold `audit_points`, how many of them
-        settled late (`audit_late_points`) and `audit_changed_outcomes`, the share of
-        these points whose outcome changed, and `audit_changed_at`, which they are (the
-        first hundred). It tells the error of the steps (of the late ones, a quarter of
-        the main job's map, as long as the share is smaller), not that of `agreement`.
-        Not with `store` or `client`.
     - `store`: a folder, e.g. `"map.zarr"`, into which every block goes as soon as it
         is finished; in memory are the blocks that are not. A block is a sixteenth of
         the sweep, but about 256 points at least and 16 000 at most.
@@ -164,17 +147,6 @@ def sweep(
     instance("lanes", lanes, Lanes)
     if store is not None and not isinstance(store, Store):
         store = Store(store)
-    share = None if audit is None else checked_share(audit)
-    if share is not None and (store is not None or client is not None):
-        raise ValueError(
-            "Argument `audit` must be left out with `store` or `client`, but is "
-            f"{audit!r}: audit a smaller sweep of the same scene in memory."
-        )
-    if share is not None and program:
-        raise ValueError(
-            "Argument `audit` must be left out with a `Program`, whose tolerances are "
-            f"traced, but is {audit!r}: sweep its point."
-        )
     if client is not None:
         check_client(client)
     size = math.prod(values.size for values in grid.values())
@@ -208,26 +180,7 @@ def sweep(
             store.path, nothing, blocks, identity(scene, blocks), store.overwrite
         )
         warn_of_hosts(scene)
-    dataset = _filled(run, backend, progress, log)
-    if share is not None:
-        late = settled_late(dataset, blocks.shape)
-        sample = drawn(blocks.chosen(), round(share * blocks.points), late)
-        with within(Context(factor=FINER)), warnings.catch_warnings():
-            # of what fails again it has been told
-            warnings.filterwarnings("ignore", "Of .* points some failed")
-            finer = sweep(
-                point,
-                where=lambda **_: sample,
-                lanes=Lanes(lanes.batch_size, threads),
-                progress=progress,
-                axes={
-                    name: xr.DataArray(values, dims=dim)
-                    for dim in grid
-                    for name, values in parameters({dim: grid[dim]}).items()
-                },
-            )
-        audit_attributes(dataset, finer, [*grid], sample)
-    return dataset
+    return _filled(run, backend, progress, log)
 
 
 class _Run(NamedTuple):
