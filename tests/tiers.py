@@ -170,6 +170,7 @@ SLOW = {
         "test_studies.py::test_fits_spread_as_far_as_the_bound_and_have_no_bias",
     ],
     PROCESSES: [
+        "sweep/test_job_arrays.py",
         "motion/test_debugging_flags.py::test_the_environments_flags_are_heeded",
         "plot/test_pages.py::test_a_store_in_si_units_makes_a_page",
         "plot/test_pictures.py::test_matplotlib_is_imported_only_when_used",
@@ -254,7 +255,7 @@ SLOW = {
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/maps.py 2]",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/once.py 0]",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/sweep.py 0]",
-        "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/work_prec",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[sweep/compare",
         "test_docstring_examples.py::test_an_observer_of_ones_own_finds_what_the",
         "test_docstring_examples.py::test_a_friction_law_of_ones_own_moves_the_column",
         "test_examples.py::test_a_task_runs_as_it_stands[chaos_map]",

@@ -247,7 +247,7 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 
-def plain(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+def requires_x64(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """A public function that computes: in 64 bits, and whatever is being debugged.
 
     JAX computes in 32 bits unless it is told otherwise, and most numbers here would be

@@ -147,6 +147,27 @@ print("the cluster's numbers are the same")
 # the usual test of `__name__`, as in [this one](examples.md#dask_clusterpy): workers
 # import the script.
 #
+# ## A batch system
+#
+# The tasks of a job array need no Dask: each computes a part of an axis into a store
+# of its own, and their union is the map. A task that was stopped is submitted once more
+# and goes on. Here three parts follow each other; under Slurm the number of the task is
+# `int(os.environ["SLURM_ARRAY_TASK_ID"])`.
+
+# %%
+for task in range(3):
+    part = np.array_split(q, 3)[task]
+    zj.sweep(point, q=part, kappa=low, store=f"part_{task}.zarr")
+
+# %% [markdown]
+# When all are done:
+
+# %%
+parts = [zj.open_sweep(f"part_{task}.zarr") for task in range(3)]
+assert zj.merge(*parts).growth.equals(ds.growth)
+print("their union is the same map")
+
+# %% [markdown]
 # ## When it is killed
 #
 # Nothing is lost but the blocks that were not finished. Ctrl-C ends a sweep as soon as

@@ -44,7 +44,7 @@ from ..results import (
     Variable,
     quantity,
 )
-from ..runtime import plain
+from ..runtime import requires_x64
 from ..steady.jets import Bundle, carried_extent, carried_monodromy, follow_bundle
 from .branch_point import Arc, BranchPoint, Continuation
 from .march import Walk
@@ -168,7 +168,7 @@ class CycleFold(AbstractResult):
         return self.cycle.period[0]
 
 
-@plain
+@requires_x64
 def continue_cycle(
     make_column: Callable[[Scalar], Column],
     orbit: PeriodicOrbit,
@@ -219,7 +219,7 @@ def continue_cycle(
     )
 
 
-@plain
+@requires_x64
 def cycle_fold(
     make_column: Callable[[Scalar], Column],
     orbit: PeriodicOrbit,

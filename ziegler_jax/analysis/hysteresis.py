@@ -19,7 +19,7 @@ from ..motion.sequence import run_in_sequence
 from ..motion.spans import SpanState
 from ..numerics.numbers import Scalar, Traced4, instance, is_concrete
 from ..results import DIMENSIONS, OUTCOME, AbstractDescribed, Settings, Variable
-from ..runtime import plain
+from ..runtime import requires_x64
 from ..steady.settle import settled
 from ..steady.window_rule import SettleProblem, WindowState
 
@@ -53,7 +53,7 @@ class UpDownState(NamedTuple):
     results: dict[str, Shaped[Array, "..."]]
 
 
-@plain
+@requires_x64
 def sweep_up_down(
     make_column: Callable[[Scalar], Column],
     values: Times,

@@ -50,7 +50,7 @@ from ..results import (
     Variable,
     quantity,
 )
-from ..runtime import plain
+from ..runtime import requires_x64
 from ..solvers import Explicit
 from ..steady.certified import CertifiedMotion
 from ..steady.lane import Certifying
@@ -199,7 +199,7 @@ class LeastKick(AbstractResult):
         return refused(NO_DERIVATIVE, jnp.sqrt(2 * self.energy)[..., None] * self.ray)
 
 
-@plain
+@requires_x64
 def least_kick(
     column: Column,
     bracket: Two,

@@ -50,7 +50,7 @@ from ..results import (
     Variable,
     quantity,
 )
-from ..runtime import plain
+from ..runtime import requires_x64
 from ..steady.certified import CertifiedMotion
 from ..steady.lane import Certifying
 from .threshold import carried
@@ -122,7 +122,7 @@ class Onset(AbstractResult):
         return {"threshold": threshold, **super().variables()}
 
 
-@plain
+@requires_x64
 def critical_kick(
     column: Column,
     direction: State,
@@ -168,7 +168,7 @@ def critical_kick(
     return _search(problem, bracket, meaning)
 
 
-@plain
+@requires_x64
 def flutter_onset(
     make_column: Callable[[Scalar], Column],
     start: State,

@@ -40,7 +40,7 @@ from ..numerics.numbers import (
     whole_number,
 )
 from ..results import ORBIT, TIME, AbstractResult, Settings, Variable, quantity
-from ..runtime import own_flags, plain
+from ..runtime import own_flags, requires_x64
 from ..solvers import Explicit
 from ..steady.jets import carried_monodromy
 from .shooting import (
@@ -117,7 +117,7 @@ class PeriodicOrbit(AbstractResult):
         return jnp.abs(self.multipliers)[..., 1]
 
 
-@plain
+@requires_x64
 def periodic_orbit(
     column: Column,
     guess: State,

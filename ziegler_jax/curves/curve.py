@@ -35,7 +35,7 @@ from ..motion.options import Method, recorded
 from ..motion.scene import check_maker, made
 from ..numerics.numbers import Scalar, choice, instance, is_concrete, number
 from ..results import ORBIT, Settings
-from ..runtime import plain
+from ..runtime import requires_x64
 from .bifurcations import BifurcationCurve, BifurcationPoints
 from .codes import CURVE, MEETING
 from .course import Course
@@ -61,7 +61,7 @@ MEETS = 0.02  # the sine of the angle at which a torus' pair is all but one
 Start = PeriodicOrbit | CyclePoints | CycleFold | Branch
 
 
-@plain
+@requires_x64
 def bifurcation_curve(
     make_column: Callable[[Scalar, Scalar], Column],
     kind: Kind,

@@ -29,7 +29,7 @@ from ..model.column import Column
 from ..numerics.numbers import Flag, Scalar, choice
 from ..numerics.series import value
 from ..results import CRITICAL, RATE, AbstractResult, Settings, quantity
-from ..runtime import plain
+from ..runtime import requires_x64
 from .characteristic import Characteristic, characteristic, slope
 from .spectrum import refuse_friction
 
@@ -61,7 +61,7 @@ class CriticalLoad(AbstractResult):
         return (("kind", self.kind),)
 
 
-@plain
+@requires_x64
 def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
     r"""The first load from q = 0 up at which the column loses stability.
 

@@ -12,12 +12,12 @@ from ..model.column import Column
 from ..model.parameters import Make, as_function
 from ..numerics.numbers import Scalar
 from ..results import CRITICAL
-from ..runtime import plain
+from ..runtime import requires_x64
 from .critical_load import CriticalLoad, Kind, critical_load
 from .spectrum import linearise
 
 
-@plain
+@requires_x64
 def sensitivity(
     column: Column | Make,
     kind: Kind = "flutter",

@@ -23,7 +23,7 @@ from ..model.friction import AbstractRateFriction, slopes_at_rest
 from ..numerics.numbers import Pair, Scalar, instance
 from ..numerics.series import value
 from ..results import REGIME
-from ..runtime import plain
+from ..runtime import requires_x64
 from .characteristic import Characteristic, characteristic, inertia, stiffness
 
 
@@ -35,7 +35,7 @@ class Linear(NamedTuple):
     stiffness: jax.Array
 
 
-@plain
+@requires_x64
 def linearise(column: Column) -> Linear:
     """M, C and K at the column's own load; C is zero where it has no damping law.
 
@@ -49,7 +49,7 @@ def linearise(column: Column) -> Linear:
     return Linear(*map(_matrix, (mass, rows, stiff)))
 
 
-@plain
+@requires_x64
 def spectrum(column: Column) -> jax.Array:
     r"""The four eigenvalues s of $\det(M s^2 + C s + K) = 0$, in $\sqrt{k/(m l^2)}$.
 
@@ -72,7 +72,7 @@ def spectrum(column: Column) -> jax.Array:
     return jnp.where(valid, values, jnp.nan)
 
 
-@plain
+@requires_x64
 def spectral_abscissa(column: Column) -> jax.Array:
     """The largest real part of the spectrum: the growth rate, in sqrt(k/(m l^2)).
 
@@ -82,7 +82,7 @@ def spectral_abscissa(column: Column) -> jax.Array:
     return jnp.max(jnp.real(spectrum(column)))
 
 
-@plain
+@requires_x64
 def regime(column: Column) -> jax.Array:
     r"""Which regime the column is in at its load: a code of `REGIME`.
 
@@ -108,7 +108,7 @@ def regime(column: Column) -> jax.Array:
     return _regime(characteristic(column), jnp.asarray(column.q, dtype=float))
 
 
-@plain
+@requires_x64
 def tangent_column(column: Column) -> Column:
     r"""The column with smoothed friction replaced by its tangent at rest.
 

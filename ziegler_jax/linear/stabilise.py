@@ -15,7 +15,7 @@ from ..model.column import Column
 from ..model.parameters import Make, as_function
 from ..numerics.numbers import pair
 from ..results import CRITICAL
-from ..runtime import plain
+from ..runtime import requires_x64
 from .critical_load import CriticalLoad, Kind, critical_load
 
 
@@ -35,7 +35,7 @@ class Stabilised(NamedTuple):
     history: xr.Dataset
 
 
-@plain
+@requires_x64
 def stabilise(
     column: Column | Make,
     parameters: Mapping[str, tuple[float, float]],

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..numerics.numbers import Pair, Scalar
-from ..runtime import plain
+from ..runtime import requires_x64
 from .column import Column, joint_balance
 from .set_valued import SetValuedCoulomb
 
@@ -86,7 +86,7 @@ class StickingSet(eqx.Module):
             )
 
 
-@plain
+@requires_x64
 def sticking_set(column: Column) -> StickingSet:
     """The set of angles at which the column rests, held by friction alone.
 

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from ..model.column import Column, State, vector_field
 from ..results import OUTCOME, AbstractMotionResult
-from ..runtime import Arguments, own_flags, plain
+from ..runtime import Arguments, own_flags, requires_x64
 from ..solvers import AbstractFold
 from .integrate import Motion, follow
 from .options import Method
@@ -60,8 +60,8 @@ class Unwatched(AbstractFold[tuple[()]]):
 
 
 def motion(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """A plain function of a column's motion, whose NaN the user may look for."""
-    computed = plain(function)
+    """A public function of a column's motion, whose NaN the user may look for."""
+    computed = requires_x64(function)
     name = getattr(function, "__name__", "this")
 
     @wraps(function)
