@@ -10,46 +10,46 @@ import pytest
 from small_map import MU, Q, sweep
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import lanes, program
+from ziegler_jax.sweep import pool, program
 
 
 def test_some_batches_are_computed_twice_and_give_the_same_bits(monkeypatch):
-    monkeypatch.setattr(lanes, "CANARY", 3)
+    monkeypatch.setattr(pool, "CANARY", 3)
     found = sweep(q=Q, mu=MU)
     assert found.attrs["canary_checks"] > 0 == found.attrs["canary_mismatches"]
 
 
 def test_a_batch_that_gives_other_bits_the_second_time_is_told(monkeypatch):
     """As from a processor, or a compiled program, that is wrong now and then."""
-    monkeypatch.setattr(lanes, "CANARY", 3)
-    monkeypatch.setattr(lanes, "_CALLS", itertools.count(1))
-    run, calls = lanes.Work._run, []
+    monkeypatch.setattr(pool, "CANARY", 3)
+    monkeypatch.setattr(pool, "_CALLS", itertools.count(1))
+    run, calls = pool.Run._call, []
 
-    def wrong_now_and_then(self, points, *arguments):
-        found = run(self, points, *arguments)
-        calls.append(points)
+    def wrong_now_and_then(self, lanes, *arguments):
+        found = run(self, lanes, *arguments)
+        calls.append(lanes)
         if len(calls) != 4:
             return found
         return jax.tree.map(lambda a: np.asarray(a) + 1, found)
 
-    monkeypatch.setattr(lanes.Work, "_run", wrong_now_and_then)
+    monkeypatch.setattr(pool.Run, "_call", wrong_now_and_then)
     with pytest.warns(UserWarning, match="1 of .* computed twice gave other numbers"):
         found = sweep(q=Q, mu=MU, lanes=zj.Lanes(32, 1))
     assert found.attrs["canary_mismatches"] == 1
 
 
 def test_a_lane_that_takes_no_step_is_told_by_name(monkeypatch):
-    run = lanes.Work._run
+    run = pool.Run._call
 
-    def stuck(self, points, function, *arguments):
-        after = run(self, points, function, *arguments)
+    def stuck(self, lanes, function, *arguments):
+        after = run(self, lanes, function, *arguments)
         if len(arguments) < 3:
             return after
         state, phases_and_steps = after
         at = np.asarray(arguments[1][0][0]) == Q[15]
         return state, np.where(at, 0, phases_and_steps)
 
-    monkeypatch.setattr(lanes.Work, "_run", stuck)
+    monkeypatch.setattr(pool.Run, "_call", stuck)
     with pytest.raises(RuntimeError, match="no step .* at 2.25 <= q <= 2.25"):
         sweep(q=Q, mu=MU, lanes=zj.Lanes(32, 1))
 

@@ -16,7 +16,7 @@ from jax.extend.core import jaxpr_as_fun
 import ziegler_jax as zj
 from ziegler_jax.numerics import resumable
 from ziegler_jax.numerics.jaxpr_digest import digest_of
-from ziegler_jax.sweep import program, scheduler
+from ziegler_jax.sweep import pool, program
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
 
@@ -123,10 +123,8 @@ def test_lanes_are_decided_as_often_as_each_asks():
 @pytest.mark.parametrize("scene", [three, decided])
 def test_places_mates_threads_and_chunks_change_no_bit(monkeypatch, scene):
     whole = numbers(sweep(scene))
-    monkeypatch.setattr(scheduler, "FIRST_CHUNK", 7)
-    monkeypatch.setattr(scheduler, "SHORTEST_CHUNK", 3)
-    monkeypatch.setattr(scheduler, "AHEAD", 1)
-    monkeypatch.setattr(scheduler, "SPARSE", 0.9)
+    monkeypatch.setattr(pool, "FIRST_CHUNK", 7)
+    monkeypatch.setattr(pool, "SHORTEST_CHUNK", 3)
     for options in (
         {"lanes": zj.Lanes(8, 3)},
         {"lanes": zj.Lanes(8, 1)},
@@ -163,17 +161,17 @@ def test_every_place_of_a_batch_rounds_alike():
 
 def test_lanes_in_flight_are_few_however_many_points_there_are(monkeypatch):
     """Later loops go first: open blocks, and what is taken along, stay bounded."""
-    most, give = 0, scheduler.Work.give
+    most, give = 0, pool.Pool.give
 
-    def watched(work, number, lanes):
+    def watched(lanes, parts):
         nonlocal most
-        give(work, number, lanes)
-        most = max(most, sum(part.points.size for w in work.waiting for part in w))
+        give(lanes, parts)
+        most = max(most, int(lanes.counts[1:].sum()))
 
-    monkeypatch.setattr(scheduler.Work, "give", watched)
+    monkeypatch.setattr(pool.Pool, "give", watched)
     sweep(three, x=np.linspace(0.5, 3.0, 2000), lanes=zj.Lanes(32, 2))
-    # before each loop what a segment leads there, and AHEAD batches
-    bound = 32 * (3 * (scheduler.AHEAD + 2) + 4 * program.SEGMENTS)
+    # before each loop what a segment leads there and less than a batch
+    bound = 32 * (3 + 4 * program.SEGMENTS)
     assert 0 < most <= bound < 2000
 
 
@@ -247,32 +245,18 @@ def test_what_a_point_does_beside_is_done_once_and_where_it_stands():
     assert set(lanes) == set(X[:8].tolist())
 
 
-def test_a_batch_without_lanes_leaves_none_to_another():
-    class Batch:
-        loop, busy = 1, np.zeros(8, bool)
-
-    whole = program.compiled(program.traced(one, ("x", "y"), 8))
-    work = scheduler.Work(whole, {"x": X, "y": Y}, scheduler.Queue(iter([])), None)
-    work.batches = {Batch(), Batch()}
-    assert not work.join(next(iter(work.batches)))
-    assert not any(work.waiting) and work.leave(None)
-
-
 def test_no_thread_ends_while_lanes_are_led_to_a_loop(monkeypatch):
-    threads, segment = set(), scheduler.Work._segment
-    chunk = scheduler._Batch.chunk
+    threads, lead = set(), pool.Run.lead
 
-    def slow(work, number):
-        time.sleep(0.05)
-        return segment(work, number)
+    def watched(run, number, *batch):
+        if run.program.stages[number].is_loop:
+            threads.add(threading.get_ident())
+            time.sleep(0.01)
+        else:
+            time.sleep(0.05)
+        return lead(run, number, *batch)
 
-    def watched(batch):
-        threads.add(threading.get_ident())
-        time.sleep(0.01)
-        chunk(batch)
-
-    monkeypatch.setattr(scheduler.Work, "_segment", slow)
-    monkeypatch.setattr(scheduler._Batch, "chunk", watched)
+    monkeypatch.setattr(pool.Run, "lead", watched)
     sweep(one, lanes=zj.Lanes(8, 2))  # 69 points: nine batches, two segments
     assert len(threads) == 2
 

@@ -12,7 +12,7 @@ from small_map import MU, Q, point, same, sweep
 
 import ziegler_jax as zj
 from ziegler_jax import OUTCOME
-from ziegler_jax.sweep import program, progress, scheduler
+from ziegler_jax.sweep import partition, pool, program, progress
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
 
@@ -162,8 +162,9 @@ def test_batch_mates_and_places_change_no_bit(whole):
             found[place] = [r[..., lane].copy() for r in results]
 
     order = np.random.default_rng(3).permutation(Q.size * MU.size)
-    scheduler.run_lanes(
-        compiled, {"q": Q, "mu": MU}, iter([order]), put, threads=2,
+    values = partition.Blocks({"q": Q, "mu": MU}).values
+    pool.run_lanes(
+        compiled, values, iter([order]), put, threads=2,
         on_batch=lambda *_: None,
     )  # fmt: skip
     for number, name in enumerate(scene.variables):
@@ -184,16 +185,16 @@ def test_a_point_alone_is_the_same_bit_for_bit(whole, at):
 def test_the_length_of_chunks_changes_no_bit(whole, monkeypatch, chunks):
     """Down to three steps a chunk, up to all in one."""
     for name, steps in zip(("FIRST", "SHORTEST", "LONGEST"), chunks, strict=True):
-        monkeypatch.setattr(scheduler, f"{name}_CHUNK", steps)
+        monkeypatch.setattr(pool, f"{name}_CHUNK", steps)
     assert same(sweep(q=Q, mu=MU), whole)
 
 
 @pytest.mark.parametrize("alike, stragglers", [(0.0, 0.0), (0.0, 0.5), (2.0, 0.05)])
 def test_when_lanes_are_replaced_changes_no_bit(whole, monkeypatch, alike, stragglers):
-    """All at once, when half have ended, or each when its chunk ends."""
-    monkeypatch.setattr(scheduler, "ALIKE", alike)
-    monkeypatch.setattr(scheduler, "STRAGGLERS", stragglers)
-    monkeypatch.setattr(scheduler, "LONGEST_RUN", 50)
+    """When a usual lane has ended, when half have, or each when its chunk ends."""
+    monkeypatch.setattr(pool, "ALIKE", alike)
+    monkeypatch.setattr(pool, "STRAGGLERS", stragglers)
+    monkeypatch.setattr(pool, "LONGEST_RUN", 50)
     found = sweep(q=Q, mu=MU)
     assert same(found, whole)
     assert 0 < found.attrs["useful_step_fraction"] <= 1
@@ -202,20 +203,21 @@ def test_when_lanes_are_replaced_changes_no_bit(whole, monkeypatch, alike, strag
 def test_lanes_run_in_chunks_at_all(whole):
     """Else the tests above would say nothing of them."""
     assert len(program.traced(point, ("q", "mu"), 32).stages) == 3
-    assert whole.steps.max() > 2 * scheduler.FIRST_CHUNK
+    assert whole.steps.max() > 2 * pool.FIRST_CHUNK
 
 
 def test_the_last_lanes_run_to_their_end_in_one_call(whole, monkeypatch):
     """Where no lane waits for a place, none is made free."""
-    lengths, chunk = [], scheduler._Batch.chunk
-    monkeypatch.setattr(scheduler, "FIRST_CHUNK", 3)
-    monkeypatch.setattr(
-        scheduler._Batch,
-        "chunk",
-        lambda batch: lengths.append(batch.max_steps) or chunk(batch),
-    )
+    lengths, call = [], pool.Run._call
+
+    def watched(self, lanes, function, *arguments):
+        lengths.extend(int(x) for x in arguments[:1] if np.ndim(x) == 0)
+        return call(self, lanes, function, *arguments)
+
+    monkeypatch.setattr(pool, "FIRST_CHUNK", 3)
+    monkeypatch.setattr(pool.Run, "_call", watched)
     assert same(sweep(q=Q[:32], mu=MU[:1]), whole.isel(q=slice(32), mu=[0]))
-    assert lengths == [scheduler.LAST_CHUNK]
+    assert lengths == [pool.LAST_CHUNK]
 
 
 def direct(scene, **columns):

@@ -35,8 +35,8 @@ import numpy as np
 
 from ..runtime import compiles_whole_loops, configure_cpu
 from .partition import Block, BlockAssembler, Blocks, Tally
+from .pool import Effort, run_lanes, warn_of
 from .program import Compiled, Scene, compiled, traced
-from .scheduler import Effort, run_lanes, warn_of
 from .store import SweepStore
 
 SENT_WITH_A_TASK = 1_000_000  # bytes of a point; a larger one is sent by itself
@@ -235,7 +235,7 @@ def _compute(recipe: Recipe, block: Block) -> Ran:
     )
     effort = run_lanes(
         program,
-        block.axes,
+        part.values,
         assembler.points_of([part.block(0)]),
         assembler.put,
         threads=recipe.threads,

@@ -11,8 +11,8 @@ from ..results import Variable
 from ..runtime import all_cores
 from .axes import Returned, check_signature, empty
 from .lanes import Lanes
+from .pool import run_lanes
 from .program import Compiled, compiled, traced
-from .scheduler import run_lanes
 
 
 class Program:
@@ -143,9 +143,7 @@ class Program:
     ) -> dict[str, np.ndarray]:
         """The results point by point; `on_batch` is told of points as they end."""
         count = len(values[self.names[0]])
-        records = np.empty(count, [(name, np.float64) for name in self.names])
-        for name in self.names:
-            records[name] = values[name]
+        floats = {name: np.asarray(values[name], float) for name in self.names}
         arrays = {n: empty(v, (count,)).copy() for n, v in self.variables.items()}
         if not count:
             return arrays
@@ -156,7 +154,7 @@ class Program:
 
         run_lanes(
             self.compiled(),
-            {"point": records},
+            lambda points: {name: x[points] for name, x in floats.items()},
             iter([np.arange(count)]),
             put,
             threads=self._lanes.threads or all_cores(),

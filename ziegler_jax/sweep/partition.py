@@ -136,6 +136,13 @@ class Blocks:
             chosen = self.where[region]
         return Block(number, region, axes, chosen)
 
+    def values(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """The parameters' values at places of the grid, in C order."""
+        places = np.unravel_index(points, self.shape)
+        pairs = zip(self.grid.items(), places, strict=True)
+        here = parameters({name: axis[place] for (name, axis), place in pairs})
+        return {name: values.astype(float) for name, values in here.items()}
+
     def chosen(self) -> np.ndarray:
         """Which points of the whole grid are to be computed."""
         if self.where is None:

@@ -26,10 +26,10 @@ from .partition import (
     check_room,
     evaluate_where,
 )
+from .pool import Effort, run_lanes
 from .program import Scene, compiled, refuse_tracers, traced
 from .progress import Progress, tracing
 from .provenance import check_names, identity, provenance, template, warn_of_hosts
-from .scheduler import Effort, run_lanes
 from .store import Store, SweepStore, prepared
 
 
@@ -228,7 +228,7 @@ def _filled(
             assembler = BlockAssembler(blocks, scene.variables, write_block)
             effort = run_lanes(
                 program,
-                blocks.grid,
+                blocks.values,
                 assembler.points_of(map(blocks.block, missing)),
                 assembler.put,
                 threads=run.threads,
