@@ -80,16 +80,16 @@ def run_lanes(
     - `put`: told by any thread of places, their results (lanes behind) and steps.
     - `on_batch`: told the number of finished points and the useful share.
     """
-    pool, started, told = Pool(program, values, points), time.perf_counter(), 0
-    run = Run(program, pool, put)
+    pool, reported = Pool(program, values, points), 0
+    run, started = Run(program, pool, put), time.perf_counter()
     workers = ThreadPoolExecutor(threads)
     try:
         running = {workers.submit(run.thread) for _ in range(threads)}
         while running:
             ended, running = wait(running, 0.1, return_when=FIRST_COMPLETED)
             finished, useful = run.finished, run.effort(0.0).useful_steps
-            on_batch(finished - told, useful)
-            told = finished
+            on_batch(finished - reported, useful)
+            reported = finished
             for future in ended:
                 future.result()
     finally:
