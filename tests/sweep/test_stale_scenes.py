@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import json
 import os
 from types import SimpleNamespace
 
@@ -320,27 +319,8 @@ def test_a_host_callback_is_the_one_that_the_point_makes_now():
     assert once(scene(5.0)) == 10.0
 
 
-def test_constants_of_a_scene_are_recorded_wherever_they_stand():
-    shift = np.array([0.5, 1.5])
-
-    def scene(x, offset=2.0):
-        return helper(x) * OPTIONS["inner"][0] + shift.sum() + SPACE.factor + offset
-
-    def with_axis(x):
-        return scene(x)
-
-    found = zj.sweep(with_axis, x=[2.0], progress=False)
-    assert json.loads(found.attrs["scene_constants"]) == {
-        "scene.helper.NUMBER": NUMBER,
-        "scene.OPTIONS": OPTIONS,
-        "scene.SPACE.factor": 1.0,
-        "scene.shift": [0.5, 1.5],
-        "scene.offset": 2.0,
-    }
-
-
 def test_a_key_for_random_numbers_may_stand_around_a_point():
-    """Of JAX's typed keys, which NumPy cannot hold, the words are recorded."""
+    """One of JAX's typed keys, which NumPy cannot hold."""
     key = jax.random.key(7)
 
     def point(sample):
@@ -350,5 +330,3 @@ def test_a_key_for_random_numbers_may_stand_around_a_point():
     found = zj.sweep(point, sample=[0.0, 1.0], progress=False)
     expected = [jax.random.uniform(jax.random.fold_in(key, i)) for i in (0, 1)]
     np.testing.assert_array_equal(found.draw, expected)
-    words = json.loads(found.attrs["scene_constants"])["key"]
-    assert words == jax.random.key_data(key).tolist()

@@ -18,7 +18,7 @@ OF_A_RUN |= {"blocks", "blocks_done"}
 VERSIONS = ("ziegler_jax_version", "jax_version", "jaxlib_version", "diffrax_version")
 DIGEST, NO_DIGEST = "scene_digest", "none"
 # What people read of a scene, and no more: the first sweep's stays.
-RECORD = {"scene", "scene_axes", "scene_function", "scene_constants"}
+RECORD = {"scene", "scene_axes", "scene_function"}
 RECORD |= {"numpy_version", "python_version"}
 NEAR = 1e-9  # of the smaller gap beside two values of an axis that are taken for one
 
@@ -62,7 +62,7 @@ def merge(*sweeps: xr.Dataset, versions: Literal["same", "any"] = "same") -> xr.
 
     **Returns:** a dataset over the unions of the axes, rising. Of the attributes,
     points and seconds are sums; several versions and their digests stand behind each
-    other; what people read of a scene (its source, `scene_constants`) is the first
+    other; what people read of a scene (its source) is the first
     one's; what else belongs to a run (threads, batches, an audit) is left out.
 
     **Raises:** `ValueError` that names what differs: a variable, an attribute, a point;

@@ -12,25 +12,22 @@ beside it. What else labels a variable, and its origin, are those of the dataset
 import functools
 import hashlib
 import inspect
-import json
 import platform
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib import metadata
-from types import FunctionType, SimpleNamespace
-from typing import Any, TypeAlias, cast
+from typing import Any, cast
 from uuid import uuid4
 
 import jax
 import numpy as np
 import xarray as xr
-from jax.core import Tracer
 
 from ..results import AXES, coordinate, labels, unlike_meaning
 from ..runtime import compiles_whole_loops
 from .axes import check_name, empty, parameters
 from .partition import Blocks
-from .program import Scene, is_the_users
+from .program import Scene
 
 NONE = "none"  # the digest of a scene that has none
 _PACKAGES = ("ziegler_jax", "jax", "jaxlib")
@@ -150,11 +147,6 @@ def digest_of(values: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(values, "<f8").tobytes()).hexdigest()
 
 
-# a number, text or table as JSON has it
-Plain: TypeAlias = bool | int | float | str | list["Plain"] | dict[str, "Plain"]
-LONGEST_TABLE = 100  # values of an array that are recorded; of longer ones the ends
-
-
 def check_names(scene: Scene, grid: Iterable[str]) -> None:
     """Refuse results whose names break the rule, or are an axis's or its dimension's.
 
@@ -211,7 +203,8 @@ def provenance(scene: Scene, points: int) -> dict[str, object]:
 
 
 def origin(point: Callable[..., object]) -> dict[str, str]:
-    """What a point is, for the record: its name, source and the numbers around it."""
+    """A point's name and source, for people to read."""
+    point = point.func if isinstance(point, functools.partial) else point
     try:
         source = inspect.getsource(point)
     except (OSError, TypeError):
@@ -220,7 +213,6 @@ def origin(point: Callable[..., object]) -> dict[str, str]:
     return {
         "scene": source,
         "scene_function": f"{module}:{name}" if name else "",
-        "scene_constants": json.dumps(constants(point)),
     }
 
 
@@ -229,88 +221,3 @@ def _versions() -> dict[str, str]:
     packages = ("ziegler_jax", "jax", "jaxlib", "diffrax", "numpy")
     versions = {f"{package}_version": metadata.version(package) for package in packages}
     return {**versions, "python_version": platform.python_version()}
-
-
-def constants(point: Callable[..., object]) -> dict[str, Plain]:
-    """The numbers that a point takes from around it, for the record.
-
-    By the names they go by in its code: globals, enclosed variables, defaults, those of
-    the helpers that it calls (`helper.factor`) and of objects (`cfg.c`). It is a record
-    and no more: whether a scene has changed is seen from its digest.
-    """
-    numbers: dict[str, Plain] = {}
-    _record(numbers, "", point, set())
-    return numbers
-
-
-def _record(
-    numbers: dict[str, Plain], prefix: str, value: object, visited: set[int]
-) -> None:
-    if id(value) in visited or len(visited) > 1000:
-        return
-    visited.add(id(value))
-    for name, inner in _around(value):
-        path = f"{prefix}{name}"
-        plain = _plain(inner)
-        if plain is not None:
-            numbers[path] = plain
-        else:
-            _record(numbers, f"{path}.", inner, visited)
-
-
-def _around(value: object) -> Iterator[tuple[str, object]]:
-    """What a function, a partial or an object refers to, by name."""
-    if isinstance(value, functools.partial):
-        yield from _around(value.func)
-        yield from ((f"argument {i}", v) for i, v in enumerate(value.args))
-        yield from value.keywords.items()
-        return
-    owner = getattr(value, "__self__", None)
-    function = inspect.unwrap(value) if callable(value) else value
-    function = getattr(function, "__func__", function)
-    if isinstance(function, FunctionType):
-        if not is_the_users(function.__code__.co_filename):
-            return
-        around = inspect.getclosurevars(function)
-        yield from sorted({**around.globals, **around.nonlocals}.items())
-        for parameter in inspect.signature(function).parameters.values():
-            if parameter.default is not parameter.empty:
-                yield parameter.name, parameter.default
-        if owner is not None:
-            yield "self", owner
-    elif isinstance(value, SimpleNamespace) or _is_of_the_users(type(value)):
-        yield from sorted(getattr(value, "__dict__", {}).items())
-
-
-def _is_of_the_users(kind: type) -> bool:
-    """Whether a class is defined in the user's own code."""
-    try:
-        return is_the_users(inspect.getfile(kind))
-    except (OSError, TypeError):  # built in, or typed at a prompt
-        return kind.__module__ == "__main__"
-
-
-def _plain(value: object) -> Plain | None:
-    """A number, text or table as JSON has it; None for anything else."""
-    if isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray | jax.Array) and not isinstance(value, Tracer):
-        if jax.numpy.issubdtype(value.dtype, jax.dtypes.prng_key):
-            value = jax.random.key_data(value)  # NumPy has no such dtype
-        array = np.asarray(value)
-        if array.dtype.kind not in "biuf":
-            return None
-        if array.size <= LONGEST_TABLE:
-            return array.tolist()
-        ends = f"{array.flat[0]:.17g} to {array.flat[-1]:.17g}"
-        return f"array of shape {array.shape}, from {ends}"
-    if isinstance(value, dict):
-        plain = {k: _plain(v) for k, v in value.items() if isinstance(k, str)}
-        whole = len(plain) == len(value) and None not in plain.values()
-        return cast(Plain, plain) if whole else None
-    if isinstance(value, list | tuple):
-        items = [_plain(v) for v in value]
-        return None if None in items else cast(Plain, items)
-    return None

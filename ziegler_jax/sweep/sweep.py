@@ -121,8 +121,8 @@ def sweep(
     the end says how many failed in which way, and what to do (a column that turned
     over, `escaped`, is no failure). The attributes
     hold versions, the scene's digest (`scene_digest`: two sweeps of one are
-    of one scene; `none` for a point with host callbacks), its source with the numbers
-    that it takes from around it for people to read, and what this run cost: seconds,
+    of one scene; `none` for a point with host callbacks), its source for
+    people to read, and what this run cost: seconds,
     the share of useful steps (NaN where no motion runs in chunks), and how many of the
     batches that were computed a second time, one of 256, gave other bits
     (`canary_mismatches`, of `canary_checks`; it warns where there are any). With
