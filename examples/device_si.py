@@ -9,14 +9,15 @@ jax.config.update("jax_enable_x64", True)
 
 POINTS = 4
 DEVICE = zj.SI(m=0.1, l=0.2, k=0.5)
-WINDOWS = DEVICE.windows(transient=10.0, length=5.0)  # seconds
+RODS = {"m1": 0.1, "m2": 0.1, "l1": 0.2, "l2": 0.2}
+WINDOWS = DEVICE.scaled(zj.Windows(transient=10.0, length=5.0))  # seconds
 
 
 def cell(F, kick):  # newtons, rad/s
-    friction = DEVICE.set_valued_coulomb(0.15, pin_radius=0.004)
-    damping = DEVICE.viscous(1e-4, 1e-4)  # N m s/rad
-    column = DEVICE.uniform_rods(F, friction=friction, damping=damping)
-    return column, DEVICE.state(omega=(0, kick))
+    friction = zj.SetValuedCoulomb(0.15, pin_radius=0.004)
+    damping = zj.Viscous(1e-4, 1e-4)  # N m s/rad
+    column = zj.uniform_rods(F, **RODS, friction=friction, damping=damping)
+    return DEVICE.scaled(column), DEVICE.scaled(zj.State(omega=(0, kick)))
 
 
 def point(F, kick):

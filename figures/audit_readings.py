@@ -23,22 +23,26 @@ BESIDE = ThreadPoolExecutor(1)
 
 
 def law(radius, load=None, mu_s=MU_S, mu_k=MU_K):
-    """Set-valued friction on a pin of this radius in m; the load F if none is named."""
-    return zj.SetValuedCoulomb(mu_s, mu_k, pin_radius=radius / UNITS.l, load=load)
+    """Set-valued friction on a pin of this radius in m; the load F if none is named.
+
+    A constant load is in N, of this law and of `joint`.
+    """
+    return UNITS.scaled(zj.SetValuedCoulomb(mu_s, mu_k, pin_radius=radius, load=load))
 
 
 def joint(radius, load, rate=TRANSITION):
     """The law of a multibody program with its transition at this rate in rad/s."""
-    return UNITS.joint_friction(
+    law = UNITS.joint_friction(
         MU_S, MU_K, pin_radius=radius, transition_velocity=rate * radius, load=load
     )
+    return UNITS.scaled(law)
 
 
-READINGS = {  # the law, and its normal load in k/l where the motion does not decide it
-    "F": (law, Q),
-    "10 N": (law, 10.0 / UNITS.force),
+READINGS = {  # the law, and its normal load in N where the motion does not decide it
+    "F": (law, Q * UNITS.force),
+    "10 N": (law, 10.0),
     "reaction": (law, None),
-    "F, smoothed": (joint, Q),
+    "F, smoothed": (joint, Q * UNITS.force),
     "reaction, smoothed": (joint, None),
 }
 

@@ -301,8 +301,8 @@ def regimes(radius, rate=TRANSITION, q=2.6):
     """Joint 2's shares of time in static friction, in passage, in dynamic friction."""
     friction = joint(radius, zj.FollowerLoad(), rate)
     cut = UNITS.transition_rate(radius, rate * radius)
+    watched = [UNITS.scaled(zj.StickFraction(x)) for x in (cut, 1.5 * cut)]
     below, passed = (
-        float(settled(friction, q, observers=(zj.StickFraction(x),)).stick_fraction[1])
-        for x in (cut, 1.5 * cut)
+        float(settled(friction, q, observers=(x,)).stick_fraction[1]) for x in watched
     )
     return below, passed - below, 1 - passed

@@ -94,25 +94,25 @@ def _fields_of_a_column(p):
 def _units(p):
     """SI: what is made of metres, newtons and seconds, and back."""
     units = zj.SI(p.m, p.l, p.k)
-    law = units.smooth_coulomb(
+    law = zj.SmoothCoulomb(
         p.mu_s, p.mu_k, pin_radius=p.radius, v_smooth=p.v, v_stribeck=p.v_s,
-        load=units.constant_load(p.n),
+        load=zj.ConstantLoad(p.n),
     )  # fmt: skip
     joint = units.joint_friction(
         p.mu_s, p.mu_k, pin_radius=p.radius, transition_velocity=p.v
     )
-    made = units.uniform_rods(
-        p.F, m1=p.m1, l2=p.l2, friction=law, damping=units.viscous(p.c1, p.c1)
-    )
-    begin = units.state((0.1, 0.2), (p.w1, p.w1))
-    windows = units.windows(p.t, p.t, p.w1)
-    motion = zj.trajectory(
-        units.uniform_rods(p.F), begin, np.array([0.0, 0.1]), method=FINE
-    )
+    damping = zj.Sum(zj.Viscous(p.c1, p.c1), zj.Air(p.c1, p.c1, p.l2))
+    rods = {"m1": p.m1, "m2": p.m, "l1": p.l, "l2": p.l2}
+    made = units.scaled(zj.uniform_rods(p.F, **rods, friction=law, damping=damping))
+    begin = units.scaled(zj.State((0.1, 0.2), (p.w1, p.w1)))
+    windows = units.scaled(zj.Windows(p.t, p.t, rate_cut=p.w1))
+    equal = {"m1": p.m, "m2": p.m, "l1": p.l, "l2": p.l}
+    bare = units.scaled(zj.uniform_rods(p.F, **equal))
+    motion = zj.trajectory(bare, begin, np.array([0.0, 0.1]), method=FINE)
     back = units.restore(motion)
     return {
         "column": jnp.stack(jax.tree.leaves(made)),
-        "joint": jnp.stack([x for x in jax.tree.leaves(joint) if jnp.ndim(x) == 0]),
+        "joint": jnp.stack(jax.tree.leaves(units.scaled(joint))),
         "rate": units.transition_rate(p.radius, p.v),
         "units": jnp.stack([units.time, units.force]),
         "state": jnp.stack(begin.y),

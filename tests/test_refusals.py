@@ -214,12 +214,12 @@ def test_a_trace_in_32_bits_is_refused():
         (
             "uniform_rods",
             lambda: zj.uniform_rods(1.0, mass=2),
-            "m1, m2, l2, kappa, follower, damping, friction",
+            "m1, m2, l1, l2, kappa, follower, damping, friction",
         ),
         (
             "point_masses",
             lambda: zj.point_masses(mass=2),
-            "m1, m2, l2, kappa, follower, damping, friction",
+            "m1, m2, l1, l2, kappa, follower, damping, friction",
         ),
     ],
 )

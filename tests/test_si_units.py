@@ -1,5 +1,9 @@
 """SI units: the same physics, in seconds and newton metres."""
 
+import dataclasses
+from typing import ClassVar
+
+import equinox as eqx
 import jax
 import matplotlib
 import matplotlib.pyplot as plt
@@ -9,10 +13,19 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
+from ziegler_jax.results import AbstractResult
+from ziegler_jax.units.known import PURE
+from ziegler_jax.units.known import UNITS as UNITS_IN_SI
 
 matplotlib.use("Agg")
 UNITS = zj.SI(m=0.3, l=0.7, k=4.0)
 KICK = zj.State(omega=(0.0, 0.4))
+EQUAL = {"m1": 0.3, "m2": 0.3, "l1": 0.7, "l2": 0.7}
+
+
+def rods(force, **parts):
+    """Equal rods under a force in newtons, in their own units."""
+    return UNITS.scaled(zj.uniform_rods(force, **EQUAL, **parts))
 
 
 def newtons(t, y, m, l, k, force):  # noqa: E741
@@ -34,7 +47,7 @@ def test_a_restored_motion_is_that_of_the_equations_in_si_units():
         lambda t, y: newtons(t, y, 0.3, 0.7, 4.0, force),
         (0, 3), start, "DOP853", seconds, rtol=1e-11, atol=1e-12,
     )  # fmt: skip
-    column = UNITS.uniform_rods(force)
+    column = rods(force)
     motion = zj.trajectory(
         column, KICK, seconds / UNITS.time, method=zj.Method(rtol=1e-10, atol=1e-10)
     )
@@ -46,7 +59,7 @@ def test_a_restored_motion_is_that_of_the_equations_in_si_units():
 
 
 def test_a_restored_motion_says_that_it_is_in_seconds(refuses):
-    column = UNITS.uniform_rods(12.0)
+    column = rods(12.0)
     motion = zj.trajectory(column, KICK, np.linspace(0, 20, 201))
     back = UNITS.restore(motion)
     assert "rad/s" in str(back) and "sqrt" not in str(back)
@@ -67,8 +80,8 @@ def test_a_restored_motion_says_that_it_is_in_seconds(refuses):
 
 
 def test_the_events_of_a_motion_are_in_seconds_too():
-    friction = zj.SetValuedCoulomb(0.02, pin_radius=1.0)
-    column = UNITS.uniform_rods(12.0, friction=friction)
+    friction = zj.SetValuedCoulomb(0.02, pin_radius=0.7)
+    column = rods(12.0, friction=friction)
     motion = zj.trajectory(column, KICK, np.linspace(0, 20, 5), max_events=40)
     back = UNITS.restore(motion)
     count = int(motion.events.count)
@@ -111,7 +124,7 @@ def test_a_restored_dataset_names_and_scales_its_units():
 
 
 def test_a_settled_motion_comes_back_in_seconds():
-    column, watch = UNITS.uniform_rods(6.0), (zj.Period(), zj.EnergyBalance())
+    column, watch = rods(6.0), (zj.Period(), zj.EnergyBalance())
     short = zj.Windows(transient=5, length=40, max_windows=1)
     end = zj.settle(column, KICK, windows=short, observers=watch, certify=False)
     si = UNITS.restore(end)
@@ -132,12 +145,18 @@ def test_lanes_of_a_result_are_dimensions_after_restoring():
 
 
 def test_masses_are_in_kilograms_and_lengths_in_metres():
-    column = UNITS.point_masses(12.0, m1=0.9, m2=0.6, l2=1.4)
+    bodies = {"m1": 0.9, "m2": 0.6, "l1": 0.7, "l2": 1.4}
+    column = UNITS.scaled(zj.point_masses(q=12.0, **bodies))
     direct = zj.point_masses(3, 2, q=2.1, l2=2.0)  # by hand: 0.9/0.3, 12 * 0.7/4
     assert_same(column, direct)
-    assert_same(UNITS.point_masses(0.0), zj.point_masses(2, 1))
-    rods = UNITS.uniform_rods(12.0, m1=0.9, m2=0.6, l2=1.4)
-    assert_same(rods, zj.uniform_rods(2.1, m1=3, m2=2, l2=2.0))
+    ziegler = zj.point_masses(0.6, 0.3, l1=0.7, l2=0.7)
+    assert_same(UNITS.scaled(ziegler), zj.point_masses(2, 1))
+    uniform = UNITS.scaled(zj.uniform_rods(12.0, **bodies))
+    assert_same(uniform, zj.uniform_rods(2.1, m1=3, m2=2, l2=2.0))
+    # by hand: m l^2 = 0.147 kg m^2, m l = 0.21 kg m
+    numbers = {"a": 0.294, "b": 0.0735, "d": 0.147, "m2": 0.6, "s1": 0.105, "l2": 1.4}
+    own = UNITS.scaled(zj.Column(12.0, **numbers, kappa=0.8, l1=0.7))
+    assert_same(own, zj.Column(2.1, 2, 0.5, 1, 0.8, m2=2, s1=0.5, l2=2))
 
 
 def assert_same(column, other):
@@ -147,14 +166,16 @@ def assert_same(column, other):
 
 def test_each_joint_has_its_own_pin_and_its_own_transition():
     radii, v = (0.02, 0.1), 0.004
-    law = UNITS.joint_friction(0.12, 0.10, pin_radius=radii, transition_velocity=v)
-    rates = UNITS.transition_rate(radii, v)
+    joints = UNITS.joint_friction(0.12, 0.10, pin_radius=radii, transition_velocity=v)
+    assert UNITS.transition_rate(radii, v) == pytest.approx((0.2, 0.04), rel=1e-14)
+    law, cut = UNITS.scaled(joints), zj.StickFraction(UNITS.transition_rate(radii, v))
+    rates = UNITS.scaled(cut).rate_cut
     assert rates == pytest.approx((0.2 * UNITS.time, 0.04 * UNITS.time), rel=1e-14)
     halves = law.levers(1.25 * rates[0], 1.25 * rates[1])
     # 0.11 R/l each: the middle of its own fall, less the tanh's 1.3e-8 (joint 1)
     expected = [0.11 * radius / 0.7 for radius in radii]
     np.testing.assert_allclose(halves, expected, rtol=1e-6)
-    column = UNITS.uniform_rods(12.0, friction=law)
+    column = rods(12.0, friction=joints)
     short = {"windows": zj.Windows(max_windows=1)}
     both = zj.settle(
         column, KICK, observers=(zj.StickFraction(rates),), **short, certify=False
@@ -170,7 +191,10 @@ def test_a_joint_of_a_multibody_program_falls_between_its_transition_velocities(
     radius, v = 0.02, 0.004
     law = UNITS.joint_friction(0.12, 0.10, pin_radius=radius, transition_velocity=v)
     rate = UNITS.transition_rate(radius, v)
-    assert rate == pytest.approx(0.2 * UNITS.time, rel=1e-14)  # 0.2 rad/s
+    assert rate == pytest.approx(0.2, rel=1e-14)  # rad/s
+    assert UNITS.scaled(law).v_stribeck == pytest.approx(
+        1.25 / np.log(2) ** 0.5 * 0.2 * UNITS.time, rel=1e-14
+    )
 
     def mu(times):
         return float(law.levers(times * rate, 0.0)[0]) / float(law.pin_radius)
@@ -194,7 +218,7 @@ def test_a_pin_radius_without_its_unit_leaves_the_torque_open_by_a_thousand():
 
 
 def test_time_histories_have_seconds_on_their_axes():
-    motion = zj.trajectory(UNITS.uniform_rods(10.0), KICK, np.linspace(0, 5, 6))
+    motion = zj.trajectory(rods(10.0), KICK, np.linspace(0, 5, 6))
     history, phase = zj.plot.time_history(motion, units=UNITS)
     assert history.get_xlabel() == "time $t$ (s)"
     np.testing.assert_allclose(
@@ -203,9 +227,12 @@ def test_time_histories_have_seconds_on_their_axes():
     assert "s$^{-1}$" in phase.get_ylabel()
 
 
-def test_the_smoothed_rate_of_a_joints_friction_is_in_radians_a_second():
-    law = joint(v_smooth=2.0)
+def test_all_that_a_joints_friction_is_made_of_is_in_si_units():
+    """The smoothed rate in rad/s, the load in newtons."""
+    law = UNITS.scaled(joint(v_smooth=2.0, load=zj.ConstantLoad(5.0)))
     assert law.v_smooth == pytest.approx(2.0 * UNITS.time, rel=1e-15)
+    assert law.load.n == pytest.approx(5.0 * 0.7 / 4.0, rel=1e-15)
+    assert law.pin_radius == pytest.approx(0.1 / 0.7, rel=1e-15)
 
 
 def joint(**changes):
@@ -226,9 +253,35 @@ def joint(**changes):
             lambda: UNITS.transition_rate(0.0, 0.1),
             "`pin_radius` must be finite and positive, but is 0",
         ),
-        (lambda: UNITS.uniform_rods("26 N"), "`F` must be a number, but is '26 N'"),
-        (lambda: UNITS.point_masses(1.0, m2="1 kg"), "`m2` must be a number"),
-        (lambda: UNITS.uniform_rods(1.0, l2=-1), "`l2` must be finite and positive"),
+        (lambda: rods("26 N"), "`q` must be a number, but is '26 N'"),
+        (lambda: zj.point_masses(m1=1, m2="1 kg", l1=1, l2=1), "`m2` must be a number"),
+        (
+            lambda: zj.uniform_rods(1.0, m1=1, m2=1, l1=1, l2=-1),
+            "`l2` must be finite and positive",
+        ),
+        (
+            lambda: zj.uniform_rods(1.0, m1=1, l1=1, l2=1),
+            "`m2` must be given where `l1` is",
+        ),
+        (
+            lambda: zj.uniform_rods(1.0, **EQUAL, damping=zj.Air(0.1, 0.1)),
+            "`l2` of `Air` must be the column's, 0.7, but is 1",
+        ),
+        (
+            lambda: UNITS.scaled(zj.uniform_rods(1.0)),
+            "`value` must have `l1`, .*, but has none",
+        ),
+        (lambda: UNITS.scaled(rods(1.0)), "`value` must have `l1`"),  # scaled twice
+        (
+            lambda: UNITS.scaled(zj.uniform_rods(1.0, **EQUAL | {"l1": 0.8})),
+            "`value` must have a rod 1 .*, 0.7 m, but has `l1` = 0.8",
+        ),
+        (lambda: UNITS.scaled(3.0), "`value` must be a column, .* but is float"),
+        (lambda: UNITS.scaled(UNITS), "`value` must be a column, .* but is SI"),
+        (
+            lambda: UNITS.scaled(zj.critical_load(zj.uniform_rods())),
+            "`value` must be a column, .* but is CriticalLoad",
+        ),
         (lambda: UNITS.transition_rate("a", 0.1), "`pin_radius` must be a number"),
         (lambda: joint(pin_radius=None), "`pin_radius` must be a number, but is None"),
         (lambda: joint(pin_radius=(1, 2, 3)), "`pin_radius` must be two numbers"),
@@ -262,20 +315,199 @@ def test_laws_starts_and_bounds_in_si_are_those_of_the_equations_in_si():
     truth = solve_ivp(
         direct, (0, 2), (0, 0, 0, 2.0), "DOP853", seconds, rtol=1e-11, atol=1e-12
     )
-    friction = units.smooth_coulomb(mu, pin_radius=radius, v_smooth=v)
-    column = units.uniform_rods(force, friction=friction, damping=units.viscous(c, c))
-    motion = units.restore(
-        zj.trajectory(column, units.state(omega=(0, 2.0)), seconds / units.time)
-    )
+    friction = zj.SmoothCoulomb(mu, pin_radius=radius, v_smooth=v)
+    parts = {"friction": friction, "damping": zj.Viscous(c, c)}
+    column = units.scaled(zj.uniform_rods(force, m1=m, m2=m, l1=l, l2=l, **parts))
+    start = units.scaled(zj.State(omega=(0, 2.0)))
+    motion = units.restore(zj.trajectory(column, start, seconds / units.time))
     # worst cases 1.3e-8, 1.5e-7: the motion's own tolerance
     np.testing.assert_allclose(motion.phi, truth.y[:2].T, atol=1e-7)
     np.testing.assert_allclose(motion.omega, truth.y[2:].T, atol=1e-6)
-    windows = units.windows(transient=4.0, rate_cut=0.1, max_windows=3)
+    windows = units.scaled(zj.Windows(transient=4.0, rate_cut=0.1, max_windows=3))
     assert windows.transient * units.time == pytest.approx(4.0, rel=1e-15)
     assert windows.rate_cut == pytest.approx(0.1 * units.time, rel=1e-15)
-    dry = units.set_valued_coulomb(mu, pin_radius=(radius, 2 * radius))
+    dry = units.scaled(zj.SetValuedCoulomb(mu, pin_radius=(radius, 2 * radius)))
     assert dry.pin_radius == (radius / l, 2 * radius / l)
-    assert units.constant_load(5.0).n == pytest.approx(5.0 * l / k, rel=1e-15)
+    load = units.scaled(zj.ConstantLoad(5.0))
+    assert load.n == pytest.approx(5.0 * l / k, rel=1e-15)
+
+
+T, F, C = (0.3 * 0.49 / 4) ** 0.5, 4 / 0.7, (4 * 0.3 * 0.49) ** 0.5  # by hand
+PINS = {"pin_radius": (0.07, 0.14)}
+SCALED = {
+    "start": (zj.State((1, 2), (3, 4)), zj.State((1, 2), (3 * T, 4 * T))),
+    "viscous": (zj.Viscous(1, 2), zj.Viscous(1 / C, 2 / C)),
+    # 1 N s/m^2 on a rod of 0.7 m, whose torque is 1/3 0.7^3 N m s
+    "air": (zj.Air(1, 2, 1.4), zj.Air(0.343 / C, 0.686 / C, 2)),
+    "sum": (
+        zj.Sum(zj.Viscous(1, 2), zj.Air(1, 2, 1.4)),
+        zj.Sum(zj.Viscous(1 / C, 2 / C), zj.Air(0.343 / C, 0.686 / C, 2)),
+    ),
+    "smooth": (
+        zj.SmoothCoulomb(0.2, 0.1, **PINS, v_smooth=1, v_stribeck=(2, 3)),
+        zj.SmoothCoulomb(
+            0.2, 0.1, pin_radius=(0.1, 0.2), v_smooth=T, v_stribeck=(2 * T, 3 * T)
+        ),
+    ),
+    "set-valued": (
+        zj.SetValuedCoulomb(0.2, **PINS, load=zj.ConstantLoad((1, 2))),
+        zj.SetValuedCoulomb(
+            0.2, pin_radius=(0.1, 0.2), load=zj.ConstantLoad((1 / F, 2 / F))
+        ),
+    ),
+    "follower load": (zj.FollowerLoad(), zj.FollowerLoad()),
+    "reaction": (zj.JointReaction(5), zj.JointReaction(5)),
+    "windows": (
+        zj.Windows(1, 2, 3, 4, 5, 6),
+        zj.Windows(1 / T, 2 / T, 3, 4, 5, 6 * T),
+    ),
+    "spans": (zj.Spans(1, 2, 3, 4), zj.Spans(1 / T, 2 / T, 3, 4)),
+    "method": (zj.Method(zj.Taylor(), 1e-5, 1e-6, 9),) * 2,
+    "directions": (zj.Directions("both"),) * 2,
+    "search": (zj.Search(3, 4),) * 2,
+    "arc": (zj.Arc(bounds=(1, 2)),) * 2,
+    "course": (zj.Course(first=(1, 2)),) * 2,
+    "angle": (zj.SectionPlane("phi2", 1), zj.SectionPlane("phi2", 1)),
+    "rate": (zj.SectionPlane("omega2", 1, False), zj.SectionPlane("omega2", T, False)),
+    "cut": (zj.StickFraction((1, 2)), zj.StickFraction((T, 2 * T))),
+    "no cut": (zj.StickFraction(), zj.StickFraction()),
+}
+
+
+@pytest.mark.parametrize("name", SCALED)
+def test_every_value_is_scaled_by_the_units_of_its_numbers(name):
+    given, expected = SCALED[name]
+    scaled = UNITS.scaled(given)
+    assert jax.tree.structure(scaled) == jax.tree.structure(expected)
+    for x, y in zip(jax.tree.leaves(scaled), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-14)
+    # by the inverse units all of it comes back
+    back = zj.SI(1 / 0.3, 1 / 0.7, 1 / 4.0).scaled(scaled)
+    for x, y in zip(jax.tree.leaves(back), jax.tree.leaves(given), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-14)
+
+
+def test_all_values_of_the_library_with_numbers_have_units():
+    """But results, what a sweep is given, and methods, whose numbers are pure."""
+    others = {"SI", "Lanes", "Store", "Fineness", "Program", "StickingSet"}
+    others |= {"Rosenbrock", "Taylor", "Explicit"}
+    for name in zj.__all__:
+        kind = getattr(zj, name)
+        if not (isinstance(kind, type) and issubclass(kind, eqx.Module)):
+            continue
+        if issubclass(kind, AbstractResult) or name in others:
+            continue
+        units = getattr(kind, "units", {})
+        numbers = {
+            f.name
+            for f in dataclasses.fields(kind)
+            if "Scalar" in str(f.type) or "float" in str(f.type).lower()
+        }
+        assert isinstance(units, property) or numbers <= set(units), name
+        if not isinstance(units, property):
+            assert set(units.values()) <= {*UNITS_IN_SI, *PURE}, name
+
+
+class Cubic(zj.AbstractDamping):
+    """Torques c |u|^2 u of the rods, with and without its unit."""
+
+    c: float
+
+    def matrix(self, cos_d, omega):
+        return (self.c * omega[0] ** 2, 0.0), (0.0, self.c * omega[1] ** 2)
+
+
+class Measured(Cubic):
+    units: ClassVar = {"c": (1.5, 3, -0.5)}  # k sqrt(m l^2/k)^3
+
+
+class Furlong(Cubic):
+    units: ClassVar = {"c": "furlong"}
+
+
+def test_a_law_of_ones_own_says_its_units(refuses):
+    law = UNITS.scaled(Measured(1))  # N m s^3, a whole number is one too
+    assert law.c == pytest.approx(1 / (4 * T**3), rel=1e-14)
+    column = rods(1.0, damping=zj.Sum(Measured(2.0), zj.Viscous(0, 0)))
+    assert column.damping.first.c == pytest.approx(2 / (4 * T**3), rel=1e-14)
+    for c in (1, 1.0, np.float64(1), jax.numpy.ones(())):
+        refuses(
+            lambda c=c: UNITS.scaled(Cubic(c)),
+            "`value`", "`c` of `Cubic` has none", 'units = {"c": "1"}', "k/l",
+        )  # fmt: skip
+    refuses(lambda: UNITS.scaled(Furlong(1.0)), "`c` of `Furlong`", "'furlong'", "k/l")
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        lambda c: zj.settle(c, KICK),
+        lambda c: zj.trajectory(c, KICK, [0.0, 1.0]),
+        lambda c: zj.vector_field(0.0, KICK.y, c),
+        lambda c: zj.energy(c, KICK),
+        lambda c: zj.power(c, KICK),
+        lambda c: zj.reactions(c, KICK),
+        lambda c: zj.spectrum(c),
+        lambda c: zj.critical_load(c),
+        lambda c: zj.tangent_column(c),
+        lambda c: zj.is_stiff(c, 1e-6),
+        lambda c: zj.flutter_onset(lambda q: c, KICK, (1.0, 2.0)),
+        lambda c: zj.lyapunov_exponents(c, KICK),
+    ],
+)
+def test_a_column_in_si_units_is_asked_nothing(question, refuses):
+    given = zj.uniform_rods(12.0, **EQUAL)
+    refuses(lambda: question(given), "`column`", "`l1` = 0.7", "si.scaled(column)")
+
+
+def test_a_set_of_sticking_states_is_in_the_columns_own_units(refuses):
+    dry = zj.uniform_rods(
+        1.0, **EQUAL, friction=zj.SetValuedCoulomb(0.1, pin_radius=0.1)
+    )
+    refuses(lambda: zj.sticking_set(dry), "`column`", "`l1` = 0.7")
+
+
+def test_a_column_in_si_units_has_no_sensitivities(refuses):
+    """Its numbers are traced where it is refused."""
+    given = zj.uniform_rods(12.0, **EQUAL)
+    refuses(lambda: zj.sensitivity(given), "`l1` = a traced number", "si.scaled")
+
+
+def test_a_traced_length_that_is_not_the_units_makes_the_column_invalid():
+    def end(l1):
+        column = zj.uniform_rods(12.0, **EQUAL | {"l1": l1})
+        motion = zj.trajectory(UNITS.scaled(column), KICK, [0.0, 1.0])
+        return motion.outcome, motion.phi[-1]
+
+    (right, wrong), phi = jax.jit(jax.vmap(end))(np.array([0.7, 0.8]))
+    assert (right, wrong) == (zj.OUTCOME.complete, zj.OUTCOME.invalid)
+    assert np.isfinite(phi[0]).all() and np.isnan(phi[1]).all()
+
+
+def test_scaled_values_are_differentiated():
+    """q = F l/k, and the rest by their powers of m, l and k."""
+
+    def numbers(m, l, k):  # noqa: E741
+        units = zj.SI(m, l, k)
+        given = zj.uniform_rods(
+            12.0, m1=0.3, m2=0.3, l1=l, l2=0.7, damping=zj.Viscous(1.0, 1.0)
+        )
+        column, start = units.scaled(given), units.scaled(KICK)
+        windows = units.scaled(zj.Windows(transient=2.0))
+        return column.q, column.d, column.damping.c1, start.omega[1], windows.transient
+
+    at = (0.3, 0.7, 4.0)
+    slopes = jax.jit(jax.jacfwd(numbers, (0, 1, 2)))(*map(jax.numpy.asarray, at))
+    powers = (
+        (0, 1, -1),
+        (-1, -2, 0),
+        (-0.5, -1, -0.5),
+        (0.5, 1, -0.5),
+        (-0.5, -1, 0.5),
+    )
+    for value, slope, power in zip(numbers(*at), slopes, powers, strict=True):
+        expected = [p * value / x for p, x in zip(power, at, strict=True)]
+        np.testing.assert_allclose(slope, expected, rtol=1e-13, atol=1e-15)
 
 
 def test_loads_come_back_in_newtons_also_in_a_sweep():
@@ -288,5 +520,6 @@ def test_loads_come_back_in_newtons_also_in_a_sweep():
     np.testing.assert_allclose(si.q, newton * ds.q, rtol=1e-14)
     np.testing.assert_allclose(si.q_cr.values, newton * ds.q_cr.values, rtol=1e-14)
     assert si.q.attrs["units"] == si.q_cr.attrs["units"] == "N"
+    assert ds.q.attrs["units"] == ds.q_cr.attrs["units"] == "k/l"
     assert si.q.attrs["symbol"] == "$F$"
     assert si.q_cr.attrs["long_name"] == "critical load"

@@ -19,6 +19,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int, Shaped
 
 TIME, RATE = "sqrt(m l^2/k)", "sqrt(k/(m l^2))"
+# Of a value's fields: units, or powers of m, l and k.
+Units = Mapping[str, str | tuple[float, float, float]]
 
 Final = TypeVar("Final")  # the state at the end: no room below knows states
 
@@ -368,7 +370,7 @@ DIMENSIONS = {"rod": (1, 2), "joint": (1, 2)}
 
 # Names that scenes give their axes: meaning, units, symbol.
 AXES = {
-    "q": ("follower load F l/k", "1", "$q$"),
+    "q": ("follower load", "k/l", "$q$"),
     "F": ("follower load", "N", "$F$"),
     "mu_s": ("static friction coefficient", "1", r"$\mu_s$"),
     "mu_k": ("kinetic friction coefficient", "1", r"$\mu_k$"),

@@ -22,25 +22,29 @@ print("the unit of time is", DEVICE.time, "s, that of force", DEVICE.force, "N")
 # %% [markdown]
 # ## The column
 #
-# Methods of `SI` have the names of what they make, and take kilograms, metres, newtons
-# and seconds.
-
+# Write it in kilograms, metres, newtons and seconds; `scaled` gives the same column in
+# its own units, with all that it holds. `l1`, the length of rod 1, says that a column
+# is in SI units: then it is given all of its masses and lengths.
 
 # %%
+RODS = {"m1": 0.1, "m2": 0.1, "l1": 0.2, "l2": 0.2}
+DAMPING = zj.Viscous(1e-4, 1e-4)  # N m s/rad
+
+
 def column(F):
-    friction = DEVICE.set_valued_coulomb(0.15, pin_radius=0.004)
-    damping = DEVICE.viscous(1e-4, 1e-4)  # N m s/rad
-    return DEVICE.uniform_rods(F, friction=friction, damping=damping)
+    friction = zj.SetValuedCoulomb(0.15, pin_radius=0.004)
+    device = zj.uniform_rods(F, **RODS, friction=friction, damping=DAMPING)
+    return DEVICE.scaled(device)
 
 
 # %% [markdown]
 # `k` is the spring of joint 2. Joint 1 has the same, or `kappa` times it: a spring of
-# 0.8 N m/rad at the base is `DEVICE.uniform_rods(F, kappa=0.8 / 0.5)`.
+# 0.8 N m/rad at the base is `zj.uniform_rods(F, **RODS, kappa=0.8 / 0.5)`.
 #
 # Without friction and with this damping it would flutter from here on:
 
 # %%
-bare = DEVICE.uniform_rods(0.0, damping=DEVICE.viscous(1e-4, 1e-4))
+bare = DEVICE.scaled(zj.uniform_rods(0.0, **RODS, damping=DAMPING))
 load = zj.critical_load(bare)
 print("critical force", load.q_cr * DEVICE.force, "N")
 print("frequency there", load.frequency / DEVICE.time / (2 * np.pi), "Hz")
@@ -52,7 +56,7 @@ print("frequency there", load.frequency / DEVICE.time / (2 * np.pi), "Hz")
 
 # %%
 seconds = np.linspace(0, 6, 1501)
-start = DEVICE.state(omega=(0, 2.0))  # rad/s
+start = DEVICE.scaled(zj.State(omega=(0, 2.0)))  # rad/s
 motion = zj.trajectory(column(6.0), start, seconds / DEVICE.time)
 ax = zj.plot.time_history(DEVICE.restore(motion))
 
@@ -60,7 +64,7 @@ ax = zj.plot.time_history(DEVICE.restore(motion))
 # ## What it ends in
 
 # %%
-windows = DEVICE.windows(transient=10.0, length=5.0)  # seconds
+windows = DEVICE.scaled(zj.Windows(transient=10.0, length=5.0))  # seconds
 observers = (zj.Period(), zj.StickFraction())
 end = zj.settle(column(6.0), start, windows=windows, observers=observers)
 end = DEVICE.restore(end)
@@ -76,7 +80,8 @@ print(f"joint 2 by {np.rad2deg(float(end.joint_amplitude[1])):.0f} degrees")
 
 # %%
 def point(F, kick):  # newtons, rad/s
-    return zj.settle(column(F), DEVICE.state(omega=(0, kick)), windows=windows)
+    start = DEVICE.scaled(zj.State(omega=(0, kick)))
+    return zj.settle(column(F), start, windows=windows)
 
 
 kick = xr.DataArray(
@@ -95,8 +100,7 @@ ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="F", y="kick")
 
 # %%
 search = zj.Search(scan=6, halvings=6)
-knock = DEVICE.state(omega=(0, 2.0))
-onset = zj.flutter_onset(column, knock, (2.0, 8.0), search=search)
+onset = zj.flutter_onset(column, start, (2.0, 8.0), search=search)
 print(
     zj.ONSET(int(onset.outcome)).name, "at", onset.threshold, "N, to", onset.width, "N"
 )
@@ -112,10 +116,9 @@ print(
 
 # %%
 def rougher(F, mu):
-    friction = DEVICE.set_valued_coulomb(mu, pin_radius=0.004)
-    damping = DEVICE.viscous(1e-4, 1e-4)
-    device = DEVICE.uniform_rods(F, friction=friction, damping=damping)
-    return zj.settle(device, DEVICE.state(omega=(0, 2.0)), windows=windows)
+    friction = zj.SetValuedCoulomb(mu, pin_radius=0.004)
+    device = zj.uniform_rods(F, **RODS, friction=friction, damping=DAMPING)
+    return zj.settle(DEVICE.scaled(device), start, windows=windows)
 
 
 ds = zj.sweep(rougher, F=np.linspace(2, 8, 16), mu=np.linspace(0.05, 0.5, 10))
@@ -127,7 +130,7 @@ ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="F", y="mu")
 #
 # Such a program takes coefficients, the pin's radius and a transition velocity of its
 # surface. `joint_friction` translates these into a smoothed law on the joints'
-# reactions.
+# reactions, in SI units: a column takes it as any other law.
 
 # %%
 law = DEVICE.joint_friction(0.2, 0.15, pin_radius=0.004, transition_velocity=1e-3)
@@ -136,6 +139,5 @@ law
 # %%
 figure, ax = plt.subplots(layout="constrained")
 rate = np.linspace(-1.5, 1.5, 601)  # rad/s
-lever = law.levers(rate * DEVICE.time, rate * DEVICE.time)[0]
-ax.plot(rate, 1000 * lever * DEVICE.l)
+ax.plot(rate, 1000 * law.levers(rate, rate)[0])
 ax.set(xlabel="joint rate (rad/s)", ylabel="torque per newton of reaction (N mm/N)")

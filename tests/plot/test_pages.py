@@ -181,8 +181,9 @@ UNITS = zj.SI(m=0.1, l=0.2, k=0.5)
 
 
 def in_newtons(F, c):  # noqa: N803
-    damping = zj.Viscous(c, c)
-    return UNITS.uniform_rods(F, l2=0.1, damping=damping), zj.State(omega=(0.0, 0.3))
+    rods = {"m1": 0.1, "m2": 0.1, "l1": 0.2, "l2": 0.1}
+    column = zj.uniform_rods(F, **rods, damping=zj.Viscous(c, c))
+    return UNITS.scaled(column), zj.State(omega=(0.0, 0.3))
 
 
 def angle(F, c):  # noqa: N803
@@ -192,14 +193,14 @@ def angle(F, c):  # noqa: N803
 
 
 def test_a_store_in_si_units_makes_a_page(tmp_path):
-    axes = {"F": [4.0, 6.5], "c": [0.1, 0.2]}
+    axes = {"F": [4.0, 6.5], "c": [0.0045, 0.009]}
     zj.sweep(angle, **axes, store=tmp_path / "s", progress=False)
     stored = UNITS.restore(zj.open_sweep(tmp_path / "s"))
-    options = {"x": "F", "y": "c", "cells": [(6.5, 0.2)]}
+    options = {"x": "F", "y": "c", "cells": [(6.5, 0.009)]}
     path = zj.plot.page(stored, in_newtons, tmp_path / "p.html", "angle", **options)
     (shown,) = Reader(path).json["cells"]
     at = np.array(shown["ts"])
-    direct = zj.trajectory(*in_newtons(6.5, 0.2), at)
+    direct = zj.trajectory(*in_newtons(6.5, 0.009), at)
     # the time is that of the column's own units
     assert shown["l2"] == 0.5 and at[-1] == pytest.approx(60.0, rel=1e-12)
     # what is written is rounded, of 0.09: measured 5e-9

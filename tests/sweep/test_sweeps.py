@@ -34,7 +34,7 @@ def test_axes_and_results_are_labelled(whole):
     assert (whole.q.values == Q).all() and (whole.mu.values == MU).all()
     assert whole.joint_amplitude.attrs["units"] == "rad"
     assert whole.period.attrs["units"] == "sqrt(m l^2/k)"
-    assert whole.q.attrs["long_name"] == "follower load F l/k"
+    assert whole.q.attrs["long_name"] == "follower load"
     for name, variable in whole.data_vars.items():
         assert variable.attrs["long_name"], name
 

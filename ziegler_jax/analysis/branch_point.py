@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable
-from typing import NamedTuple, cast
+from typing import ClassVar, NamedTuple, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -56,6 +56,9 @@ class Arc(eqx.Module):
 
     **Raises:** `ValueError` for numbers that break a rule.
     """
+
+    # bounds are in the parameter's own unit, which `SI.scaled` leaves alone
+    units: ClassVar = {"step": "1", "bounds": "1", "error": "1"}
 
     direction: int | None = eqx.field(static=True)
     step: Scalar

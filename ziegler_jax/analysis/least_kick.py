@@ -95,6 +95,8 @@ class Directions(eqx.Module):
     **Raises:** `ValueError` for what breaks a rule.
     """
 
+    units: ClassVar = {"width": "1"}
+
     free: str = eqx.field(static=True)
     count: int = eqx.field(static=True)
     scan: int = eqx.field(static=True)

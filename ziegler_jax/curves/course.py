@@ -1,6 +1,7 @@
 """How far and how finely a curve is followed."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -34,6 +35,9 @@ class Course(eqx.Module):
 
     **Raises:** `ValueError` for numbers that break a rule.
     """
+
+    # those of the parameters are in units of their own, which `SI.scaled` leaves alone
+    units: ClassVar = dict.fromkeys(("values", "second", "first", "step", "error"), "1")
 
     points: int = eqx.field(static=True)
     values: Values | None

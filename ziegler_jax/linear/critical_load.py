@@ -46,7 +46,7 @@ class CriticalLoad(AbstractResult):
     formula's.
     """
 
-    q_cr: jax.Array = eqx.field(metadata=quantity("critical load F l/k"))
+    q_cr: jax.Array = eqx.field(metadata=quantity("critical load", "k/l"))
     frequency: jax.Array = eqx.field(
         metadata=quantity("frequency at the critical load", RATE)
     )

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from ..model.column import Column
+from ..model.column import Column, refuse_si
 from ..model.damping import Sum, Viscous
 from ..model.friction import AbstractRateFriction, slopes_at_rest
 from ..numerics.numbers import Pair, Scalar, instance
@@ -128,6 +128,7 @@ def tangent_column(column: Column) -> Column:
 
     **Raises:** `ValueError` if the friction is set-valued: it has no tangent.
     """
+    refuse_si(column)
     law = column.friction
     if law is None:
         return column
@@ -159,6 +160,7 @@ def tangent_column(column: Column) -> Column:
 def refuse_friction(who: str, column: Column) -> None:
     """Raise for a column whose friction a linear function cannot see."""
     instance("column", column, Column)
+    refuse_si(column)
     if column.friction is not None:
         raise ValueError(
             f"Argument `column` must have no friction for `{who}`, but has "

@@ -20,44 +20,18 @@ from ..numerics.materialise import materialise
 from ..numerics.numbers import (
     Pair,
     Scalar,
-    Two,
     Vector4,
     checked,
     equals,
     is_concrete,
     keeps_rules,
-    pair,
 )
 from ..runtime import refuse_forked
 from .damping import AbstractDamping, lengths
 from .friction import AbstractFriction, AbstractRateFriction
 from .joint_reactions import joint_reactions
 from .set_valued import Dynamics, FrozenCoulomb
-
-
-class State(eqx.Module):
-    r"""A start: angles $\phi_1, \phi_2$ (rad) and rates $\omega_1, \omega_2$.
-
-    Springs are wound up by a turn: $\phi$ and $\phi + 2\pi$ are different states, and
-    angles are never reduced. Both rods turned by $2\pi n$ differ in spring 1's torque
-    alone, and in rounding: an angle's last digit, $2^{-52} |\phi|$, is the finest that
-    its sine, and the motion, can know.
-
-    **Arguments:** `phi`, `omega`: two numbers each, finite where concrete.
-    """
-
-    phi: Pair
-    omega: Pair
-
-    def __init__(self, phi: Two = (0.0, 0.0), omega: Two = (0.0, 0.0)):
-        """Keep the four numbers."""
-        self.phi = pair("phi", phi)
-        self.omega = pair("omega", omega)
-
-    @property
-    def y(self) -> Vector4:
-        """The state as four scalars, as `vector_field` takes it."""
-        return (*self.phi, *self.omega)
+from .state import State, scalars_of
 
 
 class Column(eqx.Module):
@@ -90,6 +64,8 @@ class Column(eqx.Module):
         need them; the constructors set them.
     - `l2`: the load's lever on rod 2, its length in l. Only a load that does not
         follow ($\eta \ne 1$) needs it, and `Air` must have the same.
+    - `l1`: the length of rod 1 in m, of a column in SI units alone (q in N, inertia in
+        kg m^2, ...). Questions refuse it; `SI.scaled` gives it a rod 1 of length 1.
 
     All are leaves: any of them can be traced, mapped over and differentiated.
 
@@ -106,6 +82,19 @@ class Column(eqx.Module):
         "m2": "nonnegative; none",
         "s1": "finite; none",
         "l2": "positive",
+        "l1": "positive; none",
+    }
+    units: ClassVar = {
+        "q": "k/l",
+        "a": "m l^2",
+        "b": "m l^2",
+        "d": "m l^2",
+        "kappa": "1",
+        "follower": "1",
+        "m2": "m",
+        "s1": "m l",
+        "l2": "l",
+        "l1": "l",
     }
 
     q: Scalar
@@ -119,6 +108,7 @@ class Column(eqx.Module):
     m2: Scalar | None
     s1: Scalar | None
     l2: Scalar
+    l1: Scalar | None  # None: the unit of length
 
     def __init__(
         self,
@@ -134,12 +124,14 @@ class Column(eqx.Module):
         m2: Scalar | None = None,
         s1: Scalar | None = None,
         l2: Scalar = 1.0,
+        l1: Scalar | None = None,
     ):
         """Check and keep the column's numbers."""
         self.q, self.a, self.b, self.d = checked(self.rules, q=q, a=a, b=b, d=d)
-        self.kappa, self.follower, self.m2, self.s1, self.l2 = checked(
-            self.rules, kappa=kappa, follower=follower, m2=m2, s1=s1, l2=l2
+        self.kappa, self.follower, self.m2, self.s1 = checked(
+            self.rules, kappa=kappa, follower=follower, m2=m2, s1=s1
         )
+        self.l2, self.l1 = checked(self.rules, l2=l2, l1=l1)
         inertia = (self.a, self.b, self.d)
         if all(map(is_concrete, inertia)) and not self.a * self.d > self.b**2:
             raise ValueError(
@@ -187,6 +179,17 @@ class Column(eqx.Module):
         return good
 
 
+def refuse_si(column: Column) -> None:
+    """Refuse a column in SI units, in which the equations of motion do not hold."""
+    if column.l1 is not None:
+        length = f"{column.l1:g}" if is_concrete(column.l1) else "a traced number"
+        raise ValueError(
+            "Argument `column` must be in its own units, in which rod 1 has the length "
+            f"1, but has `l1` = {length}: write `si.scaled(column)`, with `si` of "
+            "`zj.SI`."
+        )
+
+
 def vector_field(t: Scalar, y: Vector4, column: Column) -> Vector4:
     """The equations of motion, in diffrax's signature.
 
@@ -204,11 +207,6 @@ def vector_field(t: Scalar, y: Vector4, column: Column) -> Vector4:
     return w1, w2, *forces.accelerations(_friction_torques(column, forces, y))
 
 
-def scalars_of(y: Vector4 | State) -> Vector4:
-    """The four scalars of a state, however it is given."""
-    return y.y if isinstance(y, State) else y
-
-
 def energy(column: Column, y: Vector4 | State) -> jax.Array:
     r"""Kinetic energy and that of the springs, in units of k.
 
@@ -220,6 +218,7 @@ def energy(column: Column, y: Vector4 | State) -> jax.Array:
     **Arguments:** `column`; `y`: a `State`, or its four scalars.
     """
     refuse_forked()
+    refuse_si(column)
     y = scalars_of(y)
     return jnp.asarray(_energy(column, y, sincos(y[0] - y[1])[1]))
 
@@ -352,6 +351,7 @@ class _Forces:
     def __init__(self, column: Column, y: Vector4):
         phi1, phi2, w1, w2 = y
         refuse_forked()  # what needs the forces asks here
+        refuse_si(column)
         self.column, self.y = column, y
         self.sin_d, self.cos_d = sincos(phi1 - phi2)
         self.load = _load(column, y, self.sin_d)

@@ -7,6 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 
 from ..numerics.numbers import Flag, Pair, Scalar, checked, keeps_rules
+from ..results import Units
 
 
 class AbstractDamping(eqx.Module):
@@ -17,6 +18,7 @@ class AbstractDamping(eqx.Module):
     ```python
     class Quadratic(zj.AbstractDamping):
         rules = {"c": "nonnegative"}
+        units = {"c": "m l^2"}
         c: float
 
         def matrix(self, cos_d, omega):
@@ -32,9 +34,12 @@ class AbstractDamping(eqx.Module):
     sweep, and outside of `sweep` for good.
     `rules` names for each of them the rule that it keeps: `finite`, `nonnegative`,
     `positive`; a lane in which one breaks its rule ends as `invalid`.
+    `units` names for each of them its unit, for `SI.scaled` alone: `1`, `rad`, another
+    one that it lists, or the powers of m, l and k.
     """
 
     rules: ClassVar[Mapping[str, str]] = {}
+    units: ClassVar[Units] = {}
 
     @abc.abstractmethod
     def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
@@ -68,6 +73,7 @@ class Viscous(AbstractDamping):
     """
 
     rules: ClassVar = {"c1": "nonnegative", "c2": "nonnegative"}
+    units: ClassVar = {"c1": "sqrt(k m l^2)", "c2": "sqrt(k m l^2)"}
 
     c1: Scalar
     c2: Scalar
@@ -101,6 +107,7 @@ class Air(AbstractDamping):
     """
 
     rules: ClassVar = {"e1": "nonnegative", "e2": "nonnegative", "l2": "positive"}
+    units: ClassVar = {"e1": "sqrt(k m)/l^2", "e2": "sqrt(k m)/l^2", "l2": "l"}
 
     e1: Scalar
     e2: Scalar

@@ -34,6 +34,7 @@ from ..numerics.numbers import (
     is_concrete,
     keeps_rules,
 )
+from ..results import RATE, Units
 from .loads import AbstractLoad, FollowerLoad, normal_load
 from .torque_curve import Curve, torque
 
@@ -46,12 +47,15 @@ class AbstractFriction(eqx.Module):
     sweep, and outside of `sweep` for good.
     `rules` names for each of them the rule that it keeps: `finite`, `nonnegative`,
     `positive`; a lane in which one breaks its rule ends as `invalid`.
+    `units` names for each of them its unit, for `SI.scaled` alone: `1`, `rad`, another
+    one that it lists, or the powers of m, l and k.
 
     `sticks`: whether joints truly stick, so that motions have events: the library's own
     `SetValuedCoulomb` alone.
     """
 
     rules: ClassVar[Mapping[str, str]] = {}
+    units: ClassVar[Units] = {}
     sticks: ClassVar[bool] = False
 
     def valid(self) -> Flag:
@@ -93,6 +97,7 @@ class AbstractRateFriction(AbstractFriction):
     ```python
     class Root(zj.AbstractRateFriction):
         rules = {"mu": "nonnegative", "v": "positive"}
+        units = {"mu": "1", "v": "sqrt(k/(m l^2))"}
         mu: float
         v: float
 
@@ -224,8 +229,8 @@ class SmoothCoulomb(AbstractRateFriction):
     so that both have done half of their fall at the rate 1.25 v / R (rad/s), the middle
     of the program's passage from v to 1.5 v; and `JointReaction()`, whose N is the
     pin's force in k/l. $v_{smooth}$ has no counterpart there. `SI.joint_friction`
-    translates, and `SI.transition_rate` gives the rate by which to tell the regimes
-    that a run enters.
+    makes the law, in SI units, and `SI.transition_rate` gives the rate by which to tell
+    the regimes that a run enters.
 
     **Arguments:**
 
@@ -247,6 +252,13 @@ class SmoothCoulomb(AbstractRateFriction):
         "pin_radius": "nonnegative; two",
         "v_stribeck": "positive; two or none",
         "v_smooth": "positive",
+    }
+    units: ClassVar = {
+        "mu_s": "1",
+        "mu_k": "1",
+        "pin_radius": "l",
+        "v_stribeck": RATE,
+        "v_smooth": RATE,
     }
 
     mu_s: OneOrTwo

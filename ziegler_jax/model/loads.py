@@ -18,6 +18,7 @@ from ..numerics.numbers import (
     keeps_rules,
     whole_number,
 )
+from ..results import Units
 from .joint_reactions import Forces, Rods, reaction_loads
 
 
@@ -29,6 +30,7 @@ class AbstractLoad(eqx.Module):
     """
 
     rules: ClassVar[Mapping[str, str]] = {}
+    units: ClassVar[Units] = {}
     of_motion: ClassVar[bool] = False
 
     @abc.abstractmethod
@@ -57,6 +59,7 @@ class ConstantLoad(AbstractLoad):
     """$N_1, N_2$ constant, e.g. a preload of the pins, in units of k/l."""
 
     rules: ClassVar = {"n": "nonnegative; two"}
+    units: ClassVar = {"n": "k/l"}
 
     n: OneOrTwo
 

@@ -103,6 +103,7 @@ class SetValuedCoulomb(AbstractFriction):
         "mu_k": "nonnegative; two or none",
         "pin_radius": "nonnegative; two",
     }
+    units: ClassVar = {"mu_s": "1", "mu_k": "1", "pin_radius": "l"}
     sticks: ClassVar[bool] = True
 
     mu_s: OneOrTwo

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..numerics.numbers import Pair, Scalar
 from ..runtime import requires_x64
-from .column import Column, joint_balance
+from .column import Column, joint_balance, refuse_si
 from .set_valued import SetValuedCoulomb
 
 Angle = Float[Array, "..."] | float  # many at once, or one
@@ -108,3 +108,4 @@ def check_sticks(column: Column) -> None:
             "Argument `column` must be a `Column` with `SetValuedCoulomb` friction, "
             f"but is {column!r}."
         )
+    refuse_si(column)

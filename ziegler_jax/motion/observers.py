@@ -27,7 +27,7 @@ from ..numerics.numbers import (
     number_or_pair,
 )
 from ..numerics.passages import share_within
-from ..results import TIME, Variable
+from ..results import RATE, TIME, Units, Variable
 from ..solvers import Step
 from .section import SectionPlane, angles, passage
 
@@ -80,6 +80,7 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     sweep, and outside of `sweep` for good.
     """
 
+    units: ClassVar[Units] = {}  # of its numbers, for `SI.scaled`
     name: ClassVar[str]  # no two of a motion have the same
     # whether half of a cycle that is its own mirror image tells as much as the whole
     mirrored: ClassVar[bool] = False
@@ -244,6 +245,8 @@ class StickFraction(AbstractObserver):
     the friction law's own (`v_smooth` of the smoothed law, below which its torque has
     not risen to its peak).
     """
+
+    units: ClassVar = {"rate_cut": RATE}
 
     rate_cut: OneOrTwo | None = None
     name: ClassVar[str] = "stick_fraction"

@@ -6,7 +6,7 @@ in the tables of this file, and what was used in the attributes of a result.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, Self, cast
+from typing import Any, ClassVar, Self, cast
 
 import diffrax as dfx
 import equinox as eqx
@@ -21,7 +21,7 @@ from ..numerics.numbers import (
     number,
     whole_number,
 )
-from ..results import Settings
+from ..results import RATE, TIME, Settings
 from ..solvers import Explicit, Rosenbrock, Taylor
 
 Solver = Explicit | Rosenbrock | Taylor
@@ -122,6 +122,8 @@ class Method(AbstractOptions):
     not depend on it.
     """
 
+    units: ClassVar = {"solver": "1", "rtol": "1", "atol": "rad", "max_steps": "1"}
+
     solver: Solver | None
     rtol: Scalar | None
     atol: Scalar | None
@@ -187,6 +189,14 @@ class Windows(AbstractOptions):
     **Raises:** `ValueError` for numbers that break a rule.
     """
 
+    units: ClassVar = {
+        "transient": TIME,
+        "length": TIME,
+        "agreement": "1",
+        "escape": "rad",
+        "rate_cut": RATE,
+    }
+
     transient: Scalar | None = _option(number, "transient", "nonnegative")
     length: Scalar | None = _option(number, "length", "positive")
     max_windows: int | None = _option(whole_number, "max_windows", static=True)
@@ -221,6 +231,8 @@ class Spans(AbstractOptions):
 
     **Raises:** `ValueError` for numbers that break a rule.
     """
+
+    units: ClassVar = {"transient": TIME, "length": TIME, "escape": "rad"}
 
     transient: Scalar | None = _option(number, "transient", "nonnegative")
     length: Scalar | None = _option(number, "length", "positive")

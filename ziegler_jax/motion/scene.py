@@ -11,7 +11,7 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float, Int
 
-from ..model.column import Column, State, vector_field
+from ..model.column import Column, State, refuse_si, vector_field
 from ..model.damping import is_polynomial
 from ..model.friction import check_slopes
 from ..numerics.materialise import as_one_call
@@ -175,6 +175,7 @@ def float_state(start: State) -> Traced4:
 def check_scene(column: Column, start: State, name: str = "start") -> None:
     """Raise a sentence if these are no column and no start."""
     instance("column", column, Column)
+    refuse_si(column)
     instance(name, start, State)
     check_slopes(column.friction)
 

@@ -17,6 +17,7 @@ from ..numerics.hermite import (
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Option, Scalar, Vector4, choice, number
 from ..numerics.passages import first_fall
+from ..results import RATE, Units
 from ..solvers import Step
 
 Coordinate = Literal["phi1", "phi2", "omega1", "omega2"]
@@ -51,6 +52,11 @@ class SectionPlane(eqx.Module):
                 f"Argument `rising` must be True or False, but is {rising!r}."
             )
         self.rising = bool(rising)
+
+    @property
+    def units(self) -> Units:
+        """Its level's: an angle's or a rate's."""
+        return {"level": "rad" if self.coordinate.startswith("phi") else RATE}
 
     @property
     def index(self) -> int:

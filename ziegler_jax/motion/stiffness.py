@@ -14,7 +14,7 @@ from contextlib import ExitStack
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, vector_field
+from ..model.column import Column, refuse_si, vector_field
 from ..numerics.numbers import Pair, Scalar, Vector4, instance, is_concrete, number
 from ..runtime import refuse_forked
 
@@ -59,6 +59,7 @@ def is_stiff(column: Column, rtol: Scalar) -> jax.Array:
     """
     refuse_forked()
     instance("column", column, Column)
+    refuse_si(column)
     rtol = number("rtol", rtol, "positive")
     with ExitStack() as known:
         if all(is_concrete(x) for x in jax.tree.leaves((column, rtol))):
