@@ -17,6 +17,7 @@ import json
 import sys
 from functools import partial
 
+import colours
 import matplotlib
 import numpy as np
 from measure import commit, machine, paired, rounded, save
@@ -180,7 +181,6 @@ def draw(about, results, path):
     """Log-log, one line a contestant: ours thick and filled, theirs thin and open."""
     import matplotlib.pyplot as plt
 
-    colours = zj.plot.LINE_COLOURS
     markers = "os^DvPX*<>"
     figure, ax = plt.subplots(figsize=(8.3, 5.0), layout="constrained")
     mine = [n for n in results if n.startswith("ziegler_jax") and results[n]]
@@ -192,7 +192,7 @@ def draw(about, results, path):
         y = [max(e["median"], 1e-16) for e in entries]
         own = name in mine
         j = i if own else codes.index(name.split()[0])  # a code has one colour
-        colour = colours[j % len(colours)]
+        colour = colours.LINES[j % len(colours.LINES)]
         marker = markers[(i if own else i - len(mine)) % len(markers)]
         ax.plot(
             x, y, ("-" if own else ":") + marker, color=colour,

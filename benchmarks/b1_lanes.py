@@ -13,6 +13,7 @@ import argparse
 import json
 import os
 
+import colours
 import matplotlib
 import numpy as np
 import ours
@@ -37,8 +38,8 @@ def draw(result, path):
         1, 2, figsize=(8.3, 3.4), layout="constrained", width_ratios=(1.5, 1)
     )
     for name, marker, colour in (
-        ("sweep", "o", zj.plot.BLUE),
-        ("C++ AVX-512", "s", zj.plot.VERMILLION),
+        ("sweep", "o", colours.BLUE),
+        ("C++ AVX-512", "s", colours.VERMILLION),
     ):
         points = [p for p in result["lanes"] if name in p]
         x = [p["lanes"] for p in points]
@@ -51,7 +52,7 @@ def draw(result, path):
     left.legend()
     threads = [p["threads"] for p in result["threads"]]
     right.plot(
-        threads, [p["speed_up"] for p in result["threads"]], "o-", c=zj.plot.BLUE
+        threads, [p["speed_up"] for p in result["threads"]], "o-", c=colours.BLUE
     )
     right.plot(threads, threads, ":", color="0.5", label="ideal")
     right.set(xlabel="threads", ylabel="speed-up", xticks=threads)

@@ -13,6 +13,7 @@ order and shuffled. Runs take turns. Prints one JSON line a result; writes
 import argparse
 import json
 
+import colours
 import jax
 import matplotlib
 import numpy as np
@@ -81,9 +82,9 @@ def draw(result, path):
     compiled = [row["compile_seconds"] for row in rows]
     compiled.append(slope["compile_seconds"]["derivative"])
     over = [row["run_over_none"] for row in rows] + [slope["derivative_over_plain"]]
-    axes[0].barh(names, compiled, color=zj.plot.SKY)
+    axes[0].barh(names, compiled, color=colours.SKY)
     axes[0].set(xlabel="compile (s)")
-    axes[1].barh(names, over, color=zj.plot.BLUE)
+    axes[1].barh(names, over, color=colours.BLUE)
     axes[1].axvline(1.0, color="0.3", lw=0.8)
     axes[1].set(xlabel="run time over that without", yticks=[])
     for order, style in (("in order", "o-"), ("shuffled", "s--")):
@@ -93,7 +94,7 @@ def draw(result, path):
             [row["useful_step_fraction"] for row in rows],
             style,
             label=order,
-            color=zj.plot.BLUE if order == "in order" else zj.plot.VERMILLION,
+            color=colours.BLUE if order == "in order" else colours.VERMILLION,
         )
     axes[2].set(xscale="log", xlabel="batch size", ylabel="useful steps", ylim=(0, 1))
     axes[2].set_xticks(BATCHES, [str(b) for b in BATCHES])

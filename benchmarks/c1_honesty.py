@@ -17,6 +17,7 @@ import argparse
 import json
 import time
 
+import colours
 import diffrax as dfx
 import jax
 import jax.numpy as jnp
@@ -97,8 +98,8 @@ def draw(result, path):
     with plt.rc_context({"font.size": 10}):
         figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), layout="constrained")
         left, *volumes = axes
-        colours = zj.plot.LINE_COLOURS[: len(SOLVERS)]
-        for name, marker, colour in zip(SOLVERS, "osD^v", colours, strict=True):
+        lines = colours.LINES[: len(SOLVERS)]
+        for name, marker, colour in zip(SOLVERS, "osD^v", lines, strict=True):
             look = {"marker": marker, "color": colour}
             drift = np.abs(np.array(result["energy_drift"][name]))
             left.loglog(TOLERANCES, drift, **look, label=name)

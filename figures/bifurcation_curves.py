@@ -1,5 +1,6 @@
 """Where cycles fold over load and friction, where folds end and sticking begins."""
 
+import colours
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
@@ -8,10 +9,10 @@ import style
 import ziegler_jax as zj
 
 STARTS = {  # a torque, and which fold down the branch of its cycle at q = 1.95
-    (0.03, 0): ("o-", zj.plot.BLUE, "folds of the lowest cycle"),
-    (0.1, 0): ("s-", zj.plot.VERMILLION, "the same, joint 2 sticks once more"),
-    (0.1, 1): ("^-.", zj.plot.PURPLE, "folds on the way to another cycle"),
-    (0.2, 0): ("D-", zj.plot.GREEN, "folds of that cycle"),
+    (0.03, 0): ("o-", colours.BLUE, "folds of the lowest cycle"),
+    (0.1, 0): ("s-", colours.VERMILLION, "the same, joint 2 sticks once more"),
+    (0.1, 1): ("^-.", colours.PURPLE, "folds on the way to another cycle"),
+    (0.2, 0): ("D-", colours.GREEN, "folds of that cycle"),
 }
 
 

@@ -3,6 +3,7 @@
 64 x 64 thresholds with set-valued friction, mu_s = mu_k, the torque tau in both joints.
 """
 
+import colours
 import matplotlib.pyplot as plt
 import numpy as np
 import style
@@ -27,7 +28,7 @@ def main():
     ds.threshold.attrs |= kick
     left.set_yscale("log")
     zj.plot.map(ds, "threshold", x="q", y="tau", ax=left, norm="log")
-    left.set_facecolor(zj.plot.REST_COLOUR)
+    left.set_facecolor(colours.REST)
     left.text(1.22, 0.1, "rest after all\nkicks to 1.6")
     slow = ds.outcome == zj.ONSET.undecided
     qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
@@ -36,8 +37,8 @@ def main():
     left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ (k)")
     left.set_title("Smallest kick that starts flutter, set-valued friction", loc="left")
-    colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, 5))
-    for tau, colour in zip(taus[[0, 16, 32, 48, 63]], colours, strict=True):
+    shades = plt.get_cmap("viridis")(np.linspace(0, 0.9, 5))
+    for tau, colour in zip(taus[[0, 16, 32, 48, 63]], shades, strict=True):
         one = ds.sel(tau=tau)
         right.semilogy(one.q, one.threshold / tau, color=colour, label=f"{tau:.3f}")
     right.set_xlabel("load $q = Fl/k$")

@@ -1,5 +1,6 @@
 """Where rest and flutter coexist, and the cycles that meet at the fold between them."""
 
+import colours
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
@@ -34,12 +35,12 @@ def main():
     tau, fold = tau[np.isfinite(fold)], fold[np.isfinite(fold)]
     q_cr = float(zj.critical_load(zj.uniform_rods()).q_cr)
     both = np.append(14 / 11, fold)  # from its limit on
-    left.fill_betweenx(np.append(0, tau), both, 3, color=zj.plot.PALE_ORANGE, lw=0)
-    left.plot(fold, tau, "o-", color=zj.plot.BLUE, lw=2.5, label="fold of cycles")
+    left.fill_betweenx(np.append(0, tau), both, 3, color=colours.PALE_ORANGE, lw=0)
+    left.plot(fold, tau, "o-", color=colours.BLUE, lw=2.5, label="fold of cycles")
     left.plot(
-        14 / 11, 0, "o", color="w", mec=zj.plot.BLUE, label="its limit, $q = 14/11$"
+        14 / 11, 0, "o", color="w", mec=colours.BLUE, label="its limit, $q = 14/11$"
     )
-    left.axvline(q_cr, color=zj.plot.VERMILLION, ls="--", label="$q_{cr}$, no friction")
+    left.axvline(q_cr, color=colours.VERMILLION, ls="--", label="$q_{cr}$, no friction")
     left.text(0.84, 0.05, "no cycle on\nthis branch", fontsize=11)
     left.text(1.62, 0.06, "rest and flutter")
     left.set(xlim=(0.8, 3), ylim=(0, tau.max()), ylabel=r"friction torque $\tau$ ($k$)")
@@ -50,13 +51,13 @@ def main():
     for kind, dash in ((stable, "-"), (~stable, "--")):
         along = np.where(kind | np.roll(kind, 1), q, np.nan)  # to the next kind's first
         middle.plot(
-            along, points.joint_amplitude[:, 1], dash, color=zj.plot.BLUE, lw=2.5
+            along, points.joint_amplitude[:, 1], dash, color=colours.BLUE, lw=2.5
         )
-        for i, colour in ((1, zj.plot.BLUE), (2, zj.plot.ORANGE)):
+        for i, colour in ((1, colours.BLUE), (2, colours.ORANGE)):
             right.plot(along, moduli[:, i], dash, color=colour, lw=2)
     right.axhline(1, color="0.6", lw=1)
-    right.plot([], color=zj.plot.BLUE, label="the largest beside 1")
-    right.plot([], color=zj.plot.ORANGE, label="the next")
+    right.plot([], color=colours.BLUE, label="the largest beside 1")
+    right.plot([], color=colours.ORANGE, label="the next")
     middle.set(ylabel=r"largest $|\varphi_2 - \varphi_1|$ (rad)", ylim=(0, None))
     right.set(ylabel="modulus of Floquet multipliers", ylim=(0, 2.5))
     for ax in (middle, right):

@@ -1,5 +1,6 @@
 """Load up and down, the last state carried on: rest and flutter coexist between."""
 
+import colours
 import matplotlib.pyplot as plt
 import numpy as np
 import style
@@ -8,7 +9,7 @@ import ziegler_jax as zj
 
 LOADS, KICK = np.linspace(1.2, 2.6, 43), 0.2
 SCENES = ((0.02, 0.02), (0.04, 0.04), (0.06, 0.03))  # tau_s, tau_k
-WAYS = (("down", "v", zj.plot.BLUE), ("up", "^", zj.plot.VERMILLION))
+WAYS = (("down", "v", colours.BLUE), ("up", "^", colours.VERMILLION))
 
 
 def point(mu_s, ratio):

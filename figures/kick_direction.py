@@ -1,5 +1,6 @@
 """The critical kick by its direction: rates of the two rods at the start."""
 
+import colours
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
@@ -22,7 +23,7 @@ def main():
     ds = zj.sweep(point, q=[1.6, 1.9, 2.3], angle=angle)
     print(np.unique(ds.outcome, return_counts=True), ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(6.6, 6), subplot_kw={"projection": "polar"})
-    looks = (zj.plot.BLUE, "-"), (zj.plot.GREEN, "--"), (zj.plot.VERMILLION, ":")
+    looks = (colours.BLUE, "-"), (colours.GREEN, "--"), (colours.VERMILLION, ":")
     around = np.append(np.concatenate([angle, angle + np.pi]), 0.0)
     for q, (colour, line) in zip(ds.q.values, looks, strict=True):
         kick = ds.threshold.sel(q=q).values

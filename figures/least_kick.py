@@ -4,6 +4,7 @@
 mu_k, the torque tau in both joints.
 """
 
+import colours
 import matplotlib.pyplot as plt
 import numpy as np
 import style
@@ -29,8 +30,8 @@ def main():
     left.set_yscale("log")
     shown = scaled.to_dataset(name="scaled")
     zj.plot.map(shown, "scaled", x="q", y="tau", ax=left, vmin=1.5, vmax=9)
-    left.set_facecolor(zj.plot.REST_COLOUR)
-    none = {"color": zj.plot.REST_COLOUR, "label": r"none below $60\,\tau^2$"}
+    left.set_facecolor(colours.REST)
+    none = {"color": colours.REST, "label": r"none below $60\,\tau^2$"}
     left.plot([], [], "s", **none)
     slow = ds.outcome == zj.KICK.undecided
     qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
@@ -40,8 +41,8 @@ def main():
     left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ (k)")
     left.set_title("Least energy that starts flutter, set-valued friction", loc="left")
-    colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, 4))
-    for q, colour in zip((1.8, 2.0, 2.3, 2.6), colours, strict=True):
+    shades = plt.get_cmap("viridis")(np.linspace(0, 0.9, 4))
+    for q, colour in zip((1.8, 2.0, 2.3, 2.6), shades, strict=True):
         one = scaled.sel(q=q, method="nearest")
         apart = abs(one / one[0] - 1)[taus > 0.003]
         right.loglog(apart.tau, apart, color=colour, label=f"{float(one.q):.3g}")

@@ -1,5 +1,6 @@
 """Ziegler's paradox: damping however small lowers q_cr, by the ratio c1/c2 alone."""
 
+import colours
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
@@ -16,10 +17,10 @@ def main():
         (style.ZIEGLER, lambda **parts: zj.point_masses(2, 1, **parts)),
     )
     lines = (
-        (0.3, zj.plot.GREEN, "-."),
-        (1.0, zj.plot.BLUE, "-"),
-        (4.0, zj.plot.PURPLE, "--"),
-        (20.0, zj.plot.VERMILLION, ":"),
+        (0.3, colours.GREEN, "-."),
+        (1.0, colours.BLUE, "-"),
+        (4.0, colours.PURPLE, "--"),
+        (20.0, colours.VERMILLION, ":"),
     )
     for ax, (name, make) in zip(axes, columns, strict=True):
         undamped = float(zj.critical_load(make()).q_cr)

@@ -6,6 +6,7 @@ of both laws comes to rest. Right: the observed order of convergence between
 neighbouring v_smooth, median over the loads where both laws agree in their verdict.
 """
 
+import colours
 import matplotlib.pyplot as plt
 import numpy as np
 import style
@@ -41,8 +42,8 @@ def main():
     about = {"long_name": "largest amplitude error", "units": "rad"}
     plane = ds.drop_vars("outcome").assign(error=(("q", "v_smooth"), error, about))
     left.set_yscale("log")
-    colours = {"norm": LogNorm(1e-4, 1.0), "cmap": "cividis"}
-    zj.plot.map(plane, "error", x="q", y="v_smooth", ax=left, **colours)
+    shades = {"norm": LogNorm(1e-4, 1.0), "cmap": "cividis"}
+    zj.plot.map(plane, "error", x="q", y="v_smooth", ax=left, **shades)
     i, j = np.nonzero(wrong)
     left.plot(q[i], v[j], "kx", label="wrong verdict")
     left.set(xlabel="load $q = Fl/k$")
@@ -50,8 +51,8 @@ def main():
     left.legend(loc="lower left", bbox_to_anchor=(0, 1))
     between = np.sqrt(v[1:] * v[:-1])
     low, middle, high = np.nanpercentile(order[q >= 2.0], [25, 50, 75], axis=0)
-    right.fill_between(between, low, high, color=zj.plot.BLUE, alpha=0.3, lw=0)
-    right.plot(between, middle, "o-", color=zj.plot.BLUE)
+    right.fill_between(between, low, high, color=colours.BLUE, alpha=0.3, lw=0)
+    right.plot(between, middle, "o-", color=colours.BLUE)
     right.set(xscale="log", ylabel="order of convergence, $q \\geq 2$")
     right.set_xlabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
     right.axhline(1.0, color="0.6", lw=1)

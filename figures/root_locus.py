@@ -1,5 +1,6 @@
 """Eigenvalues of the paper's column as the load rises: two frequencies meet at q_cr."""
 
+import colours
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
@@ -18,10 +19,10 @@ def main():
         (left, s.imag, r"frequency $\mathrm{Im}\,s$  ($\sqrt{k/(ml^2)}$)"),
         (right, s.real, r"growth rate $\mathrm{Re}\,s$  ($\sqrt{k/(ml^2)}$)"),
     ):
-        ax.axvspan(float(begin.q_cr), float(end.q_cr), color=zj.plot.PALE_ORANGE, lw=0)
-        ax.plot(q, part, ".", ms=2.2, color=zj.plot.BLUE)
-        ax.axvline(float(begin.q_cr), color=zj.plot.VERMILLION, lw=1.5)
-        ax.axvline(float(end.q_cr), color=zj.plot.VERMILLION, lw=1.5, ls="--")
+        ax.axvspan(float(begin.q_cr), float(end.q_cr), color=colours.PALE_ORANGE, lw=0)
+        ax.plot(q, part, ".", ms=2.2, color=colours.BLUE)
+        ax.axvline(float(begin.q_cr), color=colours.VERMILLION, lw=1.5)
+        ax.axvline(float(end.q_cr), color=colours.VERMILLION, lw=1.5, ls="--")
         ax.set_xlabel("load $q = Fl/k$")
         ax.set_title(name, loc="left")
         ax.set_xlim(0, 6)
@@ -29,7 +30,7 @@ def main():
     left.set_ylim(0, 4.1)
     right.set_ylim(-2.2, 2.2)
     left.plot(
-        begin.q_cr, begin.frequency, "o", color=zj.plot.VERMILLION, ms=9, zorder=3
+        begin.q_cr, begin.frequency, "o", color=colours.VERMILLION, ms=9, zorder=3
     )
     left.annotate(
         f"coalescence\n$q_{{cr}}$ = {float(begin.q_cr):.4f}\n"
@@ -38,7 +39,7 @@ def main():
         (14, 22),
         textcoords="offset points",
     )
-    right.text(3.6, -2.0, "flutter", ha="center", color=zj.plot.VERMILLION)
+    right.text(3.6, -2.0, "flutter", ha="center", color=colours.VERMILLION)
     right.text(5.35, -0.08, "divergence", ha="center", color="0.3")
     right.text(1.2, 0.12, "oscillates", ha="center", color="0.3")
     right.annotate(

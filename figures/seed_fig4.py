@@ -5,6 +5,7 @@ what is kicked hard enough to slip ends on one closed cycle (orange). A thin pin
 takes long: its transient fills the phase plane.
 """
 
+import colours
 import numpy as np
 import seed_style as style
 
@@ -44,7 +45,7 @@ def main():
             1,
             where=rate == 0.0,
             transform=history.get_xaxis_transform(),
-            color=zj.plot.SKY,
+            color=colours.SKY,
             alpha=0.7,
             lw=0,
             zorder=0,

@@ -1,5 +1,6 @@
 """The paper's column over load and follower fraction: where it flutters or buckles."""
 
+import colours
 import matplotlib.pyplot as plt
 import numpy as np
 import style
@@ -7,9 +8,9 @@ import style
 import ziegler_jax as zj
 
 COLOURS = {
-    zj.REGIME.marginal: (zj.plot.GREY, 0.3),
-    zj.REGIME.flutter: (zj.plot.ORANGE, 0.5),
-    zj.REGIME.divergence: (zj.plot.BLUE, 0.4),
+    zj.REGIME.marginal: (colours.GREY, 0.3),
+    zj.REGIME.flutter: (colours.ORANGE, 0.5),
+    zj.REGIME.divergence: (colours.BLUE, 0.4),
 }
 
 
@@ -27,8 +28,8 @@ def main():
     figure, ax = plt.subplots(figsize=(8, 5))
     zj.plot.map(ds, "regime", x="eta", y="q", ax=ax, legend=False, colours=COLOURS)
     lines = (
-        ("flutter", zj.plot.VERMILLION, "-", "$q_{cr}$, flutter"),
-        ("divergence", zj.plot.BLUE, "--", "$q_{cr}$, divergence"),
+        ("flutter", colours.VERMILLION, "-", "$q_{cr}$, flutter"),
+        ("divergence", colours.BLUE, "--", "$q_{cr}$, divergence"),
     )
     for kind, colour, dash, label in lines:
         found = zj.sweep(lambda eta, kind=kind: load(eta, kind), eta=eta)

@@ -6,6 +6,7 @@ Shaded: joint 2 sticks, its rate is below v_smooth.
 
 from pathlib import Path
 
+import colours
 import jax
 import numpy as np
 
@@ -36,7 +37,7 @@ def main():
         1,
         where=np.abs(rate) < V_SMOOTH,
         transform=history.get_xaxis_transform(),
-        color=zj.plot.SKY,
+        color=colours.SKY,
         lw=0,
         zorder=0,
         label="joint 2 sticks",

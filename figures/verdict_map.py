@@ -4,6 +4,7 @@ Uniform rods, set-valued friction with mu_s = 4 mu_k, pins of radius 0.1 that ca
 load; rods may turn over. About half a minute on two cores, compilation included.
 """
 
+import colours
 import matplotlib.pyplot as plt
 import numpy as np
 import style
@@ -15,14 +16,14 @@ POINTS, KICK = 64, 0.3
 # cycles by their passages of phi1 = 0 a period: dark to light; then the other verdicts
 BLUES = plt.get_cmap("Blues")
 KINDS = {
-    "stuck": zj.plot.REST_COLOUR,
+    "stuck": colours.REST,
     "cycle of 1 passage": BLUES(0.95),
     "cycle of 2": BLUES(0.7),
     "cycle of 3": BLUES(0.5),
     "cycle of 4 to 16": BLUES(0.25),
     "cycle of more, or slow": BLUES(0.1),
-    "quasi-periodic": zj.plot.ORANGE,
-    "chaotic": zj.plot.VERMILLION,
+    "quasi-periodic": colours.ORANGE,
+    "chaotic": colours.VERMILLION,
     "undecided": "0.5",
 }
 
@@ -48,8 +49,8 @@ def main():
     flags = {"flag_values": list(codes), "flag_meanings": names}
     plane = ds.assign(kind=(("q", "mu_k"), kind, flags))
     figure, ax = plt.subplots(figsize=(8.3, 4.6))
-    colours = dict(zip(codes, KINDS.values(), strict=True))
-    zj.plot.map(plane, "kind", x="q", y="mu_k", ax=ax, colours=colours)
+    chosen = dict(zip(codes, KINDS.values(), strict=True))
+    zj.plot.map(plane, "kind", x="q", y="mu_k", ax=ax, colours=chosen)
     handles = ax.get_legend().legend_handles
     ax.legend(handles=handles, loc="center left", bbox_to_anchor=(1, 0.5))
     ax.set(xlabel="follower load $q = F l/k$", ylabel=r"kinetic friction $\mu_k$")

@@ -5,6 +5,7 @@ is the top of the axis, which one ratio alone attains. The points are loads at w
 the largest real part of the numeric spectrum changes sign, found by bisection.
 """
 
+import colours
 import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -47,9 +48,9 @@ def main():
     ax.plot_surface(c1, c2, q, cmap="cividis", alpha=0.75, rcount=90, ccount=60, lw=0)
     for ray in range(0, 181, 20):
         ax.plot(c1[ray], c2[ray], q[ray], color="0.25", lw=0.8)
-    ax.plot(p1, p2, dots, "o", color=zj.plot.VERMILLION, ms=3.5, mec="k", mew=0.3)
+    ax.plot(p1, p2, dots, "o", color=colours.VERMILLION, ms=3.5, mec="k", mew=0.3)
     ax.plot([0, 0], [0, 0], [np.min(q[:, 0]), top], color="k", lw=3)
-    ax.plot([0], [0], [top], "D", color=zj.plot.PURPLE, mec="k", ms=9)
+    ax.plot([0], [0], [top], "D", color=colours.PURPLE, mec="k", ms=9)
     ax.text(0.0, -0.02, top + 0.16, f"undamped {top:.4f}", ha="center")
     ax.set_xlabel(r"$c_1$  ($\sqrt{kml^2}$)", labelpad=13)
     ax.set_ylabel(r"$c_2$  ($\sqrt{kml^2}$)", labelpad=13)

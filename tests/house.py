@@ -30,7 +30,7 @@ ROOMS += [
     {"curves", "maps"},
     {"units"},
     {"plot"},
-    {"__init__"},
+    {"__init__", "_main_picture"},
     {"__main__"},
 ]
 PLACE = {room: i for i, rooms in enumerate(ROOMS) for room in rooms}

@@ -152,7 +152,7 @@ def draw(ds: xr.Dataset, path: Path) -> None:
     import matplotlib
 
     matplotlib.use("Agg")  # a file, not a window
-    from ziegler_jax.plot.main_job import draw_sections
+    from ziegler_jax._main_picture import draw_sections
 
     planes = [section(ds.sel(joint=2), ratio) for ratio, _ in SECTIONS]
     titles, onsets = [title for _, title in SECTIONS], [onset(p) for p in planes]

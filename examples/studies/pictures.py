@@ -6,7 +6,10 @@ from scipy.stats import norm
 
 import ziegler_jax as zj
 
-WIDTH, COLOURS = (13, 4), zj.plot.LINE_COLOURS
+WIDTH = (13, 4)
+# Okabe and Ito's, which the colour-blind can tell apart
+BLUE, VERMILLION, ORANGE, SKY = "#0072B2", "#D55E00", "#E69F00", "#56B4E9"
+COLOURS = (BLUE, VERMILLION, "#009E73", "#CC79A7", ORANGE, SKY, "#000000")
 
 
 def of_distribution(ds, loads, values, shares):
@@ -22,7 +25,7 @@ def of_distribution(ds, loads, values, shares):
     slopes, at = loads.slopes.values[-1], float(loads.onset_load[-1])
     width = np.linalg.norm(slopes)
     q = np.linspace(values.min() - width, values.max() + width, 200)
-    look = {"density": True, "color": zj.plot.SKY, "label": "sampled"}
+    look = {"density": True, "color": SKY, "label": "sampled"}
     middle.hist(values.ravel(), bins=30, **look)
     middle.plot(q, norm.pdf(q, at, width), "k", label="by derivatives")
     middle.set(xlabel="onset load", ylabel="density")
@@ -30,8 +33,8 @@ def of_distribution(ds, loads, values, shares):
     middle.legend(loc="upper left", fontsize=11, borderaxespad=0)
     place, look = np.arange(3), {"width": 0.27, "capsize": 3}
     for shift, name, colour, label in (
-        (-0.27, "S1", zj.plot.BLUE, "first order"),
-        (0.0, "ST", zj.plot.ORANGE, "total"),
+        (-0.27, "S1", BLUE, "first order"),
+        (0.0, "ST", ORANGE, "total"),
     ):
         error = shares[f"{name}_conf"]
         style = look | {"color": colour, "label": label, "yerr": error}
@@ -78,7 +81,7 @@ def of_fits(run, sigma, scores, values):
     middle.set_title(f"{len(scores)} fits beside Cramer and Rao's bound", loc="left")
     middle.legend(loc="upper left", fontsize=11, handlelength=1, borderaxespad=0)
     share = np.maximum(np.abs(values[::-1]) / values[-1], 1e-18)
-    right.bar(np.arange(1, 6), share, color=[zj.plot.BLUE] * 4 + [zj.plot.VERMILLION])
+    right.bar(np.arange(1, 6), share, color=[BLUE] * 4 + [VERMILLION])
     right.set(yscale="log", ylabel="over the largest", xticks=np.arange(1, 6))
     right.set_xlabel(r"eigenvalue for $\mu_s, \mu_k, \rho, c_1, c_2$")
     right.set_title("Fisher's matrix", loc="left")

@@ -13,6 +13,7 @@ import xarray as xr
 from matplotlib.colors import to_rgba
 
 import ziegler_jax as zj
+from ziegler_jax.plot.style import REST_COLOUR
 
 Q, MU = np.array([1.0, 1.5, 2.5, 3.0]), np.array([0.1, 0.2, 0.4])
 OUT, RUN = zj.OUTCOME.not_computed, zj.OUTCOME.cycle
@@ -171,7 +172,7 @@ def test_a_flag_variable_has_a_colour_a_code(plane):
     colours = {tuple(mesh.get_cmap()(mesh.norm(code))) for code in np.unique(CODES)}
     assert len(colours) == np.unique(CODES).size
     stuck = mesh.get_cmap()(mesh.norm(int(zj.OUTCOME.stuck)))
-    assert stuck == to_rgba(zj.plot.REST_COLOUR)
+    assert stuck == to_rgba(REST_COLOUR)
     assert mesh.get_array().mask.sum() == (CODES == OUT).sum()
 
 

@@ -48,7 +48,7 @@ def branch(
     **Raises:** `ValueError` for what is no branch, and for a variable that it does not
     have.
     """
-    dataset = second(branch_dataset(cycles))
+    dataset = select_joint_2(branch_dataset(cycles))
     values = of_dims(dataset, variable, {"cycles": "point"})
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     draw_branch(ax, dataset, variable)
@@ -63,7 +63,7 @@ def branch_dataset(cycles: Branch | xr.Dataset) -> xr.Dataset:
     return cycles.to_dataset() if isinstance(cycles, Branch) else cycles
 
 
-def second(dataset: xr.Dataset) -> xr.Dataset:
+def select_joint_2(dataset: xr.Dataset) -> xr.Dataset:
     """The dataset for joint 2 and rod 2, where neither was chosen."""
     if not isinstance(dataset, xr.Dataset):
         return dataset

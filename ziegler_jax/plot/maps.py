@@ -21,7 +21,7 @@ from matplotlib.typing import ColorType
 from ..analysis.continuation import Branch
 from ..analysis.hysteresis import UpDownSweep
 from ..results import OUTCOME, UNDECIDED
-from .branches import branch_dataset, draw_branch, of_dims, second
+from .branches import branch_dataset, draw_branch, of_dims, select_joint_2
 from .style import (
     AT_REST,
     BLUE,
@@ -228,8 +228,8 @@ def up_down(
             f"along `branch`, but is {type(motions).__name__}."
         )
     if branch is not None:
-        branch = second(branch_dataset(branch))
-    dataset = second(dataset)
+        branch = select_joint_2(branch_dataset(branch))
+    dataset = select_joint_2(dataset)
     dims = [d for d in of_dims(dataset, variable).dims if d != "branch"]
     along = str(dims[0]) if dims else "branch"
     return bifurcation_diagram(dataset, variable, along, branch=branch, ax=ax)

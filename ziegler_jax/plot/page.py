@@ -22,7 +22,7 @@ from ..numerics.hermite import HermiteQuartic
 from ..numerics.numbers import instance, whole_number
 from ..results import OUTCOME, UNDECIDED
 from .animation import ARROW, load_of
-from .branches import of_dims, second
+from .branches import of_dims, select_joint_2
 from .cells import Cell, followed, nearest
 from .maps import has_motions
 from .maps import map as draw_map
@@ -107,7 +107,7 @@ def page(
     if title is not None:
         instance("title", title, str)
     instance("dataset", dataset, xr.Dataset)
-    dataset = second(dataset)
+    dataset = select_joint_2(dataset)
     values = of_dims(dataset, variable, {"x": x, "y": y})
     dataset = dataset.sortby([x, y])
     places = _places(dataset, x, y, cells)

@@ -11,10 +11,9 @@ from ..results import OUTCOME, UNDECIDED
 # Okabe and Ito's colours, which the colour-blind can tell apart
 BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, YELLOW, GREY = "#56B4E9", "#CC79A7", "#F0E442", "#BBBBBB"
-PALE_BLUE, PALE_ORANGE = "#D9E8F4", "#FBE6D0"
-# of lines in one picture, in this order; each has a marker of its own as well
+PALE_BLUE = "#D9E8F4"
+# of lines in one picture, in this order
 LINE_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, "#000000")
-LINE_MARKERS = "os^DvPX"
 PHI1, PHI2 = "navy", "red"
 
 AT_REST = (OUTCOME.stuck, OUTCOME.rest)

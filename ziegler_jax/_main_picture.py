@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ..results import OUTCOME
-from .maps import map as draw_map
-from .style import BLUE, GREEN, VERMILLION
+from .plot.maps import map as draw_map
+from .plot.style import BLUE, GREEN, VERMILLION
+from .results import OUTCOME
 
 Q_CRITICAL = (18 - 2 * 7**0.5) / 5  # undamped and without friction
 TOP = 0.4
