@@ -60,8 +60,9 @@ def main():
         "tau": np.linspace(*TAU, options.cells),
     }
     coarse = zj.sweep(point, axes=axes, progress=False)
-    fineness = zj.Fineness(width=options.width, levels=2)
-    ds = zj.refine(point, coarse, "sticks", fineness=fineness, progress=False)
+    ds = zj.refine(
+        point, coarse, "sticks", width=options.width, levels=2, progress=False
+    )
     contour = shares(ds.boundary_q.values, ds.boundary_tau.values)
     with jax.enable_x64(True):
         points = jax.tree.map(np.asarray, curve())

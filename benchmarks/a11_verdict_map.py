@@ -35,8 +35,15 @@ def main():
         np.linspace(0.005, 0.26, options.points),
     )
     coarse = zj.sweep(point, q=q, mu_k=mu_k, progress=False)
-    fineness = zj.Fineness(width=options.width, levels=2, max_points=options.max_points)
-    ds = zj.refine(point, coarse, "verdict", fineness=fineness, progress=False)
+    ds = zj.refine(
+        point,
+        coarse,
+        "verdict",
+        width=options.width,
+        levels=2,
+        max_points=options.max_points,
+        progress=False,
+    )
     sides, widths = ds.boundary_verdict.values, ds.boundary_width.values
     pairs = {}
     for pair, exponent in zip(

@@ -119,8 +119,7 @@ def main():
     zj.configure_cpu()
     coarse = grid(COARSE)
     start = time.perf_counter()
-    fineness = zj.Fineness(width=1e-6, levels=options.levels)
-    ds = zj.refine(section, coarse, fineness=fineness)
+    ds = zj.refine(section, coarse, width=1e-6, levels=options.levels)
     seconds = time.perf_counter() - start
     fine = grid(options.grid).outcome.values
     places, pairs, smaller = unlike_edges(fine)

@@ -15,5 +15,5 @@ first = zj.sweep(point, q=q, kappa=low, store="low.zarr")
 again = zj.sweep(point, q=q, kappa=low, store="low.zarr")  # nothing is left to do
 second = zj.sweep(point, q=q, kappa=high)
 whole = zj.merge(zj.open_sweep("low.zarr"), second)
-sharp = zj.refine(point, whole, "regime", fineness=zj.Fineness(width=1e-3))
+sharp = zj.refine(point, whole, "regime", width=1e-3)
 sharp.pipe(zj.plot.map, "regime", x="q", y="kappa").figure.savefig("regime.png")

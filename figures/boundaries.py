@@ -27,7 +27,7 @@ def section(q, mu):
 def main():
     axes = {"q": np.linspace(*Q_RANGE, 33), "mu": np.linspace(*MU_RANGE, 33)}
     coarse = zj.sweep(section, **axes)
-    ds = zj.refine(section, coarse, fineness=zj.Fineness(width=1e-6, levels=3))
+    ds = zj.refine(section, coarse, width=1e-6, levels=3)
     print({n: v for n, v in ds.attrs.items() if n.startswith("refine")})
     figure, ax = plt.subplots(figsize=(7.5, 4.6), layout="constrained")
     cells = ds.sel(joint=2).drop_vars("boundary_line")  # lines of our own colours

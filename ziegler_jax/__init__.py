@@ -35,7 +35,6 @@ from .linear.spectrum import (
 from .linear.stabilise import stabilise
 from .maps.merge import merge
 from .maps.refine import refine
-from .maps.study import Fineness
 from .model.column import (
     Column,
     State,
@@ -124,7 +123,6 @@ __all__ = [
     "EnergyBalance",
     "Explicit",
     "Exponents",
-    "Fineness",
     "FollowerLoad",
     "Growth",
     "JointReaction",

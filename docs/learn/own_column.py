@@ -128,8 +128,7 @@ print("successive phi2 on the section:", section.phi[:, 1])
 # cycles and what stayed undecided.
 
 # %%
-fineness = zj.Fineness(width=2e-3, unknown_width=0.02, levels=1, audit=50)
-sharp = zj.refine(point, ds, "outcome", fineness=fineness)
+sharp = zj.refine(point, ds, "outcome", width=(2e-3, 0.02), levels=1, audit=50)
 ax = sharp.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 print("the share of the map that may be missed is below", sharp.refine_missed_area)
 

@@ -1,10 +1,11 @@
 r"""Cells of a map, halved both ways where labels differ.
 
-Level 0 are the cells between neighbouring points of the grid, L halvings make the
-finest. A place is a pair of whole numbers, multiples of $2^L$ at the grid's points, so
-that neighbours share their points. A cell is halved where its corners differ, or where
-a point on its border, that a finer neighbour has brought, differs from them; from level
-to level, so that the area of cells with unlike corners tells the boundary's dimension:
+Cells of level 0 lie between neighbouring points of the grid; `levels` halvings make the
+finest, whose side is 1. A place is a pair of whole numbers, multiples of $2^L$ at the
+grid's points, so that neighbours share their points; a cell is a row of its level and
+the place of its first corner. A leaf is halved where two points on its border have
+unlike labels, be they corners or brought by a finer neighbour; from level to level, so
+that the area of cells with unlike corners tells the boundary's dimension:
 
 $$A_l \sim 2^{-\alpha l}, \qquad \alpha = 2 - D,$$
 
@@ -14,19 +15,37 @@ Source: C. Grebogi, S. W. McDonald, E. Ott, J. A. Yorke, Physics Letters A 99 (1
 415-418.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
 
-Place = tuple[int, int]
-Cell = tuple[int, int, int]  # level, and the place of its first corner
-Pair = tuple[int, int]  # two labels, the smaller one first
+# The labels of places, or None where the points do not suffice.
+LabelOf = Callable[[np.ndarray], np.ndarray | None]
 
 NOWHERE = -1  # the label of a point that was left out: no cell has it for a corner
+UNSEEN = -2  # the label of a place that was not computed
+MANY = 2**31  # above any label: two are one number
+MOST_LEVELS = 16  # a place is one number of 63 bits on maps of 2^31 points
 # Two labels of which so many cells lie at a level, and whose area falls from level to
 # level by less than this, are mixed: halving them on would bring no line.
 MIXED_FROM, MIXED_FALL = 64, 2**-0.4
+
+CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])  # around a cell
+COUPLES = np.array(list(combinations(range(4), 2)))  # of corners
+QUARTERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])
+NEW = np.array([(1, 0), (0, 1), (1, 1), (2, 1), (1, 2)])  # that quarters bring
+
+
+def pair_of(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Two labels as one number, the smaller first; -1 where they are alike."""
+    pair = np.minimum(one, other) * MANY + np.maximum(one, other)
+    return np.where(one == other, -1, pair)
+
+
+def labels_of_pair(pairs: np.ndarray) -> np.ndarray:
+    """The two labels of each pair, the smaller first."""
+    return np.stack(np.divmod(pairs, MANY), axis=-1)
 
 
 class Cells:
@@ -39,193 +58,162 @@ class Cells:
     """
 
     def __init__(self, labels: np.ndarray, levels: int):
-        """Nothing is halved."""
+        """Take the grid's cells."""
         self.levels, self.unit = levels, 2**levels
-        self.shape = labels.shape
-        self.labels: dict[Place, int] = {
-            (i * self.unit, j * self.unit): int(label)
-            for (i, j), label in np.ndenumerate(labels)
-        }
-        self.halved: set[Cell] = set()
-        self.mixed_pairs: set[Pair] = set()  # that are halved no more
+        self.shape = np.array(labels.shape)
+        self.stride = labels.shape[1] * self.unit
+        self.places = self.unit * np.argwhere(np.ones(labels.shape))
+        self.labels = labels.ravel()
+        self.halved = [np.empty(0, int) for _ in range(levels + 1)]  # keys, by level
+        self.mixed = np.empty(0, int)  # pairs that are halved no more
 
-    # Cells ----------------------------------------------------------------------------
+    # Places and cells -----------------------------------------------------------------
 
-    def size(self, cell: Cell) -> int:
-        """Its side."""
-        return self.unit >> cell[0]
+    def key(self, places: np.ndarray) -> np.ndarray:
+        """A number a place, rising from row to row."""
+        return places[..., 0] * self.stride + places[..., 1]
 
-    def corners(self, cell: Cell) -> list[Place]:
-        """The four of them, around the cell."""
-        (_, i, j), s = cell, self.size(cell)
-        return [(i, j), (i + s, j), (i + s, j + s), (i, j + s)]
+    def label_at(self, places: np.ndarray) -> np.ndarray:
+        """The labels there; `UNSEEN` where none is known."""
+        known, keys = self.key(self.places), self.key(places)
+        at = np.searchsorted(known, keys).clip(max=known.size - 1)
+        return np.where(known[at] == keys, self.labels[at], UNSEEN)
 
-    def edges(self, cell: Cell) -> list[tuple[Place, Place]]:
-        """Its four edges, each from corner to corner around the cell."""
-        around = self.corners(cell)
-        return list(zip(around, [*around[1:], around[0]], strict=True))
+    def side(self, cells: np.ndarray) -> np.ndarray:
+        """Their sides."""
+        return self.unit >> cells[:, 0]
 
-    def pairs(self, cell: Cell) -> set[Pair]:
-        """The unlike labels of its corners, by twos."""
-        labels = {self.labels[place] for place in self.corners(cell)}
-        return set(combinations(sorted(labels), 2))
+    def corners(self, cells: np.ndarray) -> np.ndarray:
+        """The labels of the four corners around each cell."""
+        return self.label_at(self._around(cells, CORNERS, 1))
 
-    def is_there(self, cell: Cell) -> bool:
-        """Whether all its corners belong to the map."""
-        return all(self.labels[place] != NOWHERE for place in self.corners(cell))
+    def _around(self, cells: np.ndarray, steps: np.ndarray, parts: int) -> np.ndarray:
+        """Places so many parts of a side from the first corner, shape (n, steps, 2)."""
+        step = self.side(cells)[:, None, None] // parts
+        return cells[:, None, 1:] + steps * step
 
-    def coarsest(self) -> Iterable[Cell]:
-        """The cells between the grid's points."""
-        for i in range(self.shape[0] - 1):
-            for j in range(self.shape[1] - 1):
-                yield 0, i * self.unit, j * self.unit
+    def pairs(self, cells: np.ndarray) -> np.ndarray:
+        """The unlike labels of each cell's corners by twos, each once, else -1."""
+        labels = self.corners(cells)
+        pairs = np.sort(pair_of(*labels[:, COUPLES].transpose(2, 0, 1)), axis=1)
+        return np.where(np.diff(pairs, axis=1, prepend=-1) > 0, pairs, -1)
 
-    def children(self, cell: Cell) -> list[Cell]:
-        """Its four quarters."""
-        (level, i, j), h = cell, self.size(cell) // 2
-        return [(level + 1, i + a, j + b) for a in (0, h) for b in (0, h)]
+    def at_level(self, level: int) -> np.ndarray:
+        """The cells of a level, halved or not, all of whose corners are in the map."""
+        if level == 0:
+            places = self.unit * np.argwhere(np.ones(self.shape - 1))
+        else:
+            first = np.stack(np.divmod(self.halved[level - 1], self.stride), -1)
+            side = self.unit >> level
+            places = (first[:, None] + side * QUARTERS).reshape(-1, 2)
+        cells = np.insert(places, 0, level, axis=1)
+        return cells[(self.corners(cells) != NOWHERE).all(axis=1)]
 
-    def leaves(self) -> list[Cell]:
-        """The cells of the map that were not halved."""
-        leaves, left = [], [c for c in self.coarsest() if self.is_there(c)]
-        while left:
-            cell = left.pop()
-            if cell in self.halved:
-                left += self.children(cell)
-            elif self.is_there(cell):
-                leaves.append(cell)
-        return leaves
+    def leaves(self) -> np.ndarray:
+        """The cells of the map that were not halved, from the coarsest on."""
+        parts = [
+            cells[~np.isin(self.key(cells[:, 1:]), self.halved[level])]
+            for level in range(self.levels + 1)
+            for cells in [self.at_level(level)]
+        ]
+        return np.concatenate(parts)
 
-    def leaf_at(self, x: float, y: float) -> Cell | None:
-        """The leaf around a point that lies on no border; None outside of the map."""
-        i, j = int(x // self.unit), int(y // self.unit)
-        if not (0 <= i < self.shape[0] - 1 and 0 <= j < self.shape[1] - 1):
-            return None
-        cell = (0, i * self.unit, j * self.unit)
-        if not self.is_there(cell):
-            return None
-        while cell in self.halved:
-            h = self.size(cell) // 2
-            _, i, j = cell
-            cell = (cell[0] + 1, i + h * (x >= i + h), j + h * (y >= j + h))
-        return cell if self.is_there(cell) else None
+    def leaf_at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The leaves around points on no border, and whether they are in the map."""
+        inside = ((points > 0) & (points < (self.shape - 1) * self.unit)).all(axis=1)
+        level = np.zeros(len(points), int)
+        first = (points // self.unit * self.unit).astype(int)
+        for n in range(self.levels):
+            deeper = (level == n) & np.isin(self.key(first), self.halved[n])
+            side = self.unit >> (n + 1)
+            level[deeper] = n + 1
+            first[deeper] = points[deeper] // side * side
+        cells = np.insert(first, 0, level, axis=1)
+        return cells, inside & (self.corners(cells) >= 0).all(axis=1)
 
     # Halving --------------------------------------------------------------------------
 
-    def new_places(self, cells: Iterable[Cell]) -> list[Place]:
-        """The points without label that these cells' quarters need."""
-        needed: dict[Place, None] = {}
-        for cell in cells:
-            (_, i, j), h = cell, self.size(cell) // 2
-            five = [(i + h, j), (i, j + h), (i + h, j + h)]
-            five += [(i + 2 * h, j + h), (i + h, j + 2 * h)]
-            needed |= {place: None for place in five if place not in self.labels}
-        return list(needed)
+    def may_be_halved(self, cells: np.ndarray) -> np.ndarray:
+        """Which are none of the finest, nor only between labels that are mixed."""
+        pairs = self.pairs(cells)
+        open_ = (pairs >= 0) & ~np.isin(pairs, self.mixed)
+        like = (pairs < 0).all(axis=1)
+        return (cells[:, 0] < self.levels) & (open_.any(axis=1) | like)
 
-    def halve(self, cells: Iterable[Cell], new: dict[Place, int]) -> set[Cell]:
-        """Quarter these cells; which leaves the new points make unlike.
+    def unlike(self) -> np.ndarray:
+        """The leaves with unlike labels on their borders, that may be halved."""
+        around = (self.places[:, None] + (CORNERS - 0.5)).reshape(-1, 2)
+        labels = np.repeat(self.labels, len(CORNERS))
+        cells, in_map = self.leaf_at(around)
+        unlike = (labels != NOWHERE) & (labels != self.label_at(cells[:, 1:]))
+        cells = np.unique(cells[in_map & unlike], axis=0)
+        return cells[self.may_be_halved(cells)]
 
-        **Arguments:** `new`: the labels of their `new_places`.
-        """
-        self.labels |= new
-        cells = list(cells)
-        self.halved |= set(cells)
-        quarters = [quarter for cell in cells for quarter in self.children(cell)]
-        unlike = {q for q in quarters if self.unlike(q) or self._touched(q)}
-        for (i, j), label in new.items():
-            for a, b in ((-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)):
-                leaf = self.leaf_at(i + a, j + b)
-                if leaf is None or label == NOWHERE:
-                    continue
-                if any(self.labels[place] != label for place in self.corners(leaf)):
-                    unlike.add(leaf)
-        return {cell for cell in unlike if self.may_be_halved(cell)}
-
-    def unlike(self, cell: Cell) -> bool:
-        """Whether it is in the map and its corners differ."""
-        return self.is_there(cell) and bool(self.pairs(cell))
-
-    def _touched(self, cell: Cell) -> bool:
-        """Whether a known point on its border has another label than its corners."""
-        if not self.is_there(cell):
+    def halve(self, cells: np.ndarray, label_of: LabelOf) -> bool:
+        """Quarter these cells; whether the points that this needs sufficed."""
+        new = self._around(cells, NEW, 2).reshape(-1, 2)
+        new = np.unique(new[self.label_at(new) == UNSEEN], axis=0)
+        labels = label_of(new)
+        if labels is None:
             return False
-        label, edges = self.labels[cell[1:]], self.edges(cell)
-        while edges:
-            (i, j), (k, m) = edges.pop()
-            middle = (i + k) // 2, (j + m) // 2
-            if middle in ((i, j), (k, m)) or middle not in self.labels:
-                continue
-            if self.labels[middle] not in (label, NOWHERE):
-                return True
-            edges += [((i, j), middle), (middle, (k, m))]
-        return False
-
-    def may_be_halved(self, cell: Cell) -> bool:
-        """Whether it is none of the finest, nor between labels that are mixed."""
-        open_ = self.pairs(cell) - self.mixed_pairs
-        return cell[0] < self.levels and (bool(open_) or not self.pairs(cell))
-
-    def grow(
-        self,
-        pending: set[Cell],
-        label_of: Callable[[list[Place]], list[int]],
-        most_points: int,
-    ) -> bool:
-        """Halve cells, and what becomes unlike by that, to the finest.
-
-        **Arguments:** `label_of`: computes points; `most_points`: so many at most.
-
-        **Returns:** whether it came to its end.
-        """
-        reached = -1
-        while pending:
-            level = min(cell[0] for cell in pending)
-            if level > reached:
-                self._see_what_is_mixed(level)
-                reached = level
-            now = sorted(c for c in pending if c[0] == level and c not in self.halved)
-            pending = {cell for cell in pending if cell[0] > level}
-            now = [cell for cell in now if self.may_be_halved(cell)]
-            places = self.new_places(now)
-            if len(places) > most_points:
-                return False
-            most_points -= len(places)
-            labels = label_of(places)
-            pending |= self.halve(now, dict(zip(places, labels, strict=True)))
+        places = np.concatenate([self.places, new])
+        order = np.argsort(self.key(places))
+        self.places = places[order]
+        self.labels = np.concatenate([self.labels, labels])[order]
+        for level in np.unique(cells[:, 0]):
+            keys = self.key(cells[cells[:, 0] == level, 1:])
+            self.halved[level] = np.union1d(self.halved[level], keys)
         return True
 
-    def _see_what_is_mixed(self, level: int) -> None:
-        """Labels whose unlike cells have not become less from the level before."""
+    def grow(self, label_of: LabelOf) -> bool:
+        """Halve the leaves with unlike labels, the coarsest first, to the finest.
+
+        **Returns:** whether the points sufficed.
+        """
+        reached = -1
+        while (cells := self.unlike()).size:
+            level = cells[0, 0]
+            if level > reached:
+                self._see_mixed(level)
+                reached = level
+            cells = cells[cells[:, 0] == level]
+            if not self.halve(cells[self.may_be_halved(cells)], label_of):
+                return False
+        return True
+
+    def _see_mixed(self, level: int) -> None:
+        """Give up labels whose unlike cells are no fewer than at the level before."""
         if level < 2:
             return
         now, before = self.unlike_areas(level), self.unlike_areas(level - 1)
-        for pair, area in now.items():
-            many = area * 4.0**level >= MIXED_FROM
-            if many and area > MIXED_FALL * before.get(pair, 0.0):
-                self.mixed_pairs.add(pair)
+        slow = [
+            pair
+            for pair, area in now.items()
+            if area * 4.0**level >= MIXED_FROM
+            and area > MIXED_FALL * before.get(pair, 0.0)
+        ]
+        self.mixed = np.union1d(self.mixed, np.array(slow, int))
 
     def unlike_areas(
-        self, level: int, area_of: Callable[[Cell], float] | None = None
-    ) -> dict[Pair, float]:
-        """The area of cells with two unlike corners at a level.
+        self, level: int, area_of: Callable[[np.ndarray], np.ndarray] | None = None
+    ) -> dict[int, float]:
+        """The area of cells of a level with two unlike corners, by pairs of labels.
 
-        **Arguments:** `area_of`: a cell's; None counts in coarsest cells.
+        **Arguments:** `area_of`: the areas of cells; None counts in coarsest cells.
         """
-        parents = {cell for cell in self.halved if cell[0] == level - 1}
-        cells = [q for cell in parents for q in self.children(cell)]
-        cells = cells if level else list(self.coarsest())
-        areas: dict[Pair, float] = {}
-        for cell in cells:
-            for pair in self.pairs(cell) if self.is_there(cell) else ():
-                area = 0.25**level if area_of is None else area_of(cell)
-                areas[pair] = areas.get(pair, 0.0) + area
-        return areas
+        cells = self.at_level(level)
+        areas = np.full(len(cells), 0.25**level) if area_of is None else area_of(cells)
+        rows = self.pairs(cells)
+        cell, column = np.nonzero(rows >= 0)
+        pairs, place = np.unique(rows[cell, column], return_inverse=True)
+        sums = np.bincount(place, areas[cell], pairs.size)
+        return dict(zip(pairs.tolist(), sums.tolist(), strict=True))
 
 
-def exponent(areas: list[float]) -> float:
+def exponent(areas: np.ndarray) -> float:
     """The uncertainty exponent of areas from level to level; NaN of fewer than two."""
-    areas = [area for area in areas if area > 0]
-    if len(areas) < 2:
+    areas = areas[areas > 0]
+    if areas.size < 2:
         return np.nan
-    slope = np.polyfit(np.arange(len(areas)), np.log2(areas), 1)[0]
+    slope = np.polyfit(np.arange(areas.size), np.log2(areas), 1)[0]
     return float(-slope)

@@ -6,24 +6,28 @@ import numpy as np
 import xarray as xr
 from tqdm import tqdm
 
-from ..numerics.numbers import instance
+from ..numerics.numbers import number, whole_number
 from ..results import labels as attributes_of
 from ..sweep.axes import Returned
 from ..sweep.lanes import Lanes
 from ..sweep.once import Program
 from ..sweep.progress import shown, stream
-from .cells import exponent
-from .lines import Line
-from .study import Audit, Fineness, Study
+from .boundaries import Audit, BoundarySearch
+from .cells import MOST_LEVELS, exponent, labels_of_pair
+from .lines import Lines
+
+FINEST, UNKNOWN_WIDTH = 1e-13, 1e-3
 
 
 def refine(
-    point: Callable[..., Returned],
+    point: Callable[..., Returned] | Program,
     coarse: xr.Dataset,
     label: str | Sequence[str] = "outcome",
     *,
-    fineness: Fineness = Fineness(),  # noqa: B008, a value
-    lanes: Lanes = Lanes(),  # noqa: B008, a value
+    width: float | tuple[float, float] = 1e-4,
+    levels: int = 3,
+    audit: int = 300,
+    max_points: int = 20_000,
     progress: bool | None = None,
 ) -> xr.Dataset:
     r"""The boundaries of a map, from a coarse sweep of the same scene.
@@ -50,13 +54,21 @@ def refine(
 
     **Arguments:**
 
-    - `point`: the scene of `coarse`, a function of its two axes.
+    - `point`: the scene of `coarse`, a function of its two axes; or a `Program` of
+        it, which is not traced again and has lanes of its own (threads, batches).
     - `coarse`: a sweep over two axes, in memory or opened from a store; points that
         `where` left out stay out.
     - `label`: the variable whose changes are followed, one of codes or whole numbers;
         or several, e.g. `("outcome", "returns")`.
-    - `fineness`: how finely, see `Fineness`.
-    - `lanes`: how lanes run, see `Lanes`.
+    - `width`: of the interval on a cell's edge in which the label changes, as a share
+        of the axis's range; a band of undecided points between two labels may be wider.
+        Where one of both labels is that nothing is known (`unsettled`, `undecided`, a
+        failure) it is 1e-3, or `width` if that is larger: such borders move with the
+        horizon. A pair states both widths.
+    - `levels`: how often a cell is halved, both ways, on the way to a boundary.
+    - `audit`: so many random points of cells that were not halved. If none of k has
+        another label than its cell, less than 3/k of their area has, at 95 %.
+    - `max_points`: points that are computed at most.
     - `progress`: a bar of points; None shows it on a terminal only.
 
     **Returns:** `coarse`, and besides (q, mu and outcome stand for the names of axes
@@ -78,113 +90,130 @@ def refine(
     `refine_missed_area`, the bound of the share of the map with another label in these.
 
     **Raises:** `ValueError` for a dataset that is no sweep over two axes, or not of
-    this `point`; for labels that are no whole numbers.
+    this `point`; for labels that are no whole numbers; for widths and counts that
+    break a rule.
     """
-    instance("fineness", fineness, Fineness)
-    instance("lanes", lanes, Lanes)
+    widths = _widths(width)
+    for name, count in (("levels", levels), ("audit", audit)):
+        whole_number(name, count)
+    whole_number("max_points", max_points)
+    if levels > MOST_LEVELS:
+        raise ValueError(
+            f"Argument `levels` must be at most {MOST_LEVELS}, but is {levels}."
+        )
     names = _labels(coarse, label)
     axes = _axes(coarse, names)
-    program = Program(point, names=[*axes], lanes=lanes)
-    study = Study(coarse, axes, names, program, fineness)
+    program = point if isinstance(point, Program) else Program(point, names=[*axes])
+    program.check(axes, Lanes())
+    search = BoundarySearch(
+        coarse, axes, names, program, levels=levels, max_points=max_points
+    )
     with tqdm(file=stream(), unit="point", disable=not shown(progress)) as bar:
-        study.tell = lambda count, _: bar.update(count)
-        study.check()
-        complete = study.grow(study.unlike())
-        audit = study.audited()
-        complete &= study.grow(study.forced(audit.strangers))
-        boundaries = study.lines()
-    return _dataset(study, boundaries, audit, complete and study.is_complete())
+        search.on_batch = lambda count, _: bar.update(count)
+        search.check()
+        search.follow()
+        audited = search.audited(audit)
+        search.mend(audited)
+        lines = search.lines(*widths)
+    return _dataset(search, lines, audited, widths)
+
+
+def _widths(width: float | tuple[float, float]) -> tuple[float, float]:
+    """The width, and that where nothing is known.
+
+    **Raises:** `ValueError` for what breaks a rule.
+    """
+    one = width if isinstance(width, tuple) else (width,)
+    if len(one) > 2:
+        raise ValueError(f"Argument `width` must be one or two, but is {width!r}.")
+    for value in one:
+        number("width", value, "positive")
+        if value < FINEST:
+            raise ValueError(
+                f"Argument `width` must be at least {FINEST:g}, near which places "
+                f"are no longer told apart, but is {value:g}."
+            )
+    return one[0], one[1] if len(one) == 2 else max(one[0], UNKNOWN_WIDTH)
 
 
 def _dataset(
-    study: Study, boundaries: list[Line], audit: Audit, complete: bool
+    search: BoundarySearch, lines: Lines, audit: Audit, widths: tuple[float, float]
 ) -> xr.Dataset:
-    """The coarse map with all that was found."""
-    ds = study.coarse.assign(
-        {**_refined(study), **_boundary(study, boundaries), **_pairs(study)}
+    """The coarse map with all that was computed."""
+    ds = search.coarse.assign(
+        {**_refined(search), **_boundary(search, lines), **_pairs(search)}
     )
-    fineness = study.fineness
     return ds.assign_attrs(
-        refine_width=fineness.width,
-        refine_unknown_width=fineness.unknown_width,
-        refine_levels=fineness.levels,
-        refine_max_points=fineness.max_points,
-        refine_points=study.points,
-        refine_complete=int(complete),
+        refine_width=widths[0],
+        refine_unknown_width=widths[1],
+        refine_levels=search.cells.levels,
+        refine_max_points=search.max_points,
+        refine_points=search.points,
+        refine_complete=int(search.complete),
         refine_audit_points=audit.points,
-        refine_audit_strangers=len(audit.strangers),
+        refine_audit_mislabelled=len(audit.mislabelled),
         refine_whole_share=audit.share,
         refine_missed_area=audit.missed,
     )
 
 
-def _refined(study: Study) -> dict[str, tuple]:
+def _refined(search: BoundarySearch) -> dict[str, tuple]:
     """All points that were computed."""
-    whole = {
-        name: np.concatenate([part[name] for part in study.computed])
-        for name in [*study.axes, *study.program.variables]
+    values = {
+        name: np.concatenate([part[name] for part in search.computed])
+        for name in [*search.axes, *search.program.variables]
     }
-    data = {}
-    for name, values in whole.items():
-        if name in study.axes:
-            data[f"refined_{name}"] = "refined", values, study.coarse[name].attrs
-        else:
-            variable = study.program.variables[name]
-            dims = ("refined", *variable.dims)
-            data[f"refined_{name}"] = dims, values, attributes_of(variable)
+    data: dict[str, tuple] = {
+        f"refined_{name}": ("refined", values[name], search.coarse[name].attrs)
+        for name in search.axes
+    }
+    for name, variable in search.program.variables.items():
+        dims = ("refined", *variable.dims)
+        data[f"refined_{name}"] = dims, values[name], attributes_of(variable)
     return data
 
 
-def _boundary(study: Study, boundaries: list[Line]) -> dict[str, tuple]:
+def _boundary(search: BoundarySearch, lines: Lines) -> dict[str, tuple]:
     """The lines' vertices, in order."""
-    rows = {code: row for row, code in study.codes.items()}
-    vertices = [(n, v) for n, line in enumerate(boundaries) for v in line.vertices]
-    sides = [line.pair for line in boundaries for _ in line.vertices]
-    data: dict[str, tuple] = {}
-    widths = np.zeros(len(vertices))
-    for i, (name, axis) in enumerate(study.axes.items()):
-        places = np.array([v[i] for _, v in vertices]) / study.cells.unit
-        at = np.interp(places, np.arange(axis.size), axis)
-        data[f"boundary_{name}"] = "vertex", at, study.coarse[name].attrs
-        half = np.array([v.width / 2 for _, v in vertices]) / study.cells.unit
-        ends = [
-            np.interp(places + s * half, np.arange(axis.size), axis) for s in (-1, 1)
-        ]
-        mine = np.array([v.along == i for _, v in vertices], bool)
-        widths = np.where(mine, (ends[1] - ends[0]) / np.ptp(axis), widths)
+    half = lines.width[:, None] / 2
+    at, low, high = (
+        search.values(lines.places + shift) for shift in (0.0, -half, half)
+    )
+    widths = [(high[n] - low[n]) / np.ptp(axis) for n, axis in search.axes.items()]
     about = {"long_name": "width of the interval, of the axis's range", "units": "1"}
-    data["boundary_width"] = "vertex", widths, about
-    numbers = np.array([n for n, _ in vertices], int)
-    data["boundary_line"] = "vertex", numbers, {"long_name": "number of the line"}
-    for part, name in enumerate(study.names):
-        both = [[rows[one][part], rows[other][part]] for one, other in sides]
-        values = np.array(both, int).reshape(-1, 2)
-        attrs = study.coarse[name].attrs
-        data[f"boundary_{name}"] = ("vertex", "side"), values, attrs
-    return data
+    return {
+        **{f"boundary_{n}": ("vertex", at[n], search.coarse[n].attrs) for n in at},
+        "boundary_width": ("vertex", np.choose(lines.along, widths), about),
+        "boundary_line": ("vertex", lines.line, {"long_name": "number of the line"}),
+        **_sides(search, "boundary", "vertex", lines.pair),
+    }
 
 
-def _pairs(study: Study) -> dict[str, tuple]:
+def _sides(
+    search: BoundarySearch, kind: str, dim: str, pairs: np.ndarray
+) -> dict[str, tuple]:
+    """Both labels of each pair."""
+    values = search.label_values(labels_of_pair(pairs))
+    return {
+        f"{kind}_{name}": ((dim, "side"), values[name], search.coarse[name].attrs)
+        for name in search.names
+    }
+
+
+def _pairs(search: BoundarySearch) -> dict[str, tuple]:
     """How the area between labels falls from level to level."""
-    rows = {code: row for row, code in study.codes.items()}
-    by_level = [
-        study.cells.unlike_areas(n, study.area) for n in range(study.cells.levels + 1)
-    ]
+    levels = range(search.cells.levels + 1)
+    by_level = [search.cells.unlike_areas(level, search.areas) for level in levels]
     pairs = sorted({pair for areas in by_level for pair in areas})
-    table = np.array([[a.get(p, 0.0) for a in by_level] for p in pairs])
+    table = np.array([[areas.get(p, 0.0) for areas in by_level] for p in pairs])
     table = table.reshape(len(pairs), len(by_level))
-    total = study.map_area()
-    data: dict[str, tuple] = {}
-    for part, name in enumerate(study.names):
-        both = [[rows[one][part], rows[other][part]] for one, other in pairs]
-        values = np.array(both, int).reshape(-1, 2)
-        data[f"pair_{name}"] = ("pair", "side"), values, study.coarse[name].attrs
-    about = {"long_name": "share of the map in cells between both", "units": "1"}
-    data["pair_area"] = ("pair", "level"), table / total, about
-    slopes = np.array([exponent(list(row)) for row in table])
-    about = {"long_name": "uncertainty exponent, 1 of a line", "units": "1"}
-    data["pair_exponent"] = "pair", slopes, about
-    return data
+    share = {"long_name": "share of the map in cells between both", "units": "1"}
+    slope = {"long_name": "uncertainty exponent, 1 of a line", "units": "1"}
+    return {
+        **_sides(search, "pair", "pair", np.array(pairs, int)),
+        "pair_area": (("pair", "level"), table / search.map_area(), share),
+        "pair_exponent": ("pair", np.array([exponent(row) for row in table]), slope),
+    }
 
 
 # Names in the result beside those of axes and labels.
