@@ -54,6 +54,19 @@ def test_what_one_left_out_the_other_fills_in():
     assert of_values(zj.merge(*parts)) == of_values(sweep(x, y))
 
 
+def test_numbers_keep_their_types():
+    """Whole numbers that float64 does not hold as well."""
+    parts = [
+        sweep([float(i)], [1.0]).assign(
+            count=("x", [2**53 + 1 + i]), is_last=("x", [i == 1])
+        )
+        for i in range(2)
+    ]
+    whole = zj.merge(*parts)
+    assert whole.is_last.dtype == bool
+    assert whole["count"].values.tolist() == [2**53 + 1, 2**53 + 2]
+
+
 def test_xarrays_own_tools_join_sweeps_without_losing_codes():
     left, right = sweep([0.0, 1.0], [1.0, 3.0]), sweep([2.0, 4.0], [1.0, 3.0])
     whole = zj.merge(left, right)

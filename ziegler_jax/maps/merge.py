@@ -1,13 +1,13 @@
 """Sweeps of one scene, made one."""
 
 from collections.abc import Hashable, Mapping, Sequence
-from typing import Literal, NamedTuple, NoReturn
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
 from ..numerics.numbers import choice, instance
-from ..results import unlike_meaning
+from ..results import MEANING
 
 # What a run has cost, and how it went: of several runs it is the sum, or nothing.
 SUMS = ("points", "points_done", "compile_seconds", "run_seconds", "canary_checks")
@@ -62,8 +62,8 @@ def merge(*sweeps: xr.Dataset, versions: Literal["same", "any"] = "same") -> xr.
 
     **Returns:** a dataset over the unions of the axes, rising. Of the attributes,
     points and seconds are sums; several versions and their digests stand behind each
-    other; what people read of a scene (its source) is the first
-    one's; what else belongs to a run (threads, batches, an audit) is left out.
+    other; what people read of a scene (its source) is the first one's; what else
+    belongs to a run (threads, batches) is left out.
 
     **Raises:** `ValueError` that names what differs: a variable, an attribute, a point;
     and for a scene that no digest knows, that of a point with host callbacks.
@@ -73,63 +73,45 @@ def merge(*sweeps: xr.Dataset, versions: Literal["same", "any"] = "same") -> xr.
         raise ValueError("Arguments of `merge` must be datasets, but there are none.")
     for number, ds in enumerate(sweeps):
         instance(f"sweeps[{number}]", ds, xr.Dataset)
-    sweeps = (sweeps[0], *(_in_order(sweeps[0], ds) for ds in sweeps[1:]))
-    for number, ds in enumerate(sweeps):
-        along = [n for n, c in ds.coords.items() if c.ndim and n not in ds.indexes]
-        if along:
-            raise ValueError(
-                f"Argument `sweeps[{number}]` must be over axes, but its `{along[0]}` "
-                f"has values along `{ds[along[0]].dims[0]}`: join samples by "
-                "`xr.concat` along their dimension."
-            )
-        _check_like(sweeps[0], ds, number)
+    _check_axes(sweeps)
     _check_digests(sweeps, consent=versions == "any")
-    _check_attributes(sweeps)
-    first = sweeps[0]
-    # of a sweep its parameters; labels of results (joint, rod) are in all the same
-    axes = {
-        name: _union([ds[name].values for ds in sweeps])
-        for name in map(str, first.indexes)
+    _check_facts(sweeps)
+    first, aligned = sweeps[0], _aligned(sweeps)
+    numbers: dict[Hashable, xr.DataArray] = {}
+    for dims, names in _by_cells(sweeps).items():
+        numbers |= _union(aligned, dims, names)
+    data = {
+        n: (v.dims, numbers[n].transpose(*v.dims).values, v.attrs)
+        for n, v in first.data_vars.items()
     }
-    whole = {name: _nothing(v, axes) for name, v in first.data_vars.items()}
-    for dims, names in _by_cells(first, axes).items():
-        _fill({name: whole[name] for name in names}, sweeps, axes, dims)
-    data = {n: (first[n].dims, x, _labels(first[n])) for n, x in whole.items()}
-    coords = {n: (first[n].dims, a.values, first[n].attrs) for n, a in axes.items()}
-    still = {n: fixed for n, fixed in first.coords.items() if fixed.ndim == 0}
-    return xr.Dataset(data, {**coords, **still}, _attributes(sweeps))
+    axes = {n: (v.dims, aligned[0][n].values, v.attrs) for n, v in first.coords.items()}
+    return xr.Dataset(data, axes, _attributes(sweeps))
 
 
-class Axis(NamedTuple):
-    """The values of several sweeps along one dimension, rising.
+# Axes and cells -----------------------------------------------------------------------
 
-    `places`: of each sweep's values in it; `exact`: a number for each of these values,
-    the same for those that are the same to the last bit.
+
+def _aligned(sweeps: Sequence[xr.Dataset]) -> list[xr.Dataset]:
+    """The sweeps over the unions of their axes, rising, with gaps.
+
+    Of two near values the earlier dataset's is the axis's; `_own(axis)` has each
+    dataset's own ones.
     """
+    first, moved = sweeps[0], []
+    known = {d: np.unique(first[d].values) for d in map(str, first.indexes)}
+    for ds in sweeps:
+        stand = {d: _stand_ins(known[d], ds[d].values) for d in known}
+        known = {d: np.union1d(known[d], stand[d]) for d in known}
+        own = {_own(d): (d, ds[d].values) for d in known}
+        moved.append(ds.assign(own).assign_coords(stand))
+    codes = {n: v for n, v in first.data_vars.items() if v.dtype.kind not in "fc"}
+    gaps = {n: v.dtype.type(0) for n, v in codes.items()}
+    return [ds.reindex(known, fill_value=gaps) for ds in moved]
 
-    values: np.ndarray
-    places: list[np.ndarray]
-    exact: list[np.ndarray]
 
-    @property
-    def differs(self) -> bool:
-        """Whether a sweep has other values than the first."""
-        return any(not np.array_equal(self.exact[0], e) for e in self.exact)
-
-
-def _union(parts: Sequence[np.ndarray]) -> Axis:
-    """All values, of two that are near the earlier dataset's."""
-    whole, stand = np.unique(parts[0]), [parts[0]]
-    for part in parts[1:]:
-        near = whole.dtype.kind == "f"
-        stand.append(_stand_ins(whole, part) if near else part)
-        whole = np.unique(np.concatenate([whole, stand[-1]]))
-    unlike = np.unique(np.concatenate(parts))
-    return Axis(
-        whole,
-        [np.searchsorted(whole, values) for values in stand],
-        [np.searchsorted(unlike, part) for part in parts],
-    )
+def _own(axis: str) -> str:
+    """The name of the variable with a dataset's own values of an axis."""
+    return f"own values of {axis}"
 
 
 def _stand_ins(known: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -153,139 +135,130 @@ def _gaps(values: np.ndarray) -> np.ndarray:
     return np.minimum(between[:-1], between[1:])
 
 
-def _nothing(variable: xr.DataArray, axes: Mapping[str, Axis]) -> np.ndarray:
-    """A variable over the unions, with nothing computed."""
-    shape = [
-        axes[str(d)].values.size if str(d) in axes else n
-        for d, n in variable.sizes.items()
-    ]
-    fill = np.nan if variable.dtype.kind in "fc" else 0
-    return np.full(shape, fill, variable.dtype)
-
-
-def _known(values: np.ndarray) -> np.ndarray:
-    """Which numbers have been computed."""
-    return ~np.isnan(values) if values.dtype.kind in "fc" else values != 0
-
-
-def _by_cells(
-    first: xr.Dataset, axes: Mapping[str, Axis]
-) -> dict[tuple[str, ...], list[Hashable]]:
-    """The variables, by those of the sweep's axes that they have.
+def _by_cells(sweeps: Sequence[xr.Dataset]) -> dict[tuple[str, ...], list[Hashable]]:
+    """The variables, by those of the sweeps' axes that they have.
 
     A place along these is a cell, whose numbers were all computed at one point. Along
-    other dimensions lie the numbers of a point.
+    other dimensions (joint, rod), in all sweeps the same, lie the numbers of a point.
     """
+    first = sweeps[0]
     named = str(first.attrs.get("scene_axes")).split(", ")
-    own = [d for d, axis in axes.items() if d in named or axis.differs]
+    own = [
+        d
+        for d in map(str, first.indexes)
+        if d in named or any(not np.array_equal(first[d], ds[d]) for ds in sweeps)
+    ]
     groups: dict[tuple[str, ...], list[Hashable]] = {}
     for name, variable in first.data_vars.items():
         groups.setdefault(tuple(d for d in own if d in variable.dims), []).append(name)
     return groups
 
 
-def _fill(
-    whole: Mapping[Hashable, np.ndarray],
-    sweeps: Sequence[xr.Dataset],
-    axes: Mapping[str, Axis],
-    dims: tuple[str, ...],
-) -> None:
-    """Put the numbers of all sweeps in their places, cell by cell.
+def _union(
+    aligned: Sequence[xr.Dataset], dims: tuple[str, ...], names: Sequence[Hashable]
+) -> dict[Hashable, xr.DataArray]:
+    """Variables with the numbers of all sweeps, cell by cell.
 
     A cell is of the first sweep that has computed it: of others, those at the same
     coordinates to the last bit have their say, and those near it have not.
     """
-    # at which coordinates each cell was computed, as one number
-    origin = np.full([axes[d].values.size for d in dims], -1)
-    for number, ds in enumerate(sweeps):
-        point = np.zeros((), int)
+    whole = {name: aligned[0][name] for name in names}
+    origin = {d: xr.DataArray(np.nan) for d in dims}  # each cell's own coordinates
+    for ds in aligned:
+        own = {d: ds[_own(d)] for d in dims}
+        says, filled = xr.DataArray(True), xr.DataArray(False)
         for d in dims:
-            size = 1 + max(e.max() for e in axes[d].exact)
-            point = np.add.outer(point * size, axes[d].exact[number])
-        at = np.ix_(*(axes[d].places[number] for d in dims))
-        free = (origin[at] == -1) | (origin[at] == point)
-        filled = np.zeros_like(free)
-        for name, values in whole.items():
-            known = xr.Variable(ds[name].dims, _known(ds[name].values))
-            known = known & xr.Variable(dims, free)
-            places = (
-                axes[str(d)].places[number] if str(d) in axes else np.arange(n)
-                for d, n in known.sizes.items()
-            )
-            _put(values, np.ix_(*places), ds[name], known.values)
-            inner = [d for d in known.dims if d not in dims]
-            filled |= known.any(inner).transpose(*dims).values
-        origin[at] = np.where(filled, point, origin[at])
+            says = says & (origin[d].isnull() | (origin[d] == own[d]))
+        for name, before in whole.items():
+            known = _known(ds[name]) & says
+            _check_meeting(before, ds[name], known)
+            whole[name] = ds[name].where(known, before)
+            filled = filled | known.any([d for d in known.dims if d not in dims])
+        origin = {d: x.fillna(own[d].where(filled)) for d, x in origin.items()}
+    return whole
 
 
-def _put(
-    whole: np.ndarray, at: tuple[np.ndarray, ...], part: xr.DataArray, known: np.ndarray
-) -> None:
-    """Put the numbers of a sweep that are `known` in their places.
+def _known(variable: xr.DataArray) -> xr.DataArray:
+    """Which numbers have been computed."""
+    return variable.notnull() if variable.dtype.kind in "fc" else variable != 0
 
-    **Raises:** `ValueError` where another number is there.
+
+def _check_meeting(one: xr.DataArray, two: xr.DataArray, known: xr.DataArray) -> None:
+    """Refuse numbers that are `known` where another one is.
+
+    **Raises:** `ValueError` with the first of them.
     """
-    values, before = part.values, whole[at]
-    unlike = known & _known(before) & (before != values)
-    if unlike.any():
-        where = np.argwhere(unlike)[0]
-        point = [
-            f"{d} = {part[d].values[i]:.17g}"
-            for d, i in zip(part.dims, where, strict=True)
-            if d in part.indexes and part[d].dtype.kind in "iuf"
-        ]
-        raise ValueError(
-            f"Arguments of `merge` must agree where they meet, but `{part.name}` is "
-            f"{before[tuple(where)]} and {values[tuple(where)]}"
-            f"{' at ' if point else ''}{', '.join(point)}."
-        )
-    whole[at] = np.where(known, values, before)
-
-
-def _refuse(number: int, what: str, two: object, one: object) -> NoReturn:
+    unlike = (one != two) & _known(one) & known
+    if not unlike.any():
+        return
+    where = dict(zip(unlike.dims, np.argwhere(unlike.values)[0], strict=True))
+    one, two = one[where], two[where]
+    point = ", ".join(
+        f"{d} = {two[d].item():.17g}"
+        for d in where
+        if d in two.coords and two[d].dtype.kind in "iuf"
+    )
     raise ValueError(
-        f"Argument `sweeps[{number}]` must be of the scene of the first, but {what} "
-        f"{two!r}, not {one!r}."
+        f"Arguments of `merge` must agree where they meet, but `{one.name}` is "
+        f"{one.item()} and {two.item()}{' at ' if point else ''}{point}."
     )
 
 
-def _in_order(first: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
-    """Its variables over the dimensions in the first's order."""
-    turned = {}
-    for name, one in first.data_vars.items():
-        dims = other[name].dims if name in other else ()
-        if dims != one.dims and {*dims} == {*one.dims}:
-            turned[name] = other[name].transpose(*one.dims)
-    return other.assign(turned) if turned else other
+# Refusals -----------------------------------------------------------------------------
 
 
-def _check_like(first: xr.Dataset, other: xr.Dataset, number: int) -> None:
-    """Refuse a sweep of other variables, or of the same in other units."""
-    for what, one, two in (
-        ("has the axes and labels", first.coords, other.coords),
-        ("holds", first.data_vars, other.data_vars),
-    ):
-        if {*one} != {*two}:
-            _refuse(number, what, sorted(map(str, two)), sorted(map(str, one)))
-    for name, one in first.variables.items():
-        two = other.variables[name]
-        if two.dims != one.dims:
-            _refuse(number, f"its `{name}` has the dimensions", two.dims, one.dims)
-        key = unlike_meaning(one.attrs, two.attrs)
-        if name in first.coords and not (key in one.attrs and key in two.attrs):
-            key = None  # xarray forgets them where a coordinate is assigned anew
-        if key is not None:
-            what = f"the attribute `{key}` of its `{name}` is"
-            _refuse(number, what, two.attrs.get(key), one.attrs.get(key))
-        if name in first.coords:
-            if not one.ndim and not one.equals(two):
-                _refuse(number, f"its `{name}` is", two.values, one.values)
-            continue
-        if two.dtype != one.dtype:
-            _refuse(number, f"its `{name}` has the type", two.dtype, one.dtype)
-        loose = [d for d in one.dims if d not in first.indexes]
-        if any(two.sizes[d] != one.sizes[d] for d in loose):
-            _refuse(number, f"its `{name}` has the sizes", two.sizes, one.sizes)
+def _check_axes(sweeps: Sequence[xr.Dataset]) -> None:
+    """Refuse samples, whose parameters have values along another dimension."""
+    for number, ds in enumerate(sweeps):
+        along = [n for n, c in ds.coords.items() if c.ndim and n not in ds.indexes]
+        if along:
+            raise ValueError(
+                f"Argument `sweeps[{number}]` must be over axes, but its `{along[0]}` "
+                f"has values along `{ds[along[0]].dims[0]}`: join samples by "
+                "`xr.concat` along their dimension."
+            )
+
+
+def _check_facts(sweeps: Sequence[xr.Dataset]) -> None:
+    """Refuse a sweep of other variables, in other units, or with other options."""
+    # xarray forgets attributes where a coordinate is assigned anew: others know them
+    about: dict[Hashable, dict[str, object]] = {}
+    for ds in sweeps:
+        for name, axis in ds.coords.items():
+            about[name] = {**axis.attrs, **about.get(name, {})}
+    ours = _facts(sweeps[0], about)
+    for number, ds in enumerate(sweeps):
+        theirs = _facts(ds, about)
+        for what in {**ours, **theirs}:
+            one, two = ours.get(what), theirs.get(what)
+            if not np.array_equal(np.asarray(one), np.asarray(two)):
+                raise ValueError(
+                    f"Argument `sweeps[{number}]` must be of the scene of the first, "
+                    f"but {what} {two!r}, not {one!r}."
+                )
+
+
+def _facts(
+    ds: xr.Dataset, about: Mapping[Hashable, Mapping[str, object]]
+) -> dict[str, object]:
+    """All that must be the same in sweeps of one scene, by the words of a refusal."""
+    facts: dict[str, object] = {
+        "has the axes and labels": sorted(map(str, ds.coords)),
+        "holds": sorted(map(str, ds.data_vars)),
+    }
+    for name, v in ds.variables.items():
+        attrs = {**about.get(name, {}), **v.attrs}
+        facts[f"its `{name}` has the dimensions"] = sorted(map(str, v.dims))
+        for key in MEANING:
+            facts[f"the attribute `{key}` of its `{name}` is"] = attrs.get(key)
+        if name in ds.data_vars:
+            facts[f"its `{name}` has the type"] = v.dtype
+            sizes = {d: n for d, n in v.sizes.items() if d not in ds.indexes}
+            facts[f"its `{name}` has the sizes"] = sizes
+        elif not v.ndim:
+            facts[f"its `{name}` is"] = str(v.values)  # of NaN as well
+    scene = _of_the_scene(ds).items()
+    return facts | {f"its attribute `{key}` is": value for key, value in scene}
 
 
 def _identities(ds: xr.Dataset) -> list[tuple[str, ...]]:
@@ -330,27 +303,11 @@ def _check_digests(sweeps: Sequence[xr.Dataset], consent: bool) -> None:
                 )
 
 
-def _check_attributes(sweeps: Sequence[xr.Dataset]) -> None:
-    """Refuse sweeps that were computed with other options."""
-    ours = _of_the_scene(sweeps[0])
-    for number, ds in enumerate(sweeps):
-        theirs = _of_the_scene(ds)
-        for key in sorted({*ours, *theirs}):
-            one, two = ours.get(key), theirs.get(key)
-            if not np.array_equal(np.asarray(one), np.asarray(two)):
-                _refuse(number, f"its attribute `{key}` is", two, one)
-
-
 def _of_the_scene(ds: xr.Dataset) -> dict[str, object]:
     """The attributes that say what was computed, beside the digest and versions."""
     apart = OF_A_RUN | set(SUMS) | RECORD | {DIGEST, *VERSIONS}
     named = {str(key): value for key, value in ds.attrs.items()}
-    return {k: v for k, v in named.items() if k not in apart and k[:6] != "audit_"}
-
-
-def _labels(variable: xr.DataArray) -> dict[Hashable, object]:
-    """What a variable is, without an audit of it."""
-    return {k: v for k, v in variable.attrs.items() if str(k)[:6] != "audit_"}
+    return {k: v for k, v in named.items() if k not in apart}
 
 
 def _attributes(sweeps: Sequence[xr.Dataset]) -> dict[str, object]:
