@@ -79,7 +79,7 @@ def main():
         "commit": commit(),
         "lanes": int(coarse.outcome.size + ds.attrs["refine_points"]),
         "outcomes": {
-            zj.OUTCOME(c).name: int((coarse.outcome == c).sum())
+            zj.CODE(c).name: int((coarse.outcome == c).sum())
             for c in np.unique(coarse.outcome)
         },
         "points": int(good.sum()),

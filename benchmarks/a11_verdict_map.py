@@ -50,7 +50,7 @@ def main():
         ds.pair_verdict.values, ds.pair_exponent.values, strict=True
     ):
         mine = (np.sort(sides, axis=1) == np.sort(pair)).all(axis=1)
-        pairs[" ".join(zj.VERDICT(int(code)).name for code in pair)] = {
+        pairs[" ".join(zj.CODE(int(code)).name for code in pair)] = {
             "exponent": float(exponent),
             "vertices": int(mine.sum()),
             "within_width": float((widths[mine] <= options.width).mean()),

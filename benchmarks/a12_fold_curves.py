@@ -72,7 +72,7 @@ def main():
             "curve": name,
             "points": int(there.sum()),
             "residual": float(curve.points.residual[there].max()),
-            "ends": [zj.CURVE(int(end)).name for end in curve.ends],
+            "ends": [zj.CODE(int(end)).name for end in curve.ends],
             "torque": [float(x) for x in curve.points.second[there][[0, -1]]],
             "load": [float(x) for x in curve.points.first[there][[0, -1]]],
             "seconds": seconds[name],

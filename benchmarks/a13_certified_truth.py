@@ -27,6 +27,10 @@ from measure import commit, rounded
 import ziegler_jax as zj
 from ziegler_jax.__main__ import WINDOWS, point
 
+KINDS = tuple(
+    zj.CODE[word]
+    for word in "no_passages unstable_near slow aperiodic growing lasting".split()
+)
 TRUTH = zj.Windows(
     transient=WINDOWS.transient, length=WINDOWS.length, max_windows=160, agreement=2e-5
 )
@@ -47,9 +51,9 @@ def swept(count, function):
 
 
 def outcomes(codes, kinds=None):
-    counts = {c.name: int((codes == c).sum()) for c in zj.OUTCOME if (codes == c).any()}
+    counts = {c.name: int((codes == c).sum()) for c in zj.CODE if (codes == c).any()}
     if kinds is not None:
-        counts |= {k.name: int((kinds == k).sum()) for k in zj.UNDECIDED if k != 0}
+        counts |= {k.name: int((kinds == k).sum()) for k in KINDS}
     return counts
 
 
@@ -61,9 +65,9 @@ def report_share(options, source):
         fine = {"windows": TRUTH, "method": zj.Method(rtol=1e-8), "certify": False}
         return point(*table[place.astype(int)], **fine)
 
-    true = swept(len(cells), truth).outcome.values == zj.OUTCOME.repeats
+    true = swept(len(cells), truth).outcome.values == zj.CODE.repeats
     ds = settled(cells)
-    certified = true & (ds.outcome.values == zj.OUTCOME.cycle)
+    certified = true & (ds.outcome.values == zj.CODE.cycle)
     missed = true & ~certified
     return {
         "cells": len(cells),
@@ -77,7 +81,7 @@ def report_share(options, source):
 def report_amplitudes(options, source):
     cells = cells_of_the_map(options.cells, source)
     ds = settled(cells)
-    closed = np.flatnonzero(ds.outcome == zj.OUTCOME.cycle)
+    closed = np.flatnonzero(ds.outcome == zj.CODE.cycle)
     table = jnp.asarray(columns(cells[closed]))
     ends = jnp.asarray(ds.state.values[closed])
 
@@ -110,17 +114,16 @@ def report_cells(options, source):
     cells = np.concatenate([NAMED, cells_of_the_map(options.cells, source)])
     ds = settled(cells)
     chosen = list(range(len(NAMED)))
-    for kind in zj.UNDECIDED:
-        if kind != zj.UNDECIDED.decided:
-            found = np.flatnonzero(ds.undecided.values == kind)
-            chosen += found[found >= len(NAMED)][:3].tolist()
+    for kind in KINDS:
+        found = np.flatnonzero(ds.undecided.values == kind)
+        chosen += found[found >= len(NAMED)][:3].tolist()
     names = "time", "period", "largest_multiplier", "returns", "drift"
     return {
         "found": [
             {
                 "cell": cells[i].tolist(),
-                "outcome": zj.OUTCOME(int(ds.outcome[i])).name,
-                "kind": zj.UNDECIDED(int(ds.undecided[i])).name,
+                "outcome": zj.CODE(int(ds.outcome[i])).name,
+                "kind": zj.CODE(int(ds.undecided[i])).name,
                 "joint_amplitude": ds.joint_amplitude.values[i].tolist(),
                 **{name: float(ds[name][i]) for name in names},
             }
@@ -164,8 +167,8 @@ def report_kicks(options, source):
     again = zj.sweep(
         followed, place=np.arange(len(known)), end=[0, 1], progress=False
     ).outcome.values
-    rests = again == zj.OUTCOME.stuck
-    moves = np.isin(again, [zj.OUTCOME[name] for name in ("unsettled", "escaped")])
+    rests = again == zj.CODE.stuck
+    moves = np.isin(again, [zj.CODE[name] for name in ("unsettled", "escaped")])
     rises = ds.rises.values[known] > 0
     inside = np.where(rises, rests[:, 0] & moves[:, 1], rests[:, 1] & moves[:, 0])
     return {
@@ -173,7 +176,7 @@ def report_kicks(options, source):
         "found": len(known),
         "others": {
             c.name: int((ds.outcome.values == c).sum())
-            for c in zj.ONSET
+            for c in zj.CODE
             if (ds.outcome.values == c).any()
         },
         "relative_width_median": np.median(width / middle),

@@ -177,7 +177,7 @@ def map_table():
     exact, _ = run("set-valued", NO_LAYER, 1e-9)
     truth = amplitudes(exact)
     codes = exact.outcome.isel(v_smooth=0, tol=0).values
-    settled = np.isin(codes, (zj.OUTCOME.repeats, zj.OUTCOME.cycle, zj.OUTCOME.stuck))
+    settled = np.isin(codes, (zj.CODE.repeats, zj.CODE.cycle, zj.CODE.stuck))
     table = {}
     for kind, rows in MAP_CURVES.items():
         run(kind, *rows[0], axes={"q": [2.0], "mu": [0.1]})  # compiles

@@ -40,19 +40,19 @@ def main():
             mu_k=mu,
         )
         truth = ds if truth is None else truth
-        cycles = ds.outcome == zj.OUTCOME.repeats
+        cycles = ds.outcome == zj.CODE.repeats
         apart = abs(ds.joint_amplitude - truth.joint_amplitude).max("joint")
-        confirmed = (truth.outcome == zj.OUTCOME.repeats) & (
+        confirmed = (truth.outcome == zj.CODE.repeats) & (
             apart <= 0.01 * truth.joint_amplitude.max("joint")
         )
-        points = int((ds.outcome != zj.OUTCOME.not_computed).sum())
+        points = int((ds.outcome != zj.CODE.not_computed).sum())
         result = {
             "benchmark": "a4_settling",
             "commit": commit(),
             "points": points,
             "max_windows": max_windows,
             "agreement": agreement,
-            "unsettled": float((ds.outcome == zj.OUTCOME.unsettled).sum()) / points,
+            "unsettled": float((ds.outcome == zj.CODE.unsettled).sum()) / points,
             "cycles": float(cycles.sum()) / points,
             "false_cycles": float((cycles & ~confirmed).sum()) / points,
             "steps_a_point": float(ds.steps.sum()) / points,

@@ -35,6 +35,10 @@ from ziegler_jax.__main__ import (
     point,
 )
 
+KINDS = tuple(
+    zj.CODE[word]
+    for word in "no_passages unstable_near slow aperiodic growing lasting".split()
+)
 SPAN, PERIODS, SLOW, SLOW_SPAN = 400.0, 20, 0.95, 1500.0
 TOLERANCE, OFF = 1e-9, 0.01
 
@@ -61,7 +65,7 @@ def columns(cells):
 
 def judged(cells, ds):
     """By how much each certified amplitude is off after the continuation."""
-    closed = np.flatnonzero(ds.outcome == zj.OUTCOME.cycle)
+    closed = np.flatnonzero(ds.outcome == zj.CODE.cycle)
     some = ds.isel(cell=closed)
     period = some.period.values
     spans = np.maximum(SPAN, PERIODS * period)
@@ -93,8 +97,8 @@ def cells_beside_thresholds(count, source):
         every = np.array([(x, *row) for row in rows for x in q])
         outcome = settled(every).outcome.values.reshape(len(rows), q.size)
         for row, codes in zip(rows, outcome, strict=True):
-            moves = np.flatnonzero(codes == zj.OUTCOME.cycle)
-            stuck = np.flatnonzero(codes == zj.OUTCOME.stuck)
+            moves = np.flatnonzero(codes == zj.CODE.cycle)
+            stuck = np.flatnonzero(codes == zj.CODE.stuck)
             if moves.size and stuck.size:
                 low, high = sorted((q[stuck[-1]], q[moves[0]]))
                 step = q[1] - q[0]
@@ -117,8 +121,8 @@ def report(sample, cells):
         "false_cells": cells[false].tolist(),
         "amplitude_off_median": float(np.median(off)),
         "amplitude_off_largest": float(off.max()),
-        "stuck": int((outcome == zj.OUTCOME.stuck).sum()),
-        "undecided": {k.name: int((kinds == k).sum()) for k in zj.UNDECIDED if k != 0},
+        "stuck": int((outcome == zj.CODE.stuck).sum()),
+        "undecided": {k.name: int((kinds == k).sum()) for k in KINDS},
         "steps": float(ds.steps.mean()),
         "steps_with_tangents": float((ds.steps + 3 * ds.shot_steps).mean()),
     }
@@ -137,15 +141,15 @@ def report_sensitive(cells):
     usual = zj.sweep(lambda cell: at(cell, (zj.Growth(),), zj.Method()), cell=axis)
     fine = zj.sweep(lambda cell: at(cell, (), zj.Method(rtol=1e-8)), cell=axis)
     ends, others = usual.outcome.values, fine.outcome.values
-    settled = [zj.OUTCOME.cycle, zj.OUTCOME.stuck]
+    settled = [zj.CODE.cycle, zj.CODE.stuck]
     both = np.isin(ends, settled) & np.isin(others, settled)
-    closed = both & (ends == zj.OUTCOME.cycle) & (others == ends)
+    closed = both & (ends == zj.CODE.cycle) & (others == ends)
     off = np.abs(usual.joint_amplitude - fine.joint_amplitude).max("joint").values
     off = off > OFF * usual.joint_amplitude.max("joint").values
     changed = both & ((ends != others) | (closed & off))
     sensitive = usual.sensitive.values == 1
     late = (usual.time.values > LATE) & np.isin(ends, settled)
-    cycles = ends == zj.OUTCOME.cycle
+    cycles = ends == zj.CODE.cycle
     result = {
         "benchmark": "a5_certificates",
         "commit": commit(),

@@ -94,7 +94,7 @@ def main():
                 name: 1e6 * float(np.median(s)) / int((one.outcome > 0).sum())
                 for name, s in seconds.items()
             },
-            "undecided_share": float((one.outcome == zj.OUTCOME.unsettled).sum())
+            "undecided_share": float((one.outcome == zj.CODE.unsettled).sum())
             / int((one.outcome > 0).sum()),
         }
     print(json.dumps(rounded(result)))

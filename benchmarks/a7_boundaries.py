@@ -124,7 +124,7 @@ def main():
     fine = grid(options.grid).outcome.values
     places, pairs, smaller = unlike_edges(fine)
     apart, _ = cKDTree(points_of_lines(ds, options.grid)).query(places, p=np.inf)
-    named = [" ".join(zj.OUTCOME(c).name for c in pair) for pair in pairs.tolist()]
+    named = [" ".join(zj.CODE(c).name for c in pair) for pair in pairs.tolist()]
     names, missed = np.array(named), apart > 1
     edges, near = Counter(named), Counter(names[~missed].tolist())
     result = {

@@ -19,7 +19,7 @@ import ziegler_jax as zj
 
 KICK = zj.State(omega=(0.0, 0.3))
 BRACKET, LOADS, DRAWN = (0.5, 4.0), 401, 20
-REST = (zj.OUTCOME.stuck, zj.OUTCOME.rest)
+REST = (zj.CODE.stuck, zj.CODE.rest)
 
 
 def column(q, mu_s, mu_k):
@@ -49,10 +49,11 @@ def main():
     below = {"where": lambda mu_s, mu_k: mu_k <= mu_s, "progress": False}
     ds = zj.sweep(onset, mu_s=mu, mu_k=mu, **below)
     codes = ds.outcome.values
+    ends = np.unique(codes, return_counts=True)
     line = {
         "benchmark": "a8_onset_map",
         "commit": commit(),
-        "searches": {c.name: int((codes == c).sum()) for c in zj.ONSET if c != 0},
+        "searches": {zj.CODE(c).name: int(n) for c, n in zip(*ends, strict=True) if c},
         "run_s": ds.attrs["run_seconds"],
     }
 
@@ -61,7 +62,7 @@ def main():
         named = zip(("mu_s", "mu_k"), along, strict=True)
         return {name: xr.DataArray(x, dims="cell") for name, x in named}
 
-    parted = np.where(np.isin(codes, [zj.ONSET.found, zj.ONSET.repeated]))
+    parted = np.where(np.isin(codes, [zj.CODE.found, zj.CODE.repeated]))
     threshold, width, rises = (
         ds[name].values[parted] for name in ("threshold", "width", "rises")
     )
@@ -70,7 +71,7 @@ def main():
         ends = followed(1000, q=q, **cells(parted))
         line[f"{name}_ends"] = len(ends)
         line[f"{name}_ends_right"] = int((ends.isin(REST) == rests).sum())
-    repeated = np.stack(np.where(codes == zj.ONSET.repeated))
+    repeated = np.stack(np.where(codes == zj.CODE.repeated))
     drawn = np.random.default_rng(0).permutation(repeated.shape[1])[:DRAWN]
     loads = np.linspace(*BRACKET, LOADS)
     rests = followed(200, q=loads, **cells(repeated[:, drawn])).isin(REST)

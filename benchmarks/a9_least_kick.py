@@ -131,28 +131,28 @@ def judged(group, table, ds, case, count):
     line = {
         "case": f"{group} {case}",
         "q": float(table[case][0]),
-        "outcome": zj.KICK(int(found.outcome)).name,
-        "edge": zj.EDGE(int(found.edge)).name,
+        "outcome": zj.CODE(int(found.outcome)).name,
+        "edge": zj.CODE(int(found.edge)).name,
         "energy_over_torque": float(found.energy / table[case][1] / table[case][3]),
         "misalignment": float(found.misalignment),
         "motions": int(found.motions),
         "steps": int(found.steps),
     }
-    if int(found.outcome) != zj.KICK.found:
+    if int(found.outcome) != zj.CODE.found:
         return line
     energy, row = float(found.energy), table[case]
     start = np.concatenate([found.angle.values, found.rate.values])
     around = fates(table, case, np.outer([0.998, 1.002], start))
     starts, energies = random_kicks(row, FREE[group], energy, count, 7 + case)
     fate = fates(table, case, starts)
-    flutter = np.isin(fate, (zj.OUTCOME.cycle, zj.OUTCOME.escaped))
+    flutter = np.isin(fate, (zj.CODE.cycle, zj.CODE.escaped))
     best = energies[flutter].min() if flutter.any() else np.inf
     return line | {
-        "0.998": zj.OUTCOME(int(around[0])).name,
-        "1.002": zj.OUTCOME(int(around[1])).name,
+        "0.998": zj.CODE(int(around[0])).name,
+        "1.002": zj.CODE(int(around[1])).name,
         "random": count,
         "flutter": int(flutter.sum()),
-        "undecided": int((fate == zj.OUTCOME.unsettled).sum()),
+        "undecided": int((fate == zj.CODE.unsettled).sum()),
         "percent_over_best": 100 * (energy / best - 1),
     }
 
@@ -172,7 +172,7 @@ def law():
     ratios = departure[:, 2:] / departure[:, 1:-1]
     return {
         "law": "departure of E / tau^2",
-        "found": int((ds.outcome == zj.KICK.found).sum()),
+        "found": int((ds.outcome == zj.CODE.found).sum()),
         "of": int(ds.outcome.size),
         "at_0.001": float(np.abs(departure[:, 0]).max()),
         "at_0.01": float(np.abs(departure[:, 2]).max()),

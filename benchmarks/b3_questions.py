@@ -69,10 +69,10 @@ def questions(table):
         return zj.verdict(column(cell), start)
 
     return {
-        "settle": (settled, 1.0, zj.OUTCOME, "outcome"),
-        "settle and periodic_orbit": (closed, 1.0, zj.ORBIT, "orbit"),
-        "lyapunov_exponents": (exponents, 0.5, zj.OUTCOME, "outcome"),
-        "verdict": (judged, 0.5, zj.VERDICT, "verdict"),
+        "settle": (settled, 1.0, "outcome"),
+        "settle and periodic_orbit": (closed, 1.0, "orbit"),
+        "lyapunov_exponents": (exponents, 0.5, "outcome"),
+        "verdict": (judged, 0.5, "verdict"),
     }
 
 
@@ -83,7 +83,7 @@ def main():
     arguments = parser.parse_args()
     table = cells(arguments.cells, arguments.seed)
     result = {"benchmark": "b3", **machine(), "cells": arguments.cells}
-    for name, (point, share, codes, code) in questions(table).items():
+    for name, (point, share, code) in questions(table).items():
         axis = np.arange(float(int(share * arguments.cells)))
         ds = zj.sweep(point, cell=axis, progress=False)
         ends = np.unique(ds[code].values.astype(int), return_counts=True)
@@ -93,7 +93,7 @@ def main():
             "compile_seconds": ds.attrs["compile_seconds"],
             "run_seconds": ds.attrs["run_seconds"],
             "useful_step_fraction": ds.attrs["useful_step_fraction"],
-            "ended": {codes(int(n)).name: int(c) for n, c in pairs},
+            "ended": {zj.CODE(int(n)).name: int(c) for n, c in pairs},
         }
         print(name, rounded(result[name]), flush=True)
     both, alone = result["settle and periodic_orbit"], result["settle"]

@@ -134,7 +134,7 @@ def reference(n, y0):
 
 def judged(case, solver, code, error, bound):
     """Whether a row is as expected."""
-    name = zj.OUTCOME(code).name
+    name = zj.CODE(code).name
     if solver not in ("Rodas5P", *STICK_SLIP) and name in case.explicit:
         return True
     if name not in case.outcomes:
@@ -149,7 +149,7 @@ def row(case, solver, run, truth):
     code, end, steps, _ = jax.block_until_ready(run(n))
     seconds = time.perf_counter() - started
     error = bound = None
-    if truth is not None and zj.OUTCOME(int(code)).name in ("unsettled", "stuck"):
+    if truth is not None and zj.CODE(int(code)).name in ("unsettled", "stuck"):
         scale, tol = max(1.0, np.abs(truth.end).max()), max(tol, truth.exact)
         error = float(np.abs(np.array(end) - truth.end).max() / scale / tol)
         bound = truth.bound(tol)
@@ -158,7 +158,7 @@ def row(case, solver, run, truth):
         "expected": " or ".join(case.outcomes),
         "bound": bound,
         "solver": solver,
-        "outcome": zj.OUTCOME(int(code)).name,
+        "outcome": zj.CODE(int(code)).name,
         "error_in_tolerances": error,
         "steps": int(steps),
         "seconds": seconds,
@@ -176,7 +176,7 @@ def limit(n, growth, run):
         return None
     fine = {"v_smooth": LIMIT_V, "tol": 1e-11, "escape": 1e12, "lead": 0.0}
     code, end, _, _ = run(n | fine)
-    good = zj.OUTCOME(int(code)).name in ("unsettled", "stuck")
+    good = zj.CODE(int(code)).name in ("unsettled", "stuck")
     return Truth(np.array(end), growth, LIMIT_V) if good else None
 
 
@@ -191,12 +191,11 @@ def long_row(solver, run):
         "expected": "amplitude 0.63443",
         "bound": LONG_BOUND / LONG.numbers["tol"],
         "solver": solver,
-        "outcome": zj.OUTCOME(int(code)).name,
+        "outcome": zj.CODE(int(code)).name,
         "error_in_tolerances": error / LONG.numbers["tol"],
         "steps": int(steps),
         "seconds": time.perf_counter() - started,
-        "as_expected": zj.OUTCOME(int(code)).name == "unsettled"
-        and error <= LONG_BOUND,
+        "as_expected": zj.CODE(int(code)).name == "unsettled" and error <= LONG_BOUND,
     }
 
 

@@ -59,10 +59,10 @@ def array(x, tolerance=ROUNDING, judged=None, sample=SAMPLE):
     }
 
 
-def counts(name, codes, found):
+def counts(name, found):
     """How many lanes ended in each way, and a digest of which."""
     found = np.asarray(found)
-    lines = {f"{name}: {c.name}": whole((found == c).sum()) for c in codes}
+    lines = {f"{name}: {c.name}": whole((found == c).sum()) for c in zj.CODE}
     return {k: v for k, v in lines.items() if v["whole"]} | {
         f"{name}, all": array(found, 0.0)
     }

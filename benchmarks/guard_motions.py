@@ -124,10 +124,10 @@ def between_steps():
 # ---- maps
 
 
-def map_lines(name, ds, codes=zj.OUTCOME):
+def map_lines(name, ds):
     outcome = ds.outcome.values
-    settled = np.isin(outcome, (zj.OUTCOME.repeats, zj.OUTCOME.cycle, zj.OUTCOME.stuck))
-    lines = counts(f"{name}, outcomes", codes, outcome)
+    settled = np.isin(outcome, (zj.CODE.repeats, zj.CODE.cycle, zj.CODE.stuck))
+    lines = counts(f"{name}, outcomes", outcome)
     for part in ("rod_amplitude", "joint_amplitude"):
         lines[f"{name}, {part}"] = array(ds[part], 1e-9, settled[..., None])
     if "stick_fraction" in ds:
@@ -157,7 +157,7 @@ def main_map(watch, certify=False):
     if not certify:
         return map_lines("main map", watch("smoothed", run))
     ds = watch("shots", run)
-    closed = ds.outcome.values == zj.OUTCOME.cycle
+    closed = ds.outcome.values == zj.CODE.cycle
     return map_lines("certified map", ds) | {
         "certified map, period": array(ds.period, 1e-6, closed),
         "certified map, multiplier": array(ds.largest_multiplier, 1e-4, closed),

@@ -145,7 +145,7 @@ def thresholds():
             f"{name}: values": array(ds.threshold, 1e-12),
             f"{name}: widths": array(ds.width, 1e-12),
             f"{name}: steps": array(ds.steps, 1e-3),
-        } | counts(name, zj.ONSET, ds.outcome)
+        } | counts(name, ds.outcome)
     return lines
 
 

@@ -15,8 +15,7 @@ def _(found):
 
 @row(
     "A small velocity of the upper joint loses stability",
-    "[zj.OUTCOME(int(settled(law(r), kick=0.1).outcome)).name "
-    "for r in (0.01, 0.1, 1.0)]",
+    "[zj.CODE(int(settled(law(r), kick=0.1).outcome)).name for r in (0.01, 0.1, 1.0)]",
 )
 def _(names):
     text = "with friction on pins of 0.01, 0.1, 1 m a kick of 0.1 (0.32 rad/s) at "

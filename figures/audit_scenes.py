@@ -247,7 +247,7 @@ def below_critical(q, kick=0.5, small=0.01):
     cycle = settled(friction, q, kick)
     quiet = settled(friction, q, small)
     swings = free, float(cycle.joint_amplitude[0])
-    return swings, zj.OUTCOME(int(quiet.outcome)).name
+    return swings, zj.CODE(int(quiet.outcome)).name
 
 
 @public

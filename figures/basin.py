@@ -23,9 +23,9 @@ def point(phi2, omega2):
 def main():
     n = 201
     ds = zj.sweep(point, phi2=np.linspace(-1, 1, n), omega2=np.linspace(-1.4, 1.4, n))
-    stuck = ds.outcome == zj.OUTCOME.stuck
+    stuck = ds.outcome == zj.CODE.stuck
     share = float(stuck.mean())
-    print({"stuck": share, "repeats": float((ds.outcome == zj.OUTCOME.repeats).mean())})
+    print({"stuck": share, "repeats": float((ds.outcome == zj.CODE.repeats).mean())})
     print(ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(7.5, 5))
     held = ds.joint_amplitude.sel(joint=2).where(stuck)

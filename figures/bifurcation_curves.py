@@ -41,7 +41,7 @@ def main():
     for start, (line, colour, label) in STARTS.items():
         curve = folds(*start)
         x, y = curve.points.second, curve.points.first
-        grazing = np.asarray(curve.ends) == zj.CURVE.modes_change
+        grazing = np.asarray(curve.ends) == zj.CODE.modes_change
         ends = np.flatnonzero(np.isfinite(y))[[0, -1]][grazing].tolist()
         for ax, shown in zip(axes, (label, None), strict=True):
             ax.plot(x, y, line, color=colour, lw=2.5, label=shown, markevery=ends)

@@ -12,11 +12,11 @@ import style
 import ziegler_jax as zj
 from ziegler_jax.__main__ import KICK, MU_RANGE, PIN_RADIUS, Q_RANGE, point
 
-STUCK, CYCLE = zj.OUTCOME.stuck, zj.OUTCOME.cycle
+STUCK, CYCLE = zj.CODE.stuck, zj.CODE.cycle
 KINDS = {  # colour and text of a boundary, by its labels
     (STUCK, CYCLE): ("#D55E00", "rest to a cycle"),
-    (zj.OUTCOME.unsettled, STUCK): ("#0072B2", "rest to undecided"),
-    (zj.OUTCOME.unsettled, CYCLE): ("#000000", "undecided to a cycle"),
+    (zj.CODE.unsettled, STUCK): ("#0072B2", "rest to undecided"),
+    (zj.CODE.unsettled, CYCLE): ("#000000", "undecided to a cycle"),
 }
 
 

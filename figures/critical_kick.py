@@ -30,7 +30,7 @@ def main():
     zj.plot.map(ds, "threshold", x="q", y="tau", ax=left, norm="log")
     left.set_facecolor(colours.REST)
     left.text(1.22, 0.1, "rest after all\nkicks to 1.6")
-    slow = ds.outcome == zj.ONSET.undecided
+    slow = ds.outcome == zj.CODE.undecided
     qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
     left.plot(qs[slow], ts[slow], "k.", ms=2, label="undecided")
     left.legend(loc="lower right", frameon=True, markerscale=4)

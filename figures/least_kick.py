@@ -24,7 +24,7 @@ def main():
     print({k: ds.attrs[k] for k in ("run_seconds", "compile_seconds")})
     for name in ("outcome", "edge"):
         print(name, np.unique(ds[name], return_counts=True))
-    scaled = (ds.energy / ds.tau**2).where(ds.outcome == zj.KICK.found)
+    scaled = (ds.energy / ds.tau**2).where(ds.outcome == zj.CODE.found)
     scaled.attrs = {"long_name": "least energy over torque squared", "units": "1/k"}
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), width_ratios=(1.2, 1))
     left.set_yscale("log")
@@ -33,7 +33,7 @@ def main():
     left.set_facecolor(colours.REST)
     none = {"color": colours.REST, "label": r"none below $60\,\tau^2$"}
     left.plot([], [], "s", **none)
-    slow = ds.outcome == zj.KICK.undecided
+    slow = ds.outcome == zj.CODE.undecided
     qs, ts = np.meshgrid(ds.q, ds.tau, indexing="ij")
     if slow.any():
         left.plot(qs[slow], ts[slow], "k.", ms=3, label="undecided")

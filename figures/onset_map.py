@@ -28,9 +28,9 @@ def main():
     ax.plot([0.005, 0.163], [0.005, 0.163], color="0.45", lw=1)
     ax.text(0.09, 0.097, r"$\tau_s = \tau_k$", color="0.45", ha="right")
     for code, mark, text in (
-        (zj.ONSET.repeated, "w.", "rest returns above"),
-        (zj.ONSET.undecided, "kx", "undecided"),
-        (zj.ONSET.rests, "k_", "rest up to q = 2.6"),
+        (zj.CODE.repeated, "w.", "rest returns above"),
+        (zj.CODE.undecided, "kx", "undecided"),
+        (zj.CODE.rests, "k_", "rest up to q = 2.6"),
     ):
         here = ds.outcome.values == code
         if here.any():

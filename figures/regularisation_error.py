@@ -34,7 +34,7 @@ def main():
     rods = np.abs(ds.rod_amplitude_difference.values).max(axis=-1)
     joints = np.abs(ds.joint_amplitude_difference.values).max(axis=-1)
     error = np.fmax(rods, joints)
-    stuck = both.outcome.transpose("variant", "q", "v_smooth") == zj.OUTCOME.stuck
+    stuck = both.outcome.transpose("variant", "q", "v_smooth") == zj.CODE.stuck
     wrong = (stuck[0] != stuck[1]).values
     order = np.diff(np.log(np.where(wrong, np.nan, error)), axis=1) / np.diff(np.log(v))
 

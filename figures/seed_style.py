@@ -38,7 +38,7 @@ def rows(count):
 
 def motion_of(ts, y):
     """A `Trajectory` from another integrator's times and states (4, n)."""
-    return zj.Trajectory(ts, y[:2].T, y[2:].T, None, zj.OUTCOME.complete)
+    return zj.Trajectory(ts, y[:2].T, y[2:].T, None, zj.CODE.complete)
 
 
 def stiff(q, span, kick, error=1e-5):

@@ -8,9 +8,9 @@ import style
 import ziegler_jax as zj
 
 COLOURS = {
-    zj.REGIME.marginal: (colours.GREY, 0.3),
-    zj.REGIME.flutter: (colours.ORANGE, 0.5),
-    zj.REGIME.divergence: (colours.BLUE, 0.4),
+    zj.CODE.marginal: (colours.GREY, 0.3),
+    zj.CODE.flutter: (colours.ORANGE, 0.5),
+    zj.CODE.divergence: (colours.BLUE, 0.4),
 }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import style
 
 import ziegler_jax as zj
-from ziegler_jax import VERDICT
+from ziegler_jax import CODE
 
 POINTS, KICK = 64, 0.3
 # cycles by their passages of phi1 = 0 a period: dark to light; then the other verdicts
@@ -40,10 +40,11 @@ def main():
     verdict = ds.verdict.values
     passages = np.searchsorted([1, 2, 3, 4, 17], ds.period_count.values, side="right")
     kind = np.where(passages == 0, 6, passages + 1)  # of cycles
-    kind = np.where(verdict == VERDICT.stuck, 1, kind)
-    kind = np.where(verdict == VERDICT.quasi_periodic, 7, kind)
-    kind = np.where(verdict == VERDICT.chaotic, 8, kind)
-    kind = np.where(verdict < VERDICT.stuck, 9, kind)
+    kind = np.where(verdict == CODE.stuck, 1, kind)
+    kind = np.where(verdict == CODE.quasi_periodic, 7, kind)
+    kind = np.where(verdict == CODE.chaotic, 8, kind)
+    unlike = CODE.failed, CODE.escaped, CODE.unclassified, CODE.conservative
+    kind = np.where(np.isin(verdict, (CODE.not_computed, *unlike)), 9, kind)
     codes = range(1, len(KINDS) + 1)
     names = " ".join(name.replace(" ", "_") for name in KINDS)
     flags = {"flag_values": list(codes), "flag_meanings": names}

@@ -158,8 +158,8 @@ def anys(texts):
 
 # Household words in place of a noun of the field.
 PARTICIPLES = {"found", "seen", "kept", "heard", "held", "told"}
-# The code tables whose members may be called so: they are public and stay.
-CODES = {"ORBIT", "CRITICAL", "ONSET", "KICK"}
+# The enumeration whose members may be called so: they are public and stay.
+CODES = {"CODE"}
 
 
 def participles(texts):
@@ -174,7 +174,7 @@ def participles(texts):
 
 
 def _codes(text):
-    """Where members of the code tables are defined and used: `ORBIT.found` is public.
+    """Where members of the code tables are defined and used: `CODE.found` is public.
 
     Places are those of `tokenize`.
     """

@@ -477,7 +477,7 @@ def known_orbit():
     at = P(BRANCH)
     guess = zj.State((0, 0), (0.49, 0.68))
     orbit = jax.jit(lambda: zj.periodic_orbit(column(at, smooth), guess))()
-    assert orbit.outcome == zj.ORBIT.found and orbit.stable
+    assert orbit.outcome == zj.CODE.found and orbit.stable
     return orbit
 
 
@@ -501,7 +501,7 @@ def known_fold():
     fold = jax.jit(
         lambda: zj.cycle_fold(lambda q: column(at, smooth, q), orbit, at.q, arc=arc)
     )()
-    assert fold.outcome == zj.ORBIT.found
+    assert fold.outcome == zj.CODE.found
     return fold.cycle
 
 

@@ -60,7 +60,7 @@ def a_fold():
         parameter=jnp.array([1.8614]), phi=jnp.array([[0.0, -0.2433]]),
         omega=jnp.array([[0.5440, 0.5440]]), period=jnp.array([8.7495]),
         rod_amplitude=unknown, joint_amplitude=unknown,
-        monodromy=jnp.full((1, 4, 4), jnp.nan), kind=jnp.array([zj.SPECIAL.fold]),
+        monodromy=jnp.full((1, 4, 4), jnp.nan), kind=jnp.array([zj.CODE.fold]),
         settings=(("section", "phi1 rising"),),
     )  # fmt: skip
 
@@ -69,7 +69,7 @@ def of_a_curve(names):
     ds = names["curve"].to_dataset()
     np.testing.assert_allclose(ds.second, [0.1, 0.2, 0.26], rtol=0, atol=1e-12)
     assert abs(ds.first[0] - 1.61206) < 1e-5 and abs(ds.first[2] - 1.86140) < 1e-5
-    assert (ds.point_outcome == zj.ORBIT.found).all() and ds.residual.max() < 1e-10
+    assert (ds.point_outcome == zj.CODE.found).all() and ds.residual.max() < 1e-10
 
 
 def small_map():
@@ -104,7 +104,7 @@ def cycles():
     pairs = ("phi", "omega", "rod_amplitude", "joint_amplitude")
     special |= {name: np.full((1, 2), np.nan) for name in pairs}
     special = zj.CyclePoints(**special, monodromy=growth[:1], kind=np.ones(1, int))
-    return zj.Branch(points, special, 2, zj.ORBIT.found, 10, ())
+    return zj.Branch(points, special, 2, zj.CODE.found, 10, ())
 
 
 def run(name, **given):
@@ -115,7 +115,7 @@ def run(name, **given):
 
 def of_a_sweep(names):
     assert names["ds"].sizes == {"q": 31, "mu": 11, "joint": 2, "rod": 2}
-    assert (names["ds"].outcome == zj.OUTCOME.cycle).any()
+    assert (names["ds"].outcome == zj.CODE.cycle).any()
 
 
 def of_a_variable(names):
@@ -130,7 +130,7 @@ def of_units(names):
 
 def of_a_kick(names):
     ds = zj.sweep(names["point"], q=[2.0], tau=[0.03], progress=False)
-    assert ds.outcome.item() == zj.ONSET.found
+    assert ds.outcome.item() == zj.CODE.found
 
 
 def of_a_least_kick(names):
@@ -290,9 +290,9 @@ def test_a_friction_law_of_ones_own_moves_the_column_and_runs_in_a_sweep():
     # measured 6.2e-11
     np.testing.assert_allclose(end_of(column), exact, rtol=0, atol=1e-9)
     codes = names["ds"].outcome.values
-    assert (codes >= zj.OUTCOME.unsettled).all() and len(np.unique(codes)) > 1
+    assert (codes >= zj.CODE.unsettled).all() and len(np.unique(codes)) > 1
     bad = zj.sweep(names["point"], q=[2.6], mu=[-0.1], progress=False)
-    assert bad.outcome.item() == zj.OUTCOME.invalid
+    assert bad.outcome.item() == zj.CODE.invalid
 
 
 def test_an_observer_of_ones_own_finds_what_the_motion_shows():

@@ -10,7 +10,7 @@ import pytest
 from options import options_of
 
 import ziegler_jax as zj
-from ziegler_jax import ONSET, ORBIT, OUTCOME, VERDICT
+from ziegler_jax import CODE
 from ziegler_jax.motion.observers import AbstractObserver
 from ziegler_jax.results import AbstractResult, Variable
 from ziegler_jax.sweep.axes import labelled
@@ -94,33 +94,33 @@ BLOCKS = {**STEPS, "length": 5.0, "escape": 3.0}
 WITNESSES = {**BLOCKS, "rtol_return": 1e-3, "zero_rate": 0.01, "rate_cut": 1e-3}
 WALK = {**STEPS, "step": 0.1}
 TRACED = {
-    "settle": (settled, WINDOWS, OUTCOME.invalid),
+    "settle": (settled, WINDOWS, CODE.invalid),
     "trajectory": (
         called(zj.trajectory, COLUMN, KICK, [0.0, 1.0]),
         STEPS,
-        OUTCOME.invalid,
+        CODE.invalid,
     ),
     "lyapunov_exponents": (
         called(zj.lyapunov_exponents, COLUMN, KICK, count=1),
         BLOCKS,
-        OUTCOME.invalid,
+        CODE.invalid,
     ),
     "verdict": (
         called(zj.verdict, COLUMN, KICK),
         WITNESSES,
-        OUTCOME.invalid,
+        CODE.invalid,
     ),
     "poincare": (
         called(zj.poincare, COLUMN, KICK, points=3),
         {**STEPS, "max_time": 5.0, "escape": 3.0},
-        OUTCOME.invalid,
+        CODE.invalid,
     ),
-    "periodic_orbit": (found_orbit, {**STEPS, "max_time": 50.0}, ORBIT.invalid),
-    "its period": (found_orbit, {"period": 4.0}, ORBIT.invalid),
-    "cycle_fold": (fold, WALK, ORBIT.invalid),
-    "continue_cycle": (branch, WALK, ORBIT.invalid),
-    "critical_kick": (kick, CERTIFIED, ONSET.invalid),
-    "sweep_up_down": (up_down, WINDOWS, OUTCOME.invalid),
+    "periodic_orbit": (found_orbit, {**STEPS, "max_time": 50.0}, CODE.invalid),
+    "its period": (found_orbit, {"period": 4.0}, CODE.invalid),
+    "cycle_fold": (fold, WALK, CODE.invalid),
+    "continue_cycle": (branch, WALK, CODE.invalid),
+    "critical_kick": (kick, CERTIFIED, CODE.invalid),
+    "sweep_up_down": (up_down, WINDOWS, CODE.invalid),
 }
 
 
@@ -139,9 +139,9 @@ def test_traced_options_are_finite_and_positive(which):
 @pytest.mark.parametrize(
     "call, name, invalid",
     [
-        (settled, "transient", OUTCOME.invalid),
-        (found_orbit, "level", ORBIT.invalid),
-        (called(zj.poincare, COLUMN, KICK), "level", OUTCOME.invalid),
+        (settled, "transient", CODE.invalid),
+        (found_orbit, "level", CODE.invalid),
+        (called(zj.poincare, COLUMN, KICK), "level", CODE.invalid),
     ],
 )
 def test_traced_options_that_may_be_zero_are_finite(call, name, invalid):
@@ -154,7 +154,7 @@ def test_an_invalid_verdict_has_failed():
     found = jax.jit(lambda x: zj.verdict(COLUMN, KICK, method=zj.Method(rtol=x)))(
         jnp.inf
     )
-    assert int(found.verdict) == VERDICT.failed
+    assert int(found.verdict) == CODE.failed
 
 
 # 32 bits ------------------------------------------------------------------------------

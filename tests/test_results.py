@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax import results
 
 KICK = zj.State(omega=(0.0, 0.3))
 SHORT = zj.Windows(transient=5.0, length=5.0, max_windows=1)
@@ -32,7 +33,7 @@ def test_a_result_prints_its_numbers_with_units_and_what_its_code_means():
     text = repr(result)
     assert "q_cr" in text and "2.541699" in text
     assert "sqrt(k/(m l^2))" in text
-    assert f"found: {zj.CRITICAL.found.sentence}" in text
+    assert f"found: {zj.CODE.found.sentence}" in text
 
 
 def test_lanes_are_counted_by_what_became_of_them():
@@ -153,7 +154,7 @@ def test_a_branch_is_swept():
         return zj.continue_cycle(column, orbit, 2.6, arc=zj.Arc(points=3))
 
     ds = zj.sweep(point, tau=[0.026], progress=False).isel(tau=0)
-    assert ds.outcome == zj.ORBIT.found and int(ds["count"]) == 3
+    assert ds.outcome == zj.CODE.found and int(ds["count"]) == 3
     assert ds.parameter.dims == ("point",) and (np.diff(ds.parameter) > 0).all()
     assert ds.stable.all() and ds.special_kind.dims == ("special_point",)
 
@@ -216,3 +217,29 @@ def test_an_obstacle_that_there_was_not_is_none():
         )
 
     assert re.search(r"obstacle *= none\n", repr(onset()))
+
+
+def questions():
+    """The lists of codes that questions can answer, by name."""
+    known = {n: x for n, x in vars(results).items() if isinstance(x, tuple)}
+    return {n: x for n, x in known.items() if {type(code) for code in x} == {zj.CODE}}
+
+
+def test_each_code_has_one_number_one_word_one_sentence_and_is_an_answer():
+    asked = questions()
+    assert len(asked) == 12
+    for codes in asked.values():
+        assert list(codes) == sorted(set(codes))  # in order of precedence
+    answers = {zj.CODE.not_computed}.union(*asked.values())
+    assert answers == set(zj.CODE)
+    assert len({code.sentence for code in zj.CODE}) == len(zj.CODE)
+    assert 0 <= min(zj.CODE) and max(zj.CODE) <= np.iinfo(np.int8).max
+
+
+def test_any_flag_variable_may_be_not_computed_and_lists_what_it_can_hold():
+    codes = (zj.CODE.stuck, zj.CODE.cycle)
+    about = results.flag_attributes(codes)
+    assert about["flag_values"] == [0, *codes]
+    assert about["flag_meanings"] == "not_computed stuck cycle"
+    assert zj.CODE.cycle.sentence in about["comment"]
+    assert results.flag_attributes((zj.CODE.not_computed, *codes)) == about

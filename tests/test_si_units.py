@@ -132,7 +132,7 @@ def test_a_settled_motion_comes_back_in_seconds():
     assert float(si.period) == pytest.approx(float(end.period) * UNITS.time, rel=1e-14)
     assert si.rod_amplitude.sel(rod=2) == end.rod_amplitude[1]
     assert si.follower_power.attrs["units"] == "W"
-    assert int(si.outcome) == zj.OUTCOME.unsettled
+    assert int(si.outcome) == zj.CODE.unsettled
     assert "unsettled" in si.outcome.attrs["flag_meanings"]
 
 
@@ -480,7 +480,7 @@ def test_a_traced_length_that_is_not_the_units_makes_the_column_invalid():
         return motion.outcome, motion.phi[-1]
 
     (right, wrong), phi = jax.jit(jax.vmap(end))(np.array([0.7, 0.8]))
-    assert (right, wrong) == (zj.OUTCOME.complete, zj.OUTCOME.invalid)
+    assert (right, wrong) == (zj.CODE.complete, zj.CODE.invalid)
     assert np.isfinite(phi[0]).all() and np.isnan(phi[1]).all()
 
 

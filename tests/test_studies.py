@@ -12,6 +12,7 @@ import pytest
 from scipy.optimize import brentq
 
 import ziegler_jax as zj
+from ziegler_jax.results import ONSETS
 
 pytestmark = pytest.mark.usefixtures("optimised")  # long runs
 
@@ -102,7 +103,7 @@ def damped_load(how):
     def point(z1, z2, z3):
         value, slopes = jax.value_and_grad(load)(jnp.stack([z1, z2, z3]))
         slopes = zj.Variable(slopes, "slopes", dims=("z",))
-        outcome = zj.Variable(jnp.int8(zj.ONSET.found), "outcome", codes=zj.ONSET)
+        outcome = zj.Variable(jnp.int8(zj.CODE.found), "outcome", codes=ONSETS)
         return {"onset_load": value, "slopes": slopes, "outcome": outcome}
 
     return point

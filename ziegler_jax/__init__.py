@@ -11,16 +11,13 @@ from .analysis.continuation import (
     continue_cycle,
     cycle_fold,
 )
-from .analysis.edge import EDGE
 from .analysis.hysteresis import UpDownSweep, sweep_up_down
-from .analysis.kick_search import KICK
 from .analysis.least_kick import Directions, LeastKick, least_kick
 from .analysis.lyapunov import Exponents, lyapunov_exponents
 from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
 from .analysis.poincare import PoincareSection, poincare
 from .curves.bifurcations import BifurcationCurve, BifurcationPoints
-from .curves.codes import CURVE, MEETING
 from .curves.course import Course
 from .curves.curve import bifurcation_curve
 from .linear.critical_load import critical_load
@@ -65,17 +62,7 @@ from .motion.options import Method, Spans, Windows
 from .motion.section import SectionPlane
 from .motion.stiffness import is_stiff
 from .motion.trajectory import Trajectory, trajectory
-from .results import (
-    CRITICAL,
-    ONSET,
-    ORBIT,
-    OUTCOME,
-    REGIME,
-    SPECIAL,
-    UNDECIDED,
-    VERDICT,
-    Variable,
-)
+from .results import CODE, Variable
 from .runtime import configure_cache, configure_cpu
 from .solvers import Explicit, Rosenbrock, Taylor, tableaus
 from .steady.growth import Growth
@@ -90,19 +77,8 @@ from .units.si import SI
 __version__ = metadata.version("ziegler_jax")
 
 __all__ = [
-    "CRITICAL",
-    "CURVE",
-    "EDGE",
-    "KICK",
-    "MEETING",
-    "ONSET",
-    "ORBIT",
-    "OUTCOME",
-    "REGIME",
+    "CODE",
     "SI",
-    "SPECIAL",
-    "UNDECIDED",
-    "VERDICT",
     "AbstractDamping",
     "AbstractFriction",
     "AbstractLoad",

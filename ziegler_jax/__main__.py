@@ -41,9 +41,7 @@ CLOSE = 1 / 8  # of mu_s / ratio, for the grid's closest mu_k to stand for it
 # A quarter of the map settles later than this, and among that was every point whose end
 # was seen to change with the tolerance.
 LATE = 120.0
-SETTLED = tuple(
-    getattr(zj.OUTCOME, end) for end in ("cycle", "repeats", "stuck", "rest")
-)
+SETTLED = tuple(getattr(zj.CODE, end) for end in ("cycle", "repeats", "stuck", "rest"))
 ONSET_AT = (0.05, 0.1, 0.12, 0.4)  # values of mu_s, printed where the grid has them
 STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"
 SENSITIVE_STORE = "bifurcation_map_sensitive.zarr"
@@ -125,7 +123,7 @@ def section(ds: xr.Dataset, ratio: float) -> xr.Dataset:
     rows = xr.DataArray(chosen, dims="mu_s")
     keep = xr.DataArray(close, dims="mu_s")
     plane = ds.isel(mu_k=rows)
-    plane["outcome"] = plane["outcome"].where(keep, zj.OUTCOME.not_computed)
+    plane["outcome"] = plane["outcome"].where(keep, zj.CODE.not_computed)
     return plane
 
 
@@ -139,9 +137,9 @@ def onset(plane: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     q, outcome = plane["q"].values, plane["outcome"].transpose("mu_s", "q").values
     low, high = np.full((2, len(outcome)), np.nan)
     for row, codes in enumerate(outcome):
-        flutters = np.isin(codes, (zj.OUTCOME.cycle, zj.OUTCOME.escaped))
+        flutters = np.isin(codes, (zj.CODE.cycle, zj.CODE.escaped))
         first = flutters.argmax() if flutters.any() else 0
-        stuck = np.flatnonzero(codes[:first] == zj.OUTCOME.stuck)
+        stuck = np.flatnonzero(codes[:first] == zj.CODE.stuck)
         if stuck.size:
             low[row], high[row] = q[stuck[-1]], q[first]
     return low, high
@@ -164,13 +162,13 @@ def draw(ds: xr.Dataset, path: Path) -> None:
 def summary(ds: xr.Dataset) -> str:
     """What the map holds, where flutter begins, and what it cost."""
     a, outcome = ds.attrs, ds["outcome"].values
-    ends = outcome[outcome != zj.OUTCOME.not_computed]
+    ends = outcome[outcome != zj.CODE.not_computed]
     lines = [f"{_count(ends.size)} motions. How they ended:"]
-    lines += _shares(ends, zj.OUTCOME, ends.size, "  ")
-    undecided = ds["undecided"].values[outcome == zj.OUTCOME.unsettled]
+    lines += _shares(ends, ends.size, "  ")
+    undecided = ds["undecided"].values[outcome == zj.CODE.unsettled]
     if undecided.size:
         lines.append("What the unsettled ones may be:")
-        lines += _shares(undecided, zj.UNDECIDED, ends.size, "  ")
+        lines += _shares(undecided, ends.size, "  ")
     begins = [line for ratio, _ in SECTIONS for line in _onsets(section(ds, ratio))]
     if begins:
         lines.append("Flutter begins between the last stuck q and the first cycle's:")
@@ -189,14 +187,14 @@ def _count(number: int) -> str:
     return f"{number:,}".replace(",", " ")
 
 
-def _shares(codes: np.ndarray, kinds, whole: int, indent: str) -> list[str]:
+def _shares(codes: np.ndarray, whole: int, indent: str) -> list[str]:
     """A line for each code that there is, the most frequent one first."""
-    counts = [(int((codes == kind).sum()), kind) for kind in kinds]
-    counts = sorted((-count, kind) for count, kind in counts if count)
+    counts = [(int((codes == code).sum()), code) for code in zj.CODE]
+    counts = sorted((-count, code) for count, code in counts if count)
     return [
-        f"{indent}{_count(-count):>10s} {-count / whole:6.1%}  {kind.name}: "
-        f"{kind.sentence}"
-        for count, kind in counts
+        f"{indent}{_count(-count):>10s} {-count / whole:6.1%}  {code.name}: "
+        f"{code.sentence}"
+        for count, code in counts
     ]
 
 
@@ -210,7 +208,7 @@ def _onsets(plane: xr.Dataset) -> list[str]:
         where = f"  mu_s = {mu:.2f}, mu_k = {plane['mu_k'].values[row]:.4f}: "
         if np.isfinite(low[row]):
             lines.append(f"{where}{low[row]:.3f} < q_on <= {high[row]:.3f}")
-        elif (plane["outcome"].isel(mu_s=row) != zj.OUTCOME.not_computed).any():
+        elif (plane["outcome"].isel(mu_s=row) != zj.CODE.not_computed).any():
             lines.append(f"{where}not on this grid")
     return lines
 

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 
 from .plot.maps import map as draw_map
 from .plot.style import BLUE, GREEN, VERMILLION
-from .results import OUTCOME
+from .results import CODE
 
 Q_CRITICAL = (18 - 2 * 7**0.5) / 5  # undamped and without friction
 TOP = 0.4
@@ -55,7 +55,7 @@ def _draw_maps(
     titles: Sequence[str],
 ) -> None:
     settled = [
-        plane["joint_amplitude"].where(plane["outcome"] == OUTCOME.cycle)
+        plane["joint_amplitude"].where(plane["outcome"] == CODE.cycle)
         for plane in planes
     ]
     style, legend = {"vmin": 0, "vmax": max(float(a.max()) for a in settled)}, {}

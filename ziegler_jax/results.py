@@ -25,8 +25,15 @@ Units = Mapping[str, str | tuple[float, float, float]]
 Final = TypeVar("Final")  # the state at the end: no room below knows states
 
 
-class Code(enum.IntEnum):
-    """An integer code with a sentence."""
+@enum.unique
+class CODE(enum.IntEnum):
+    """How a lane ended, or what it is: one number a word, with a sentence.
+
+    Every variable of codes holds some of these, and lists them in its attributes.
+    Numbers are grouped, and in order of precedence within a question: what is below
+    `unsettled` has nothing to name, its numbers are NaN; then what is not decided; from
+    `stuck` on something is said.
+    """
 
     sentence: str
 
@@ -37,134 +44,135 @@ class Code(enum.IntEnum):
         member.sentence = sentence
         return member
 
-
-class OUTCOME(Code):
-    """How the motion of a lane ended, in order of precedence.
-
-    Below `unsettled` the lane's numbers are NaN. All of these but `escaped`, which the
-    column does itself, are failures.
-    """
-
     not_computed = 0, "the point was left out or has not been computed yet"
-    invalid = 1, "the scene's numbers break a rule, e.g. mu_k > mu_s"
+    # nothing to name
+    invalid = 1, "numbers of the scene or the question break a rule, e.g. mu_k > mu_s"
     not_finite = 2, "the motion or its derivative is not a finite number"
     step_vanished = 3, "no step, however small, met the tolerances"
     budget_spent = 4, "the step budget was spent before the span was over"
     chattering = 5, "stick and slip changed again and again without time going on"
-    escaped = 6, "a rod's angle passed the named bound, e.g. it turned over"
-    unsettled = 7, "neither at rest nor on a cycle by the end of the time"
-    stuck = 8, "both joints stuck, or creep, and what is left decays"
-    rest = 9, "the same without friction: what is left of the motion decays"
-    cycle = 10, "its orbit is certified: closed, stable, and the motion draws near it"
-    complete = 11, "the motion was followed to the last of the given times"
-    repeats = 12, "two windows agreed in the swing of each joint; not certified"
+    failed = 6, "the motion could not be followed: the outcome says why"
+    escaped = 7, "a rod's angle passed the named bound, e.g. it turned over"
+    no_return = 8, "the guess did not come back to its section in time"
+    not_integrated = 9, "a motion could not be followed, or the step budget was spent"
+    not_converged = 10, "Newton's method did not converge within its budget"
+    collapsed = 11, "the cycle shrinks to rest, or Newton's method converged to rest"
+    beyond = 12, "a parameter reached its bound"
+    no_start = 13, "no such bifurcation was met near the start"
+    unstable_at_zero = 14, "the column is not stable without load, e.g. kappa = 0"
+    double_root = 15, "two boundary loads coincide: touched, not crossed; no derivative"
+    no_load = 16, "no load, however high, crosses a boundary of this kind"
+    no_threshold = 17, "there is no threshold to start from"
+    rests = 18, "the column comes to rest wherever it was tried"
+    moves = 19, "the column flutters wherever it was tried, or at the smallest kick"
+    # not decided
+    unsettled = 20, "neither at rest nor on a cycle by the end of the time"
+    no_passages = 21, "it does not return to phi1 = 0"
+    unstable_near = 22, "it was near an unstable cycle, on the way past it"
+    slow = 23, "its returns draw near, but too slowly for a certificate"
+    aperiodic = 24, "its returns do not draw near: a torus, chaos, a long transient"
+    growing = 25, "it grows slowly, on its way to a motion farther out"
+    lasting = 26, "it neither falls nor draws near a cycle: a torus or chaos that lasts"
+    unclassified = 27, "neither sections nor exponents decide within the budget"
+    undecided = (
+        28,
+        "a motion that mattered neither rested nor settled in time, or was misjudged",
+    )
+    unknown = 29, "Newton's method found neither an unstable cycle nor an equilibrium"
+    # what a motion is
+    decided = 30, "it is not undecided"
+    stuck = 31, "both joints stuck, or creep, and what is left decays"
+    rest = 32, "the same without friction: what is left of the motion decays"
+    cycle = 33, "its orbit is certified: closed, stable, and the motion draws near it"
+    complete = 34, "the motion was followed to the last of the given times"
+    repeats = 35, "two windows agreed in the swing of each joint; not certified"
     conservative = (
-        13,
-        "the same, but nothing dissipates: another start swings otherwise",
+        36,
+        "nothing dissipates, none attracts: another start swings otherwise",
     )
-
-
-class UNDECIDED(Code):
-    """Of which kind a lane is that neither settles nor comes to rest."""
-
-    decided = 0, "it is not undecided, or has not been computed"
-    none = 1, "it does not return to phi1 = 0"
-    unstable_near = 2, "it was near an unstable cycle, on the way past it"
-    slow = 3, "its returns draw near, but too slowly for a certificate"
-    aperiodic = 4, "its returns do not draw near: a torus, chaos, a long transient"
-    growing = 5, "it grows slowly, on its way to a motion farther out"
-    lasting = 6, "it neither falls nor draws near a cycle: a torus or chaos that lasts"
-
-
-class VERDICT(Code):
-    """What kind of motion a start leads to (see `verdict`)."""
-
-    not_computed = 0, "the point was left out or has not been computed yet"
-    failed = 1, "the motion could not be followed: the outcome says why"
-    escaped = 2, "a rod's angle passed the named bound, e.g. it turned over"
-    undecided = 3, "neither sections nor exponents decide within the budget"
-    conservative = 4, "nothing is dissipated: no motion attracts, there is no attractor"
-    stuck = 5, "it came to rest"
-    cycle = 6, "sections repeat, or only one exponent is zero and no other positive"
-    quasi_periodic = 7, "two exponents are zero and sections do not repeat"
-    chaotic = 8, "the largest exponent is positive, beyond its error"
-
-
-class REGIME(Code):
-    """The linear column's stability at phi = 0."""
-
-    not_computed = 0, "the point was left out or has not been computed yet"
-    invalid = 1, "the column's numbers break a rule, e.g. indefinite inertia"
-    stable = 2, "every small motion decays"
-    marginal = 3, "no motion grows exponentially, not all decay (undamped, a boundary)"
-    flutter = 4, "a small motion grows oscillating: a complex pair Re s > 0"
-    divergence = 5, "a small motion grows without oscillating: a real s > 0"
-
-
-class CRITICAL(Code):
-    """How the search for a critical load ended, in order of precedence.
-
-    Up to `none` there is no load to name: the numbers and their derivatives are NaN.
-    From `preceded` on they stand.
-    """
-
-    not_computed = 0, "the point was left out or has not been computed yet"
-    invalid = 1, "the column's numbers break a rule, e.g. indefinite inertia"
-    unstable_at_zero = 2, "the column is not stable without load, e.g. kappa = 0"
-    double_root = 3, "two boundary loads coincide: touched, not crossed; no derivative"
-    none = 4, "no load, however high, crosses a boundary of this kind"
-    preceded = 5, "found, but stability is lost in the other way at a lower load"
-    undamped = 6, "found with C = 0: q_cr jumps there, no derivative in the damping"
-    found = 7, "the column loses stability here first"
-
-
-class ONSET(Code):
-    """How the search for an onset ended.
-
-    Up to `moves` there is no onset to name, but for `undecided`, whose interval may be
-    known and wide.
-    """
-
-    not_computed = 0, "the point was left out or has not been computed yet"
-    invalid = 1, "the scene's numbers or the bracket break a rule"
-    undecided = 2, "a motion that mattered neither came to rest nor settled in time"
-    rests = 3, "the column comes to rest all along the scanned bracket"
-    moves = 4, "the column never comes to rest along the scanned bracket"
-    repeated = 5, "found, but the verdict changes more than once along the bracket"
-    found = 6, "the verdict changes once along the scanned bracket, here"
-
-
-class ORBIT(Code):
-    """How the search for a periodic orbit ended, in order of precedence.
-
-    Below `found` there is no orbit: the numbers and their derivatives are NaN.
-    """
-
-    not_computed = 0, "the point was left out or has not been computed yet"
-    invalid = 1, "the scene's numbers break a rule, e.g. mu_k > mu_s"
-    no_return = 2, "the guess did not come back to its section in time"
-    not_integrated = (
-        3,
-        "the motion could not be followed for a period, or the step budget was spent",
+    periodic = 37, "sections repeat, or only one exponent is zero and no other positive"
+    quasi_periodic = 38, "two exponents are zero and sections do not repeat"
+    chaotic = 39, "the largest exponent is positive, beyond its error"
+    # how a small motion at phi = 0 goes on
+    stable = 40, "every small motion decays"
+    marginal = 41, "no motion grows exponentially, not all decay (undamped, a boundary)"
+    flutter = 42, "a small motion grows oscillating: a complex pair Re s > 0"
+    divergence = 43, "a small motion grows without oscillating: a real s > 0"
+    # what a search found
+    preceded = 44, "found, but stability is lost in the other way at a lower load"
+    undamped = 45, "found with C = 0: q_cr jumps there, no derivative in the damping"
+    repeated = 46, "found, but the verdict changes more than once along the bracket"
+    saddle_cycle = 47, "an unstable cycle, with one multiplier outside the unit circle"
+    equilibrium = 48, "an unstable equilibrium; where joints slip, under their friction"
+    found = 49, "what was looked for is here"
+    # points and ends of branches and curves
+    ordinary = 50, "nothing special"
+    fold = 51, "two cycles meet: a multiplier is 1 and the branch turns back"
+    torus = 52, "Neimark-Sacker: a complex pair of multipliers passes the unit circle"
+    flip = 53, "the period doubles: a multiplier is -1"
+    pitchfork = 54, "a multiplier is 1 and the branch goes on: symmetry breaks"
+    cusp = 55, "two curves of folds end in a point: one cycle on one side, three beyond"
+    unit = (
+        56,
+        "one more multiplier is 1: a curve of folds or pitchforks, or a torus' end",
     )
-    not_converged = 4, "Newton's method did not converge within its budget"
-    collapsed = 5, "Newton's method converged to rest"
-    beyond = 6, "the branch left the named bounds before what was looked for came"
-    found = 7, "the motion closes after its period"
+    minus = (
+        57,
+        "a multiplier is -1 (of a symmetric cycle's half map): flip or pitchfork",
+    )
+    pair = 58, "a complex pair is on the unit circle, or a torus' own pair meets at +-1"
+    modes_change = 59, "stick and slip follow in another sequence beyond"
+    resonance = 60, "the pair of a torus meets at 1 or -1: the curve is none beyond"
+    unfinished = 61, "all points of the walk were used"
 
 
-class SPECIAL(Code):
-    """What happens at a point of a branch of cycles."""
-
-    none = 0, "nothing special"
-    fold = 1, "two cycles meet: a multiplier is 1 and the branch turns back"
-    torus = 2, "Neimark-Sacker: a complex pair of multipliers passes the unit circle"
-    flip = 3, "the period doubles: a multiplier is -1"
-    pitchfork = 4, "a multiplier is 1 and the branch goes on: symmetry breaks"
+Codes = tuple[CODE, ...]
 
 
-def flag_attributes(codes: type[Code]) -> dict[str, object]:
-    """The CF-convention attributes that explain a variable of such codes."""
+def _codes(words: str) -> Codes:
+    return tuple(CODE[word] for word in words.split())
+
+
+# What each question can answer beside `not_computed`, in order of precedence.
+OUTCOMES = _codes(  # how a motion ended
+    "invalid not_finite step_vanished budget_spent chattering escaped "
+    "unsettled stuck rest cycle complete repeats conservative"
+)
+UNSETTLED = _codes(  # of which kind a motion is that neither settles nor rests
+    "no_passages unstable_near slow aperiodic growing lasting decided"
+)
+VERDICTS = _codes(  # what kind of motion a start leads to
+    "failed escaped unclassified stuck rest conservative periodic quasi_periodic "
+    "chaotic"
+)
+REGIMES = _codes("invalid stable marginal flutter divergence")  # stability at phi = 0
+CRITICAL_LOADS = _codes(  # how the search for a critical load ended
+    "invalid unstable_at_zero double_root no_load preceded undamped found"
+)
+ONSETS = _codes("invalid rests moves undecided repeated found")  # of flutter
+KICKS = _codes("invalid rests moves undecided found")  # the least one
+EDGES = _codes(  # what a motion on a threshold draws near, between rest and flutter
+    "no_threshold unknown saddle_cycle equilibrium"
+)
+ORBITS = _codes(  # how the search for a periodic orbit ended
+    "invalid no_return not_integrated not_converged collapsed beyond found"
+)
+SPECIALS = _codes("ordinary fold torus flip pitchfork")  # points of a branch
+MEETINGS = _codes(  # points of a curve of bifurcations
+    "beyond ordinary cusp unit minus pair modes_change"
+)
+CURVE_ENDS = _codes(  # how a curve of bifurcations ends in one of its directions
+    "invalid not_integrated not_converged collapsed beyond no_start "
+    "modes_change resonance unfinished"
+)
+
+
+def flag_attributes(codes: Codes) -> dict[str, object]:
+    """The CF-convention attributes that explain a variable of such codes.
+
+    A sweep may leave out any point: `not_computed` is always among them.
+    """
+    codes = tuple(dict.fromkeys((CODE.not_computed, *codes)))
     return {
         "flag_values": [int(code) for code in codes],
         "flag_meanings": " ".join(code.name for code in codes),
@@ -206,14 +214,14 @@ class Variable(NamedTuple):
     - `value`: an array of the shape that `dims` names; under `vmap` lanes stand in
         front.
     - `long_name`: what it is; `units`: those of the scaled column, e.g. `"rad"`.
-    - `codes`: the class of codes of a flag variable, e.g. `OUTCOME`.
+    - `codes`: those that a flag variable can hold, e.g. `(CODE.stuck, CODE.cycle)`.
     """
 
     value: Value
     long_name: str
     units: str = "1"
     dims: tuple[str, ...] = ()
-    codes: type[Code] | None = None
+    codes: Codes | None = None
 
 
 def labels(variable: Variable) -> dict[str, object]:
@@ -227,7 +235,7 @@ def quantity(
     long_name: str,
     units: str = "1",
     dims: tuple[str, ...] = (),
-    codes: type[Code] | None = None,
+    codes: Codes | None = None,
 ) -> dict[str, Variable]:
     """The metadata of a field that is a number of its result, under the field's name.
 
@@ -306,7 +314,7 @@ def _shown(name: str, variable: Variable) -> str:
     if value.dtype.kind not in "biufc":
         return repr(variable.value)
     if variable.codes is not None:
-        known = {int(code): code for code in variable.codes}
+        known = {int(code): code for code in CODE}
         codes, counts = np.unique(value, return_counts=True)
         if value.size == 1 and codes[0] in known:
             code = known[codes[0]]
@@ -360,7 +368,7 @@ class AbstractMotionResult(AbstractResult, Generic[Final]):
         metadata=quantity("attempted steps")
     )  # also rejected ones
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the motion ended", codes=OUTCOME)
+        metadata=quantity("how the motion ended", codes=OUTCOMES)
     )
     settings: Settings = eqx.field(static=True)
 

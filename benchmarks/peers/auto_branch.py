@@ -133,7 +133,7 @@ def ours(orbit):
                 longer = points.period[i + 1] - points.period[i]
                 period = cycle_at(load, guess, points.period[i] + share * longer)
                 rows.append(("UZ", load, float(period)))
-    folds = found.special.kind == zj.SPECIAL.fold
+    folds = found.special.kind == zj.CODE.fold
     specials = found.special.parameter[folds], found.special.period[folds]
     return rows, [("LP", float(a), float(b)) for a, b in zip(*specials, strict=True)]
 

@@ -1,7 +1,7 @@
 """What pages say of the package, taken from it: names, codes, the command line.
 
-`<!-- names -->` stands for a table of all public names, `<!-- codes OUTCOME -->` for
-one of a class of codes, `<!-- command line -->` for `python -m ziegler_jax --help`.
+`<!-- names -->` stands for a table of all public names, `<!-- codes OUTCOMES -->` for
+one of a question's codes, `<!-- command line -->` for `python -m ziegler_jax --help`.
 Public names in code, as `settle` or `zj.settle`, become links to the reference.
 """
 
@@ -21,6 +21,7 @@ from mkdocs.structure.files import Files
 from mkdocs.structure.pages import Page
 
 import ziegler_jax as zj
+from ziegler_jax import results
 
 # names that are as often those of a number or an argument: links only behind `zj.`
 AMBIGUOUS = {"energy", "power", "motion", "scene", "regime", "verdict", "reactions"}
@@ -55,9 +56,9 @@ def identifier(name: str) -> str:
 
 
 def codes(name: str) -> str:
-    """A class of codes as a table."""
+    """A question's codes as a table."""
     rows = ["| code | name | meaning |", "|---|---|---|"]
-    for code in getattr(zj, name):
+    for code in getattr(results, name):
         sentence = code.sentence.replace("|", r"\|")
         rows.append(f"| {int(code)} | `{code.name}` | {sentence} |")
     return "\n".join(rows)

@@ -102,7 +102,7 @@ ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="F", y="kick")
 search = zj.Search(scan=6, halvings=6)
 onset = zj.flutter_onset(column, start, (2.0, 8.0), search=search)
 print(
-    zj.ONSET(int(onset.outcome)).name, "at", onset.threshold, "N, to", onset.width, "N"
+    zj.CODE(int(onset.outcome)).name, "at", onset.threshold, "N, to", onset.width, "N"
 )
 
 # %% [markdown]

@@ -177,4 +177,4 @@ print("their union is the same map")
 # %%
 watch = zj.open_sweep("kick.zarr")
 print(watch.attrs["blocks_done"], "of", watch.attrs["blocks"], "blocks")
-print((watch.outcome == zj.OUTCOME.not_computed).sum().item(), "points not computed")
+print((watch.outcome == zj.CODE.not_computed).sum().item(), "points not computed")

@@ -56,7 +56,7 @@ figure, ax = plt.subplots(layout="constrained")
 ax.errorbar(least.q, least.threshold, least.width / 2, fmt="o-")
 ax.set(xlabel="load q", ylabel="rate of rod 2 that starts flutter", ylim=(0, None))
 for q, code in zip(least.q.values, least.outcome.values, strict=True):
-    print(f"q = {q:.1f}:", zj.ONSET(int(code)).name)
+    print(f"q = {q:.1f}:", zj.CODE(int(code)).name)
 
 # %% [markdown]
 # Below the curve a kick ends at rest, above it flutter sets in. Read the outcome first:
@@ -107,7 +107,7 @@ ax = zj.plot.up_down(both, branch=branch)
 
 # %%
 kind, where = branch.special.kind[0], branch.special.parameter[0]
-print(zj.SPECIAL(int(kind)).name, "at q =", where)
+print(zj.CODE(int(kind)).name, "at q =", where)
 multipliers = np.asarray(branch.special.multipliers[0])
 print(
     "multipliers there", np.array2string(multipliers, precision=4, suppress_small=True)

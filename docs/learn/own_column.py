@@ -107,7 +107,7 @@ ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 # %%
 codes, counts = np.unique(ds.outcome, return_counts=True)
 for code, count in zip(codes, counts, strict=True):
-    print(count, zj.OUTCOME(int(code)).name, "-", zj.OUTCOME(int(code)).sentence)
+    print(count, zj.CODE(int(code)).name, "-", zj.CODE(int(code)).sentence)
 
 # %% [markdown]
 # ## From a cell back to its motion

@@ -167,7 +167,7 @@ ax = ds.sel(joint=2).pipe(zj.plot.map, "peak_rate", x="q", y="mu")
 # what it says of friction.
 
 # %%
-cycles = ds.where(ds.outcome == zj.OUTCOME.repeats)
+cycles = ds.where(ds.outcome == zj.CODE.repeats)
 imbalance = abs(cycles.energy_imbalance / cycles.follower_power).max().item()
 print(f"largest imbalance, relative to the load's power: {imbalance:.1e}")
 apart = abs(cycles.loss.sum("joint") / cycles.friction_power - 1).max().item()
@@ -188,4 +188,4 @@ assert imbalance < 1e-3 and apart < 1e-12
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", UserWarning)
     bad = zj.sweep(point, q=[2.0], mu=[-0.1, 0.1], progress=False)
-print([zj.OUTCOME(int(code)).name for code in bad.outcome.values.ravel()])
+print([zj.CODE(int(code)).name for code in bad.outcome.values.ravel()])

@@ -104,10 +104,10 @@ ax.legend()
 # %%
 tangent = zj.tangent_column(scene(law.smoothed(v), q))
 print("damping of the smoothed law at rest:", tau / v)
-print("regime there:", zj.REGIME(int(zj.regime(tangent))).name)
+print("regime there:", zj.CODE(int(zj.regime(tangent))).name)
 print("growth rate:", zj.spectral_abscissa(tangent))
 end = zj.settle(scene(law.smoothed(v), q), tiny)
-print("and settle says:", zj.OUTCOME(int(end.outcome)).sentence)
+print("and settle says:", zj.CODE(int(end.outcome)).sentence)
 
 # %% [markdown]
 # The flutter of the smoothed column here is a property of `v_smooth`, not of friction.
@@ -133,7 +133,7 @@ both = zj.compare(settled, {"smoothed": {"v_smooth": 0.02}}, **grid)
 dry, smooth = both.sel(variant="reference"), both.sel(variant="smoothed")
 differ = int(smooth.changed.sum())
 print(differ, "of", smooth.changed.size, "motions end otherwise")
-repeat = (dry.outcome == zj.OUTCOME.repeats) & (smooth.outcome == zj.OUTCOME.repeats)
+repeat = (dry.outcome == zj.CODE.repeats) & (smooth.outcome == zj.CODE.repeats)
 errors = abs(smooth.sel(joint=2).joint_amplitude_difference.where(repeat))
 print("errors of the amplitude where both repeat, in rad:")
 print(errors.quantile([0, 0.5, 0.9, 1]).values)
@@ -160,4 +160,4 @@ ax = smooth.pipe(zj.plot.map, "outcome", x="q", y="mu")
 for release in ("stick-first", "stribeck-limit"):
     law = zj.SetValuedCoulomb(0.2, 0.05, pin_radius=0.3, release=release)
     end = zj.settle(scene(law, 2.6), hard)
-    print(release, zj.OUTCOME(int(end.outcome)).name, end.joint_amplitude)
+    print(release, zj.CODE(int(end.outcome)).name, end.joint_amplitude)

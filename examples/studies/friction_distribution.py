@@ -54,8 +54,8 @@ def probability(q, mu, draws):
 
     z = norm.ppf(qmc.Sobol(3, rng=1).random(draws))
     ds = zj.sweep(point, q=q, mu=mu, **samples(z, Z))
-    on_cycle = ds.outcome.isin([zj.OUTCOME.repeats, zj.OUTCOME.escaped])
-    ds["probability"] = (ds.outcome != zj.OUTCOME.stuck).mean("sample")
+    on_cycle = ds.outcome.isin([zj.CODE.repeats, zj.CODE.escaped])
+    ds["probability"] = (ds.outcome != zj.CODE.stuck).mean("sample")
     ds["unsettled"] = ds.probability - on_cycle.mean("sample")  # or failed
     ds.probability.attrs["long_name"] = "probability of flutter"
     return ds
@@ -122,7 +122,7 @@ def main(arguments=None):
         "onsets": loads.onset_load.size,
         "onsets_cpu_s": end - middle,
         "rows_without_a_value": rows - len(values),
-        "rest_returns_share": float((loads.outcome == zj.ONSET.repeated).mean()),
+        "rest_returns_share": float((loads.outcome == zj.CODE.repeated).mean()),
         "onset_mean_and_deviation": [values.mean(), values.std()],
         "onset_at_mean_friction": float(loads.onset_load[-1]),
         "deviation_by_derivatives": float(np.linalg.norm(slopes)),

@@ -27,12 +27,12 @@ def test_a_basin_is_symmetric_and_holds_the_sticking_set():
     mirrored = found.isel(phi1=slice(None, None, -1), phi2=slice(None, None, -1))
     np.testing.assert_array_equal(found.outcome, mirrored.outcome)
     reached = set(np.unique(found.outcome))
-    assert reached >= {zj.OUTCOME.stuck, zj.OUTCOME.repeats}
-    assert min(reached) >= zj.OUTCOME.unsettled
+    assert reached >= {zj.CODE.stuck, zj.CODE.repeats}
+    assert min(reached) >= zj.CODE.unsettled
     start = np.stack(np.meshgrid(phi1, phi2, indexing="ij"))
     holds = np.asarray(zj.sticking_set(dry(2.4)).contains(*start))
     assert 0 < holds.sum() < holds.size / 2
-    assert (found.outcome.values[holds] == zj.OUTCOME.stuck).all()
+    assert (found.outcome.values[holds] == zj.CODE.stuck).all()
     np.testing.assert_array_equal(
         np.moveaxis(found.rod_amplitude.values, -1, 0)[:, holds],
         np.abs(start)[:, holds],

@@ -9,7 +9,7 @@ from options import options_of
 from scipy.optimize import brentq, fsolve
 
 import ziegler_jax as zj
-from ziegler_jax import SPECIAL
+from ziegler_jax import CODE
 from ziegler_jax.analysis.branch_point import BranchPoint, Continuation, products
 from ziegler_jax.analysis.march import Walk
 
@@ -122,7 +122,7 @@ def test_a_branch_is_the_one_that_another_code_shoots(branch, shots):
 def test_the_fold_is_where_another_codes_load_turns_back(branch, shots):
     _, found, _ = branch
     below, at, above = shots[2][:, 3]
-    assert found.special.kind[0] == SPECIAL.fold
+    assert found.special.kind[0] == CODE.fold
     fold = found.special.parameter[0]
     assert abs(fold - at) < 1e-10  # measured 2e-13
     # the vertex of the parabola: what is left falls with the square of APART
@@ -237,7 +237,7 @@ def test_special_points_are_found_where_multipliers_pass_the_unit_circle(rate):
         return end.kind, end.special.x[:, 4]
 
     kind, place = follow(np.array(list(paths.values()), float))
-    torus, flip, pitchfork = SPECIAL.torus, SPECIAL.flip, SPECIAL.pitchfork
+    torus, flip, pitchfork = CODE.torus, CODE.flip, CODE.pitchfork
     assert kind.tolist() == [
         [torus, flip, 0],
         [0, 0, 0],
@@ -266,8 +266,8 @@ def test_lines_through_a_branchs_points_pass_through_stable_cycles_of_a_sweep():
     points = branch.points
     kinds = np.asarray(branch.special.kind)
     # the fold alone: where the branch is born, at the other end, nothing folds
-    assert kinds.tolist() == [SPECIAL.fold, 0, 0, 0]
-    assert branch.outcome == zj.ORBIT.collapsed
+    assert kinds.tolist() == [CODE.fold, 0, 0, 0]
+    assert branch.outcome == zj.CODE.collapsed
     q, stable = np.asarray(points.parameter), np.asarray(points.stable)
     turn = int(np.nanargmin(q))
     last = int(branch.count) - 2
@@ -279,7 +279,7 @@ def test_lines_through_a_branchs_points_pass_through_stable_cycles_of_a_sweep():
         return zj.settle(bending(q), start, method=zj.Method(rtol=1e-9))
 
     ds = zj.sweep(settled, q=loads, progress=False)
-    assert ds.outcome.isin([zj.OUTCOME.cycle, zj.OUTCOME.repeats]).all()
+    assert ds.outcome.isin([zj.CODE.cycle, zj.CODE.repeats]).all()
     upper = slice(turn, None, -1)
     drawn = np.stack(
         [
@@ -312,7 +312,7 @@ def test_a_branch_passes_the_three_folds_that_auto_finds():
         return zj.continue_cycle(column, orbit, 1.8, arc=arc).special
 
     special = follow()
-    assert special.kind.tolist() == [SPECIAL.fold] * 3 + [0]
+    assert special.kind.tolist() == [CODE.fold] * 3 + [0]
     mine = np.stack([special.parameter, special.period], axis=1)[:3]
     # measured 1.5e-9, in a period; the loads agree to all digits that AUTO prints
     np.testing.assert_allclose(mine, AUTO_FOLDS, rtol=0, atol=1e-8)

@@ -118,7 +118,7 @@ def born():
 
 def test_the_cycle_is_born_supercritically_with_the_amplitude_of_its_normal_form(born):
     (q, *_), limits, (orbit, _) = born
-    assert (orbit.outcome == zj.ORBIT.found).all()
+    assert (orbit.outcome == zj.CODE.found).all()
     squares = np.asarray(orbit.rod_amplitude[:, 0]).reshape(4, 3) ** 2
     ratios = squares[:, :2] / [1e-4, 1e-3]
     limit = ratios[:, 0] + (ratios[:, 0] - ratios[:, 1]) / 9  # linear in the distance
@@ -196,7 +196,7 @@ def folds():
 
 def test_dry_friction_folds_the_cycle_where_it_is_known_to(folds):
     value, found, _ = folds
-    assert (found.outcome == zj.ORBIT.found).all()
+    assert (found.outcome == zj.CODE.found).all()
     # five digits; measured 4e-6
     np.testing.assert_allclose(value[:4], list(FOLDS.values()), rtol=0, atol=2e-5)
 
@@ -278,13 +278,13 @@ def test_amplitude_and_period_move_as_their_derivatives_say(kind):
     lanes = np.vstack([at, around, CHAOS, at])
     guesses = np.vstack([np.tile(y, (9, 1)), [0.3, -0.2, 1.0, 0.5], np.zeros(4)])
     slope, (value, orbit) = jax.jit(jax.vmap(both))(lanes, guesses)
-    assert (orbit.outcome[:9] == zj.ORBIT.found).all()
+    assert (orbit.outcome[:9] == zj.CODE.found).all()
     value = np.asarray(value)
     difference = (value[1:5] - value[5:9]).T / (2 * step * at)
     # measured 2.7e-5 (smoothed) and 1.8e-6 (set-valued)
     np.testing.assert_allclose(slope[0], difference, rtol=1e-4, atol=1e-6)
     # at rest nothing comes back; in chaos there is no orbit here, or one that repels
-    assert orbit.outcome[10] == zj.ORBIT.no_return
-    found = np.asarray(orbit.outcome) == zj.ORBIT.found
+    assert orbit.outcome[10] == zj.CODE.no_return
+    found = np.asarray(orbit.outcome) == zj.CODE.found
     assert np.isnan(slope[~found]).all() and np.isfinite(slope[found]).all()
     assert not found[9] or not orbit.stable[9]

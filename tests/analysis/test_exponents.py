@@ -9,7 +9,7 @@ from newton_euler import Rods
 from newton_euler import motion as free_bodies
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME
+from ziegler_jax import CODE
 from ziegler_jax.motion.tangents import HADAMARD
 
 # Smooth columns: q, tau, v_smooth, c1, c2, start (4), transient, length --------------
@@ -45,7 +45,7 @@ def of_smooth(n):
 def measured(scenes):
     """Exponents, errors and the last state of each."""
     found = of_smooth(np.array(list(scenes.values()), float))
-    assert (np.asarray(found.outcome) == OUTCOME.complete).all()
+    assert (np.asarray(found.outcome) == CODE.complete).all()
     rates, errors = np.asarray(found.exponents), np.asarray(found.errors)
     final = np.hstack([np.transpose(found.final.phi), np.transpose(found.final.omega)])
     return dict(zip(scenes, zip(rates, errors, final, strict=True), strict=True))
@@ -169,7 +169,7 @@ def set_valued():
         lanes.append(lane)
         lanes += [moved(lane, i, s * APART) for i in range(4) for s in (1, -1)]
     found = of_set_valued(np.array(lanes))
-    assert (np.asarray(found.outcome) == OUTCOME.complete).all()
+    assert (np.asarray(found.outcome) == CODE.complete).all()
     return found
 
 
@@ -252,7 +252,7 @@ def test_a_stick_slip_cycle_has_a_zero_one_and_loses_a_dimension(set_valued):
 def test_stick_slip_chaos_has_one_largest_exponent_whatever_the_start():
     found = of_set_valued(np.array([[*x, 1e-8] for x in STICK_SLIP_CHAOS.values()]))
     rates, errors = found.exponents[:, :2].T, found.errors[:, :2].T
-    assert (np.asarray(found.outcome) == OUTCOME.complete).all()
+    assert (np.asarray(found.outcome) == CODE.complete).all()
     assert (rates[0] > 5 * errors[0]).all()
     assert abs(rates[0, 0] - rates[0, 1]) < 3 * np.hypot(*errors[0])
     assert (np.abs(rates[1]) < 3 * errors[1] + 1e-3).all()
@@ -276,5 +276,5 @@ def test_what_breaks_a_rule_is_named(refuses):
 def test_numbers_that_break_a_rule_when_traced_end_the_lane():
     lane = jnp.array(SMOOTH["free"], float).at[3].set(-1.0)
     found = of_smooth(lane[None])
-    assert found.outcome[0] == OUTCOME.invalid
+    assert found.outcome[0] == CODE.invalid
     assert np.isnan(found.exponents).all()

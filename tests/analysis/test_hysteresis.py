@@ -9,7 +9,7 @@ import numpy as np
 from moreau import motion
 
 import ziegler_jax as zj
-from ziegler_jax.results import AbstractResult, Settings, quantity
+from ziegler_jax.results import OUTCOMES, AbstractResult, Settings, quantity
 
 LOADS = np.array([1.1, 1.2, 1.4, 1.7, 2.1, 2.5])
 
@@ -53,20 +53,20 @@ def test_the_way_down_leaves_the_cycle_at_the_fold_and_the_way_up_far_above():
     found = found.squeeze()
     still, kicked = found.sel(kick=0.0), found.sel(kick=0.07)
     # without a kick nothing moves, however high the load
-    assert (still.outcome == zj.OUTCOME.stuck).all()
+    assert (still.outcome == zj.CODE.stuck).all()
     assert (still.joint_amplitude == 0).all()
     assert (still.stick_fraction == 1).all()
     up, down = kicked.sel(branch="up"), kicked.sel(branch="down")
     # where a kick of 0.07 comes to rest, and where it grows, by time stepping
-    codes = zj.OUTCOME.stuck, zj.OUTCOME.repeats
+    codes = zj.CODE.stuck, zj.CODE.repeats
     for i, grows in ((0, False), (3, False), (5, True)):
         assert (stepped(LOADS[i], 0.07, 40.0)[1] > 0.01) == grows
         assert up.outcome[i] == codes[grows]
-    assert (up.outcome[:4] == zj.OUTCOME.stuck).all()
+    assert (up.outcome[:4] == zj.CODE.stuck).all()
     # the cycle folds at 1.28802 (see `test_cycles`)
     cycles = down.q > 1.28802
-    assert (down.outcome.where(~cycles, zj.OUTCOME.stuck) == zj.OUTCOME.stuck).all()
-    assert (down.outcome.where(cycles, zj.OUTCOME.repeats) == zj.OUTCOME.repeats).all()
+    assert (down.outcome.where(~cycles, zj.CODE.stuck) == zj.CODE.stuck).all()
+    assert (down.outcome.where(cycles, zj.CODE.repeats) == zj.CODE.repeats).all()
     # the cycle that time stepping settles on from far outside: fast at 2.5, not yet in
     # 300 time units at 1.4; measured 2.6e-6 and 0.023
     for i, share in ((5, 1e-4), (2, 0.1)):
@@ -84,20 +84,20 @@ class Pairs(AbstractResult):
     """A result with an outcome a joint: as one with branches, but cheap."""
 
     outcome: Any = eqx.field(
-        metadata=quantity("how it ended", dims=("joint",), codes=zj.OUTCOME)
+        metadata=quantity("how it ended", dims=("joint",), codes=OUTCOMES)
     )
     settings: Settings = ()
 
 
 def test_a_sweep_keeps_several_outcomes_of_a_point(tmp_path):
     def pairs(x):
-        ended = jnp.array([zj.OUTCOME.stuck, zj.OUTCOME.cycle], jnp.int8)
+        ended = jnp.array([zj.CODE.stuck, zj.CODE.cycle], jnp.int8)
         return Pairs(jnp.where(x > 2, ended, ended[::-1]))
 
     log = tmp_path / "log"
     ds = zj.sweep(pairs, x=np.arange(5.0), progress=False, log=log)
     first = ds.outcome.sel(joint=1)
-    assert (first == np.where(ds.x > 2, zj.OUTCOME.stuck, zj.OUTCOME.cycle)).all()
+    assert (first == np.where(ds.x > 2, zj.CODE.stuck, zj.CODE.cycle)).all()
     told = json.loads(log.read_text().splitlines()[-1])["outcomes"]
     assert told == {"stuck": 5, "cycle": 5}
 

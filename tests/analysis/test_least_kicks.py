@@ -71,13 +71,13 @@ def searched(k, lanes):
 
         def move(now):
             threshold = jax.lax.switch(which, thresholds, now.c)
-            ended = jnp.where(now.r > threshold, zj.OUTCOME.cycle, zj.OUTCOME.stuck)
+            ended = jnp.where(now.r > threshold, zj.CODE.cycle, zj.CODE.stuck)
             slow = jnp.abs(now.r - threshold) < lingers
-            ended = jnp.where(slow, zj.OUTCOME.unsettled, ended)
-            return plan.after(now, ended, ended == zj.OUTCOME.cycle)
+            ended = jnp.where(slow, zj.CODE.unsettled, ended)
+            return plan.after(now, ended, ended == zj.CODE.cycle)
 
         def goes_on(now):
-            return (now.outcome == zj.KICK.not_computed) & (now.motions < 5000)
+            return (now.outcome == zj.CODE.not_computed) & (now.motions < 5000)
 
         now = jax.lax.while_loop(goes_on, move, plan.begin(jnp.array(True)))
         return now, jax.lax.switch(which, thresholds, now.best.c)
@@ -94,7 +94,7 @@ def test_the_search_ends_at_the_lowest_threshold_or_says_why_not():
     """Smooth, on a jump, on an edge, of two minima; a motion's verdict is one bit."""
     lanes = [(x, x is not two, 0.0) for x in MADE_UP[2]]
     now, threshold = searched(2, [*lanes, (everywhere, True, 1e-3)])
-    code = zj.KICK
+    code = zj.CODE
     assert now.outcome.tolist() == [
         *[code.found] * 5, code.rests, code.moves, code.undecided
     ]  # fmt: skip
@@ -110,7 +110,7 @@ def test_the_search_ends_at_the_lowest_threshold_or_says_why_not():
 
 def test_the_search_ends_at_the_lowest_threshold_in_four_dimensions():
     now, _ = searched(4, [(plane, True, 0.0)])
-    assert now.outcome[0] == zj.KICK.found
+    assert now.outcome[0] == zj.CODE.found
     np.testing.assert_allclose(now.best.high, 1.0, rtol=2e-5)  # 2.1e-6
 
 
@@ -181,12 +181,12 @@ def test_a_stiff_column_is_overturned_by_the_energy_of_the_saddle(least):
         q, tau = LANES[lane][:2]
         angle, one = top(q, tau), least.isel(lane=lane)
         work = angle**2 / 2 - 2 * q * (1 - np.cos(angle)) + tau * angle
-        assert one.outcome == zj.KICK.found
+        assert one.outcome == zj.CODE.found
         # the share of rates that the stiff joint stops: measured
         # 5.2e-8
         np.testing.assert_allclose(one.energy, work, rtol=5e-7)
         np.testing.assert_allclose(*one.rate, rtol=1e-2)
-        assert one.edge == zj.EDGE.equilibrium
+        assert one.edge == zj.CODE.equilibrium
         phi1, d = one.edge_amplitude.values  # joint 2 holds a little
         sides = [q * np.sin(phi1) + q * np.sin(phi1 + x) - phi1 for x in (d, -d)]
         assert np.min(np.abs(np.array(sides) - tau)) < 1e-9 and d < 0.01 * phi1
@@ -221,23 +221,23 @@ def test_below_the_least_kick_it_rests_and_above_it_flutters(least):
     axes = {name: xr.DataArray(x, dims="kick") for name, x in axes.items()}
     ended = zj.sweep(plain, axes=axes, progress=False).outcome.values
     ended = ended.reshape(2, -1)
-    assert (ended[:, 0] == zj.OUTCOME.stuck).all()
-    assert (ended[:, 1] == zj.OUTCOME.repeats).all()
-    assert (ended[:, 2:] == zj.OUTCOME.stuck).all()
+    assert (ended[:, 0] == zj.CODE.stuck).all()
+    assert (ended[:, 1] == zj.CODE.repeats).all()
+    assert (ended[:, 2:] == zj.CODE.stuck).all()
 
 
 def test_the_least_kick_is_a_critical_kick_with_its_normal_along_the_gradient(least):
     """The edge is a cycle with one unstable multiplier, through which it passes."""
     for lane in (2, 3):
         one = least.isel(lane=lane)
-        assert one.outcome == zj.KICK.found and one.edge == zj.EDGE.cycle
+        assert one.outcome == zj.CODE.found and one.edge == zj.CODE.saddle_cycle
         assert one.misalignment < 2e-3 and one.edge_multiplier > 1  # 1.4e-4
         assert one.width / one.energy < 4e-6
 
 
 def test_lanes_without_a_least_kick_say_why(least):
-    assert least.outcome[4] == zj.KICK.rests and least.edge[4] == zj.EDGE.none
-    assert least.outcome[5] == zj.KICK.invalid
+    assert least.outcome[4] == zj.CODE.rests and least.edge[4] == zj.CODE.no_threshold
+    assert least.outcome[5] == zj.CODE.invalid
     for name in ("energy", "width", "rate", "misalignment", "edge_period"):
         assert np.isnan(least[name][4:6]).all(), name
 
@@ -333,5 +333,5 @@ def test_scipy_agrees_on_the_least_angles_that_overturn():
         )
 
     kick = released()
-    assert kick.outcome == zj.KICK.found
+    assert kick.outcome == zj.CODE.found
     np.testing.assert_allclose(kick.energy, exact.fun, rtol=1e-5)

@@ -52,7 +52,7 @@ def test_period_and_multipliers_are_the_same_whatever_the_section(settled):
             return orbit_on(kind, plane, 2.6, state)
 
         orbit = cycles(LEVELS)
-        assert (orbit.outcome == zj.ORBIT.found).all(), (coordinate, rising)
+        assert (orbit.outcome == zj.CODE.found).all(), (coordinate, rising)
         y = np.hstack([np.transpose(orbit.state.phi), np.transpose(orbit.state.omega)])
         np.testing.assert_array_equal(y[:, COORDINATES.index(coordinate)], LEVELS)
         size = np.hstack([orbit.rod_amplitude, orbit.joint_amplitude])
@@ -100,8 +100,8 @@ def test_a_branch_is_the_same_whatever_the_section():
             return zj.continue_cycle(column, orbit, 1.75, arc=arc, max_special_points=1)
 
         found = follow()
-        assert found.outcome == zj.ORBIT.found
-        assert found.special.kind[0] == zj.SPECIAL.fold
+        assert found.outcome == zj.CODE.found
+        assert found.special.kind[0] == zj.CODE.fold
         parts = found.points, found.special
         return [(x.joint_amplitude[:, 1], x.parameter, x.period) for x in parts]
 

@@ -59,7 +59,7 @@ def test_the_critical_kick_collapses_over_the_torque():
     scaled = []
     for tau in taus:
         found = kicks([1.8, 2.0], tau, span=16.0, escape=40 * tau)
-        assert (found.outcome == zj.ONSET.found).all()
+        assert (found.outcome == zj.CODE.found).all()
         scaled.append(np.asarray(found.threshold) / tau)
     departure = np.array(scaled[1:]) / scaled[0] - 1
     assert (np.abs(departure[0]) < 1e-3).all()  # 2e-4 at q = 2
@@ -85,7 +85,7 @@ def saddle(q, tau):
 def test_a_dead_load_overturns_beyond_the_energy_of_the_saddle(tau):
     q = np.array([0.8, 1.2])
     found = kicks(q, tau, span=2.0, escape=0.5, rtol=1e-8, eta=0.0, w1=1.0, stiff=100.0)
-    assert (found.outcome == zj.ONSET.found).all()
+    assert (found.outcome == zj.CODE.found).all()
     error = np.abs(found.threshold - saddle(q, tau)) / found.width
     assert (error < 0.6).all()  # in the last interval: 0.5 and the steps' errors
     if tau < 0.01:
@@ -111,13 +111,13 @@ def test_the_ends_of_the_last_interval_stick_and_flutter():
     ends = np.ravel([middle - width, middle + width])
     ran = zj.sweep(plain, q=loads, omega2=ends, progress=False)
     for i in range(2):
-        assert ran.outcome[i, i] == zj.OUTCOME.stuck
-        assert ran.outcome[i, i + 2] == zj.OUTCOME.repeats
+        assert ran.outcome[i, i] == zj.CODE.stuck
+        assert ran.outcome[i, i + 2] == zj.CODE.repeats
 
 
 def test_a_higher_load_needs_less_of_a_kick():
     found = kicks([2.0, 2.2], 0.03)
-    assert (found.outcome == zj.ONSET.found).all()
+    assert (found.outcome == zj.CODE.found).all()
     assert found.threshold[1] < found.threshold[0]
 
 
@@ -214,7 +214,7 @@ def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
         return jax.jvp(onset, (0.8,), (1.0,), has_aux=True)[1:]
 
     slope, found = search(low, high, length)
-    code = zj.ONSET
+    code = zj.CODE
     assert found.outcome.tolist() == [
         code.repeated,
         code.found,
@@ -226,7 +226,7 @@ def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
         code.found,
     ]
     assert found.changes.tolist() == [2, 1, 0, 0, 0, 0, 0, 1]
-    assert found.obstacle[5] == zj.OUTCOME.unsettled
+    assert found.obstacle[5] == zj.CODE.unsettled
     assert found.undecided[5] > 0 and (found.undecided[:4] == 0).all()
     np.testing.assert_array_equal(found.rises[jnp.array([0, 1, 7])], [1, -1, 1])
     assert np.isnan(found.rises[2:7]).all()
@@ -275,7 +275,7 @@ def test_a_threshold_moves_as_its_derivative_says(friction):
     around = at * (1 + step * np.concatenate([np.eye(4), -np.eye(4)]))
     both = jax.jit(jax.vmap(jax.value_and_grad(value, has_aux=True)))
     (ends, outcomes), slopes = both(np.vstack([around, at]))
-    assert (outcomes == zj.ONSET.found).all()
+    assert (outcomes == zj.CODE.found).all()
     slope, difference = slopes[8], (ends[:4] - ends[4:8]) / (2 * step * at)
     # the steps' errors (1e-6) differ from motion to motion: measured 8e-4, and 5e-5
     # at 1e-9, of the kick

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import ziegler_jax as zj
-from ziegler_jax import SPECIAL
+from ziegler_jax import CODE
 
 
 class Near(NamedTuple):
@@ -30,7 +30,7 @@ def points(kind, near, monodromy=None):
         rod_amplitude=unknown,
         joint_amplitude=unknown,
         monodromy=jnp.asarray(moved)[None],
-        kind=jnp.array([SPECIAL[kind]]),
+        kind=jnp.array([CODE[kind]]),
     )
 
 

@@ -9,7 +9,7 @@ from newton_euler import Rods, motion
 from scipy.interpolate import CubicSpline
 
 import ziegler_jax as zj
-from ziegler_jax import CURVE, MEETING, ORBIT
+from ziegler_jax import CODE
 from ziegler_jax.curves.degeneracy import Flip, Fold, Torus
 from ziegler_jax.curves.fill import Knots, evenly
 from ziegler_jax.curves.start import of_points
@@ -74,19 +74,19 @@ def test_folds_of_dry_friction_are_another_codes(folds, name):
             assert residual < 1e-10
     # what a curve does not come to is NaN, and says so
     there = np.isfinite(found.first)
-    assert (there == (found.outcome == ORBIT.found)).all() and not there.all()
+    assert (there == (found.outcome == CODE.found)).all() and not there.all()
 
 
 def test_curves_of_folds_end_at_their_bounds_and_where_the_cycle_grazes(folds):
     ends = {name: curve.ends.tolist() for name, curve in folds.items()}
     assert ends == {
-        "lowest": [CURVE.beyond, CURVE.modes_change],
-        "its upper part": [CURVE.modes_change, CURVE.beyond],
-        "another cycle": [CURVE.modes_change, CURVE.beyond],
+        "lowest": [CODE.beyond, CODE.modes_change],
+        "its upper part": [CODE.modes_change, CODE.beyond],
+        "another cycle": [CODE.modes_change, CODE.beyond],
     }
     # at that end, which is a special point, joint 2's rate vanishes while it slips
     found = folds["lowest"].special
-    (i,) = np.flatnonzero(found.meeting == MEETING.modes_change)
+    (i,) = np.flatnonzero(found.meeting == CODE.modes_change)
     start = [*found.phi[i], *found.omega[i]]
     torques = (found.second[i],) * 2
     rods = Rods(found.first[i], torques, torques)
@@ -106,7 +106,7 @@ def test_folds_move_with_a_third_parameter_as_their_derivatives_say(follow):
     )
     (i,) = np.flatnonzero(TAU == 0.03)
     for curve in (below, found, above):
-        assert curve.points.outcome[i] == ORBIT.found
+        assert curve.points.outcome[i] == CODE.found
     for name in ("first", "period", "phi", "omega"):
         one, other = (getattr(curve.points, name)[i] for curve in (below, above))
         difference, slope = (other - one) / (2 * h), getattr(slopes, name)[i]
@@ -135,8 +135,8 @@ def test_two_curves_of_folds_meet_in_a_cusp():
     curve = jax.tree.map(np.asarray, follow(points("fold", NEAR_AUTO)))
     q, tau = curve.points.first, curve.points.second
     assert (curve.points.residual < 1e-10).all()
-    assert curve.ends.tolist() == [CURVE.beyond, CURVE.beyond]
-    meets = curve.special.meeting == MEETING.cusp
+    assert curve.ends.tolist() == [CODE.beyond, CODE.beyond]
+    meets = curve.special.meeting == CODE.cusp
     assert meets.sum() == 1
     least = np.argmin(tau)
     sides = slice(None, least), slice(least, None)
@@ -232,7 +232,7 @@ def test_a_curve_begins_at_the_first_point_of_its_own_kind():
     for kind, q in (("fold", near.q), ("flip", other.q)):
         begin = of_points(kind, both)
         assert begin.failure == 0 and begin.first == q
-    assert of_points("torus", both).failure == ORBIT.beyond
+    assert of_points("torus", both).failure == CODE.beyond
 
 
 def test_bad_arguments_are_named(refuses):

@@ -6,7 +6,7 @@ from near import Near, dry
 from newton_euler import Rods, motion
 
 import ziegler_jax as zj
-from ziegler_jax import MEETING, ORBIT
+from ziegler_jax import CODE
 
 
 def test_a_joint_begins_to_stick_where_the_curve_says():
@@ -49,7 +49,7 @@ def test_slip_comes_down_to_zero_on_a_curve_of_grazing_and_folds_end_there():
 
     curve = jax.tree.map(np.asarray, follow(near.q, near.tau))
     found = curve.points
-    assert (found.outcome == ORBIT.found).all() and (found.residual < 1e-10).all()
+    assert (found.outcome == CODE.found).all() and (found.residual < 1e-10).all()
 
     def least(i, torque):
         """The other code's rate where slip turns; how often joint 2 comes to rest."""
@@ -70,7 +70,7 @@ def test_slip_comes_down_to_zero_on_a_curve_of_grazing_and_folds_end_there():
         assert 0 < above < 3e-5  # measured 8.1e-6; at 1e-3 from the curve 7.4e-5
         assert more > fewer
     # where one side's multiplier is 1 a curve of folds ends: walks along both end there
-    meets = curve.special.meeting == MEETING.unit
+    meets = curve.special.meeting == CODE.unit
     assert meets.sum() == 1
     ends = np.array([0.0601, 0.0616])  # of the lowest, and of its upper part
     # measured 3.1e-5: their digits

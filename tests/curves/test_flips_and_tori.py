@@ -10,7 +10,7 @@ from near import Near, points
 from newton_euler import Rods, motion
 
 import ziegler_jax as zj
-from ziegler_jax import CURVE, MEETING, ORBIT
+from ziegler_jax import CODE
 
 FLIP = {"t1": 0.0956765, "c": (0.0313048, 0.0971598), "eta": 0.710525, "k": 1.128130}
 NEAR_FLIP = Near((-2.27950, 2.10147, 4.33986), 7.00939, 3.32033, 0.1696786)
@@ -79,13 +79,13 @@ def test_along_a_curve_of_flips_a_multiplier_is_minus_one_and_it_moves_as_it_say
     c1 = FLIP["c"][0]
     _, slope, curve = follow(c1, known)
     curve = jax.tree.map(np.asarray, curve)
-    assert curve.outcome == ORBIT.found and (curve.points.residual < 1e-10).all()
+    assert curve.outcome == CODE.found and (curve.points.residual < 1e-10).all()
     for i in range(values.size):
         exact = multipliers_by_another_code(FLIP, curve.points, i)
         # measured 2.5e-6: the differences of the other code
         assert np.abs(exact + 1).min() < 1e-5
     # a second pair of curves crosses: another multiplier passes -1
-    meets = curve.special.meeting == MEETING.minus
+    meets = curve.special.meeting == CODE.minus
     assert meets.sum() == 1 and 0.25 < curve.special.second[meets][0] < 0.26
     h = 1e-5
     ahead, back = (follow(c1 + d, known)[0] for d in (h, -h))
@@ -104,7 +104,7 @@ def test_along_a_curve_of_tori_a_pair_is_on_the_circle():
         )
 
     curve = jax.tree.map(np.asarray, follow(points("torus", NEAR_TORUS)))
-    assert curve.ends.tolist() == [CURVE.beyond, CURVE.beyond]
+    assert curve.ends.tolist() == [CODE.beyond, CODE.beyond]
     for i in range(2):
         exact = multipliers_by_another_code(TORUS, curve.points, i)
         pair = exact[exact.imag > 0.1]
@@ -132,7 +132,7 @@ def test_along_a_curve_of_pitchforks_one_more_multiplier_is_one():
 
     curve = jax.tree.map(np.asarray, follow(points("pitchfork", NEAR_PITCHFORK)))
     found = curve.points
-    assert curve.outcome == ORBIT.found and (found.residual < 1e-10).all()
+    assert curve.outcome == CODE.found and (found.residual < 1e-10).all()
     for i in range(2):
         exact = multipliers_by_another_code(PITCHFORK, found, i)
         assert np.sort(np.abs(exact - 1))[1] < 1e-6  # measured 1.5e-7

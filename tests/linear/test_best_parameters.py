@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import ziegler_jax as zj
-from ziegler_jax.results import CRITICAL, REGIME
+from ziegler_jax.results import CODE
 
 matplotlib.use("Agg")
 SQRT2, SQRT7 = np.sqrt(2.0), np.sqrt(7.0)
@@ -128,7 +128,7 @@ def test_stabilise_reaches_a_bound_and_never_leaves_the_box():
     column = zj.uniform_rods(damping=zj.Viscous(0.1, 0.2))
     box = {"damping.c1": (0.01, 1.0), "damping.c2": (0.01, 1.0), "kappa": (0.5, 2.0)}
     best = zj.stabilise(column, box)
-    assert best.converged and int(best.load.outcome) == CRITICAL.found
+    assert best.converged and int(best.load.outcome) == CODE.found
     grid = [np.linspace(lo, hi, 25) for lo, hi in box.values()]
     mesh = [x.ravel() for x in np.meshgrid(*grid)]
 
@@ -154,7 +154,7 @@ def test_stabilise_stops_where_divergence_would_come_first():
 
     best = zj.stabilise(scene, {"c2": (0.05, 0.44)}, start={"c2": 0.1})
     wall = float(zj.critical_load(scene(0.1), "divergence").q_cr)
-    assert int(best.load.outcome) == CRITICAL.found
+    assert int(best.load.outcome) == CODE.found
     # the steps are spent in front of the wall: measured 9e-9 below it
     assert wall * (1 - 1e-6) < float(best.load.q_cr) < wall
 
@@ -193,8 +193,8 @@ def test_maps_of_regimes_go_through_sweep():
     ds = zj.sweep(regime_of_eta, q=q, eta=np.linspace(0, 1, 41))
     seed = ds.regime.sel(eta=1.0)
     turns = (18 - 2 * SQRT7) / 5, (18 + 2 * SQRT7) / 5
-    expected = np.where(q < turns[0], REGIME.marginal, REGIME.flutter)
-    expected[q > turns[1]] = REGIME.divergence
+    expected = np.where(q < turns[0], CODE.marginal, CODE.flutter)
+    expected[q > turns[1]] = CODE.divergence
     np.testing.assert_array_equal(seed, expected)
     assert "divergence" in ds.regime.attrs["flag_meanings"]
     ds = zj.sweep(regime_of_mass_ratio, q=q, ratio=np.linspace(0.2, 3, 15))
@@ -205,7 +205,7 @@ def test_maps_of_regimes_go_through_sweep():
 def test_whitneys_umbrella_goes_through_sweep():
     c = np.array([1e-6, 0.1, 1.0])
     ds = zj.sweep(load_of_dampings, c1=c, c2=c)
-    assert (ds.outcome == CRITICAL.found).all()
+    assert (ds.outcome == CODE.found).all()
     np.testing.assert_allclose(ds.q_cr[0, 0], 74 / 45, rtol=1e-9)
     alone = zj.critical_load(zj.uniform_rods(damping=zj.Viscous(0.1, 1.0)))
     np.testing.assert_allclose(ds.q_cr.sel(c1=0.1, c2=1.0), alone.q_cr, rtol=1e-13)
@@ -217,7 +217,7 @@ def test_a_smoothed_map_is_a_map_of_v_smooth():
     ds = zj.sweep(
         regime_of_smoothing, q=np.array([1.8, 2.0]), v_smooth=np.geomspace(1e-3, 1, 40)
     )
-    assert {REGIME.stable, REGIME.flutter} == set(ds.regime.sel(q=1.8).values.tolist())
+    assert {CODE.stable, CODE.flutter} == set(ds.regime.sel(q=1.8).values.tolist())
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from test_critical_loads import (
 )
 
 import ziegler_jax as zj
-from ziegler_jax.results import CRITICAL
+from ziegler_jax.results import CODE
 
 SQRT7 = np.sqrt(7.0)
 
@@ -127,7 +127,7 @@ def test_derivatives_are_central_differences_of_masses_lengths_and_air(kind):
 def test_no_number_or_derivative_is_nan_in_silence(kind, damped):
     p = random_parameters(14, 5000)
     found = jax.jit(jax.vmap(lambda p: load(p, kind, damped)))(p)
-    stands = np.asarray(found.outcome) >= CRITICAL.preceded
+    stands = np.asarray(found.outcome) >= CODE.preceded
     assert 0 < stands.sum() < len(p)
     np.testing.assert_array_equal(np.isfinite(found.q_cr), stands)
     np.testing.assert_array_equal(np.isfinite(found.frequency), stands)
@@ -214,9 +214,9 @@ def test_zero_damping_is_the_undamped_load_and_says_that_it_jumps():
     column = zj.uniform_rods(damping=zj.Viscous(0.0, 0.0))
     found = zj.critical_load(column)
     np.testing.assert_allclose(float(found.q_cr), (18 - 2 * SQRT7) / 5, rtol=1e-14)
-    assert int(found.outcome) == CRITICAL.undamped
+    assert int(found.outcome) == CODE.undamped
     near = zj.critical_load(zj.uniform_rods(damping=zj.Viscous(1e-300, 1e-300)))
-    assert float(near.q_cr) < 1.7 and int(near.outcome) == CRITICAL.found
+    assert float(near.q_cr) < 1.7 and int(near.outcome) == CODE.found
     slopes = jax.grad(lambda c: zj.critical_load(c).q_cr)(column)
     plain = jax.grad(lambda c: zj.critical_load(c).q_cr)(zj.uniform_rods())
     for name in ("a", "b", "d", "kappa", "follower"):
@@ -227,10 +227,10 @@ def test_zero_damping_is_the_undamped_load_and_says_that_it_jumps():
 def test_a_double_root_is_refused():
     # undamped, kappa = 1, l2 = 1, (1 - eta)^2 9 = 4 (1 - eta): det K touches zero
     found = zj.critical_load(zj.uniform_rods(follower=5 / 9), "divergence")
-    assert int(found.outcome) == CRITICAL.double_root and np.isnan(found.q_cr)
+    assert int(found.outcome) == CODE.double_root and np.isnan(found.q_cr)
     # beside it: a load below eta = 5/9, none above; slopes grow as the inverse root
     make = lambda eta: zj.critical_load(zj.uniform_rods(follower=eta), "divergence")  # noqa: E731
-    assert int(make(5 / 9 + 1e-9).outcome) == CRITICAL.none
+    assert int(make(5 / 9 + 1e-9).outcome) == CODE.no_load
     slope = [float(jax.grad(lambda e: make(e).q_cr)(5 / 9 - x)) for x in (1e-6, 1e-8)]
     np.testing.assert_allclose(slope[1] / slope[0], 10, rtol=0.01)
     assert np.isnan(jax.grad(lambda e: make(e).q_cr)(5 / 9))
@@ -238,7 +238,7 @@ def test_a_double_root_is_refused():
 
 def test_one_frequency_for_both_modes_at_zero_load_is_a_double_root():
     found = zj.critical_load(zj.Column(0.0, 2.0, -1.0, 1.0, follower=0.9))
-    assert int(found.outcome) == CRITICAL.double_root
+    assert int(found.outcome) == CODE.double_root
 
 
 def test_at_an_exchange_of_the_kinds_each_keeps_its_load_and_derivative():
@@ -257,7 +257,7 @@ def test_at_an_exchange_of_the_kinds_each_keeps_its_load_and_derivative():
         same = (flutter.q_cr > divergence.q_cr) == above
         low, high = (c2, high) if same else (low, c2)
     codes = [[int(x.outcome) for x in both(c2 + h)] for h in (-1e-6, 1e-6)]
-    found, preceded = int(CRITICAL.found), int(CRITICAL.preceded)
+    found, preceded = int(CODE.found), int(CODE.preceded)
     assert sorted(codes) == [[preceded, found], [found, preceded]]
     slope = jax.jit(jax.grad(lambda c2: both(c2)[0].q_cr))
     assert float(slope(c2)) != 0
@@ -267,13 +267,13 @@ def test_at_an_exchange_of_the_kinds_each_keeps_its_load_and_derivative():
 def test_a_free_joint_is_unstable_at_zero():
     for damping in (None, zj.Viscous(0.1, 0.1)):
         found = zj.critical_load(zj.uniform_rods(kappa=0.0, damping=damping))
-        assert int(found.outcome) == CRITICAL.unstable_at_zero and np.isnan(found.q_cr)
+        assert int(found.outcome) == CODE.unstable_at_zero and np.isnan(found.q_cr)
 
 
 def test_damping_that_misses_a_mode_is_not_stable_at_zero():
     # phi1 = phi2 is a mode at q = 0 where b = -d: joint 2 never turns
     column = zj.Column(0.0, 2.0, -0.5, 0.5, damping=zj.Viscous(0.0, 0.3))
-    assert int(zj.critical_load(column).outcome) == CRITICAL.unstable_at_zero
+    assert int(zj.critical_load(column).outcome) == CODE.unstable_at_zero
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -283,10 +283,10 @@ def test_an_invalid_lane_is_alone(kind):
     rows = np.stack([p, *(np.where(np.arange(8) == j, x, p) for j, x in bad.items())])
     many = jax.jit(jax.vmap(lambda p: load(p, kind)))
     found, healthy = many(rows), many(np.broadcast_to(p, rows.shape))
-    assert np.asarray(found.outcome)[1:].tolist() == [CRITICAL.invalid] * 7
+    assert np.asarray(found.outcome)[1:].tolist() == [CODE.invalid] * 7
     assert np.isnan(found.q_cr[1:]).all() and np.isnan(found.frequency[1:]).all()
     np.testing.assert_array_equal(found.q_cr[0], healthy.q_cr[0])
-    assert found.outcome[0] == healthy.outcome[0] >= CRITICAL.preceded
+    assert found.outcome[0] == healthy.outcome[0] >= CODE.preceded
 
 
 def test_misuse_is_an_error_that_names_the_argument():
@@ -306,4 +306,4 @@ def test_misuse_is_an_error_that_names_the_argument():
 def test_the_other_root_of_a_dead_loads_stiffness_is_no_loss():
     # beyond the first root of det K the second rises: stiffness comes back
     found = zj.critical_load(column_of([4 / 3, 0.5, 1 / 3, 1, 0.0, 1, 0, 0], False))
-    assert int(found.outcome) == CRITICAL.none
+    assert int(found.outcome) == CODE.no_load

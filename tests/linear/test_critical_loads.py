@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.results import CRITICAL
+from ziegler_jax.results import CODE
 
 SQRT2, SQRT7 = np.sqrt(2.0), np.sqrt(7.0)
 KINDS = ("flutter", "divergence")
@@ -101,7 +101,7 @@ def test_closed_forms_of_the_seed():
     close(zj.critical_load(column, "flutter_end").q_cr, (18 + 2 * SQRT7) / 5)
     # both frequencies there: p2 = 2 sqrt(p0 p4), omega^4 = p4 / p0 = 36/7
     close(zj.critical_load(column).frequency, (36 / 7) ** 0.25)
-    assert int(zj.critical_load(column).outcome) == CRITICAL.found
+    assert int(zj.critical_load(column).outcome) == CODE.found
 
 
 def test_closed_forms_of_zieglers_column():
@@ -140,7 +140,7 @@ def test_dead_load_buckles():
     # eta = 0, kappa = 1, l2 = 1: q^2 - 3 q + 1 = 0
     found = zj.critical_load(zj.uniform_rods(follower=0.0), "divergence")
     close(found.q_cr, (3 - np.sqrt(5)) / 2)
-    assert float(found.frequency) == 0.0 and int(found.outcome) == CRITICAL.found
+    assert float(found.frequency) == 0.0 and int(found.outcome) == CODE.found
 
 
 def test_a_pure_follower_load_has_no_divergence_and_a_dead_load_no_flutter():
@@ -149,7 +149,7 @@ def test_a_pure_follower_load_has_no_divergence_and_a_dead_load_no_flutter():
         (zj.uniform_rods(follower=0.0), "flutter"),
     ):
         found = zj.critical_load(column, kind)
-        assert int(found.outcome) == CRITICAL.none
+        assert int(found.outcome) == CODE.no_load
         assert np.isnan(found.q_cr) and np.isnan(found.frequency)
 
 
@@ -158,7 +158,7 @@ def test_the_first_loss_of_stability_is_where_eigenvalues_lose_it(damped):
     p = random_parameters(10, 300)
     found = {k: jax.vmap(lambda p, k=k: load(p, k, damped))(p) for k in KINDS}
     first = np.min(
-        [np.where(f.outcome == CRITICAL.found, f.q_cr, np.inf) for f in found.values()],
+        [np.where(f.outcome == CODE.found, f.q_cr, np.inf) for f in found.values()],
         axis=0,
     )
     loads = np.linspace(0, 12, 601)
@@ -187,7 +187,7 @@ def kept(seed, n, kind, damped):
     p = random_parameters(seed, n)
     found = jax.jit(jax.vmap(lambda p: load(p, kind, damped)))(p)
     roots, gap = jax.vmap(lambda p: closed_form(p, kind, damped))(p)
-    keep = (np.asarray(found.outcome) >= CRITICAL.preceded) & (np.asarray(gap) > 0.01)
+    keep = (np.asarray(found.outcome) >= CODE.preceded) & (np.asarray(gap) > 0.01)
     # beyond: a load that hardly follows or buckles
     keep &= np.asarray(found.q_cr) < 100
     which = np.abs(roots - found.q_cr[:, None]).argmin(axis=1)

@@ -9,7 +9,7 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax.linear.spectrum import _positive_roots
 from ziegler_jax.model.friction import AbstractRateFriction
-from ziegler_jax.results import REGIME
+from ziegler_jax.results import CODE
 
 SQRT7 = np.sqrt(7.0)
 
@@ -106,8 +106,8 @@ def verdict(s, real):
     # two real roots about to meet, or a pair just parted
     gaps = np.abs(s[:, :, None] - s[:, None, :]) + np.eye(4)
     clear &= gaps.min(axis=(1, 2)) > 1e-3
-    code = np.where(grows.any(axis=1), REGIME.flutter, REGIME.stable)
-    code[(grows & ~oscillates).any(axis=1)] = REGIME.divergence
+    code = np.where(grows.any(axis=1), CODE.flutter, CODE.stable)
+    code[(grows & ~oscillates).any(axis=1)] = CODE.divergence
     return code, clear
 
 
@@ -128,7 +128,7 @@ def test_undamped_regime_is_the_verdict_of_the_spectrum():
     s = np.asarray(jax.jit(jax.vmap(lambda p: zj.spectrum(column_of(p, False))))(p))
     code = np.asarray(jax.vmap(lambda p: zj.regime(column_of(p, False)))(p))
     expected, clear = verdict(s, False)
-    expected[expected == REGIME.stable] = REGIME.marginal
+    expected[expected == CODE.stable] = CODE.marginal
     assert clear.sum() > 19_000
     np.testing.assert_array_equal(code[clear], expected[clear])
     assert {3, 4, 5} == set(code[clear])
@@ -151,11 +151,11 @@ def test_sturm_counts_the_positive_roots():
 @pytest.mark.parametrize(
     ("q", "code"),
     [
-        (0.0, REGIME.marginal),
-        ((18 - 2 * SQRT7) / 5 - 1e-12, REGIME.marginal),
-        ((18 - 2 * SQRT7) / 5 + 1e-12, REGIME.flutter),
-        ((18 + 2 * SQRT7) / 5 - 1e-12, REGIME.flutter),
-        ((18 + 2 * SQRT7) / 5 + 1e-12, REGIME.divergence),
+        (0.0, CODE.marginal),
+        ((18 - 2 * SQRT7) / 5 - 1e-12, CODE.marginal),
+        ((18 - 2 * SQRT7) / 5 + 1e-12, CODE.flutter),
+        ((18 + 2 * SQRT7) / 5 - 1e-12, CODE.flutter),
+        ((18 + 2 * SQRT7) / 5 + 1e-12, CODE.divergence),
     ],
 )
 def test_regimes_of_the_seed_turn_at_its_closed_forms(q, code):
@@ -168,8 +168,8 @@ def test_damping_however_small_moves_the_threshold(c):
     def at(q):
         return int(zj.regime(zj.uniform_rods(q=q, damping=zj.Viscous(c, c))))
 
-    assert at(74 / 45 - 1e-4) == REGIME.stable
-    assert at(74 / 45 + 1e-4) == REGIME.flutter
+    assert at(74 / 45 - 1e-4) == CODE.stable
+    assert at(74 / 45 + 1e-4) == CODE.flutter
 
 
 def test_zero_damping_is_the_undamped_regime():
@@ -300,7 +300,7 @@ def test_bad_numbers_are_an_error_where_concrete(what):
 def test_bad_numbers_end_their_lane_alone(what):
     lanes = {k: jnp.array([v, (GOOD | BAD[what])[k], v]) for k, v in GOOD.items()}
     code, s = regimes_and_spectra(lanes)
-    assert code.tolist() == [2, REGIME.invalid, 2]
+    assert code.tolist() == [CODE.stable, CODE.invalid, CODE.stable]
     assert np.isnan(s[1]).all() and np.isfinite(s[0]).all()
     np.testing.assert_array_equal(s[0], s[2])
 

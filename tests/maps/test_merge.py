@@ -1,19 +1,21 @@
 """The union of sweeps."""
 
+import enum
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 
 import ziegler_jax as zj
-from ziegler_jax.results import Code
+from ziegler_jax.results import REGIMES
 
 
 def point(x, y):
-    code = jnp.where(x > y, int(zj.REGIME.flutter), int(zj.REGIME.stable))
+    code = jnp.where(x > y, int(zj.CODE.flutter), int(zj.CODE.stable))
     return {
         "z": x + 10 * y,
-        "regime": zj.Variable(code.astype(jnp.int8), "regime", codes=zj.REGIME),
+        "regime": zj.Variable(code.astype(jnp.int8), "regime", codes=REGIMES),
         "both": zj.Variable(jnp.stack([x, y]), "both", dims=("rod",)),
     }
 
@@ -41,7 +43,7 @@ def test_longer_and_finer_axes_are_those_of_one_sweep():
 def test_points_that_nobody_computed_have_no_number_and_no_code():
     corner = zj.merge(sweep([0.0], [1.0]), sweep([2.0], [3.0]))
     assert np.isnan(corner.z.sel(x=0.0, y=3.0))
-    assert corner.regime.sel(x=2.0, y=1.0) == zj.REGIME.not_computed
+    assert corner.regime.sel(x=2.0, y=1.0) == zj.CODE.not_computed
     assert corner.z.sel(x=2.0, y=3.0) == 32.0
 
 
@@ -212,18 +214,21 @@ def test_consent_to_versions_is_none_to_scenes_that_are_not_known(place):
         zj.merge(*sweeps, versions="any")
 
 
-class Opposite(Code):
-    """The names of two codes of `REGIME`, exchanged."""
+class Opposite(enum.IntEnum):
+    """The names of two codes, exchanged."""
 
-    not_computed = 0, "not computed"
-    flutter = int(zj.REGIME.stable), "flutter"
-    stable = int(zj.REGIME.flutter), "stable"
+    flutter = int(zj.CODE.stable)
+    stable = int(zj.CODE.flutter)
+
+    @property
+    def sentence(self):
+        return self.name
 
 
 def test_codes_of_two_meanings_are_two_scenes_to_merge():
     def turned(x, y):
         found = point(x, y)
-        return {**found, "regime": found["regime"]._replace(codes=Opposite)}
+        return {**found, "regime": found["regime"]._replace(codes=tuple(Opposite))}
 
     one = sweep([0.0], [1.0])
     other = zj.sweep(turned, x=[1.0], y=[1.0], progress=False)

@@ -9,6 +9,7 @@ import xarray as xr
 import ziegler_jax as zj
 from ziegler_jax.maps.boundaries import BoundarySearch, share_below
 from ziegler_jax.maps.cells import Cells
+from ziegler_jax.results import OUTCOMES
 
 X = np.linspace(0.0, 1.0, 17)
 
@@ -103,7 +104,7 @@ def test_a_boundary_of_the_linear_column_is_its_critical_load():
     coarse = zj.sweep(regime, q=q, c=c, progress=False)
     ds = zj.refine(regime, coarse, "regime", width=1e-9, levels=2, audit=20)
     onset = np.sort(ds.boundary_regime.values, axis=1)
-    stable = (onset == [zj.REGIME.stable, zj.REGIME.flutter]).all(axis=1)
+    stable = (onset == [zj.CODE.stable, zj.CODE.flutter]).all(axis=1)
     assert stable.sum() > 30
 
     def load(c):
@@ -137,7 +138,7 @@ def test_where_three_labels_meet_their_lines_meet():
 
 def test_a_band_of_the_unknown_is_one_change_with_its_width():
     unsettled, stuck, cycle = (
-        float(zj.OUTCOME[name]) for name in ("unsettled", "stuck", "cycle")
+        float(zj.CODE[name]) for name in ("unsettled", "stuck", "cycle")
     )
 
     def band(x, y):
@@ -147,7 +148,7 @@ def test_a_band_of_the_unknown_is_one_change_with_its_width():
     def point(x, y):
         return {
             "outcome": zj.Variable(
-                band(x, y)["outcome"].astype(jnp.int8), "end", codes=zj.OUTCOME
+                band(x, y)["outcome"].astype(jnp.int8), "end", codes=OUTCOMES
             )
         }
 
@@ -340,8 +341,8 @@ def test_a_tongue_is_followed_to_its_tip():
 
 def made_up_codes(x, y):
     inside = made_up(x, y)["label"] == 1
-    codes = jnp.where(inside, int(zj.OUTCOME.stuck), int(zj.OUTCOME.cycle))
-    return {"outcome": zj.Variable(codes.astype(jnp.int8), "end", codes=zj.OUTCOME)}
+    codes = jnp.where(inside, int(zj.CODE.stuck), int(zj.CODE.cycle))
+    return {"outcome": zj.Variable(codes.astype(jnp.int8), "end", codes=OUTCOMES)}
 
 
 @pytest.mark.parametrize("points", [1, 33, 200, 1000])

@@ -68,7 +68,7 @@ def motion_by(defects, q, y0, ts):
 
 
 def array(motion):
-    assert int(motion.outcome) == zj.OUTCOME.complete
+    assert int(motion.outcome) == zj.CODE.complete
     return np.concatenate([motion.phi, motion.omega], axis=1)
 
 

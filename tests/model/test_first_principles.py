@@ -254,7 +254,7 @@ def cycle_reactions(tau, kick, ts):
 def test_reactions_on_the_cycle_span_the_known_range(tau, kick, least, most):
     ts = np.concatenate([[0.0], np.linspace(400, 420, 2001)])
     size, outcome = cycle_reactions(tau, kick, ts)
-    assert int(outcome) == zj.OUTCOME.complete
+    assert int(outcome) == zj.CODE.complete
     size = np.asarray(size)[1:]
     # the known range has two digits; measured 0.0038 from it (0.0262 for 0.03, which
     # still grows as v_smooth falls: 0.0160, 0.0235, 0.0262 at 0.01, 0.003, 0.001)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME
+from ziegler_jax import CODE
 from ziegler_jax.model.damping import AbstractDamping
 from ziegler_jax.runtime import own_flags
 
@@ -76,7 +76,7 @@ def test_set_valued_motions_and_cycles_compute_under_all_of_them():
         found = zj.settle(sliding(), KICK, **SHORT, certify=False)
         orbit = zj.periodic_orbit(sliding(), KICK, max_iterations=1)
         assert orbit.multipliers.shape == (4,) and not orbit.stable
-    assert int(found.outcome) >= OUTCOME.unsettled
+    assert int(found.outcome) >= CODE.unsettled
 
 
 def test_flags_cost_nothing_where_none_is_set():
@@ -120,7 +120,7 @@ def test_a_law_that_fails_at_the_start_is_found():
         zj.settle(column, zj.State(phi=(0.0, 1.0)), **SHORT, certify=False)
     # without the flag the outcome tells
     found = zj.settle(column, zj.State(phi=(0.0, 1.0)), **SHORT, certify=False)
-    assert int(found.outcome) == OUTCOME.not_finite
+    assert int(found.outcome) == CODE.not_finite
 
 
 def test_the_environments_flags_are_heeded():

@@ -10,7 +10,7 @@ from models import flow
 from options import options_of
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME
+from ziegler_jax import CODE
 
 # Largest |phi2 - phi1| at q = 2.6, tau = 0.026 against v_smooth, by another code.
 KNOWN = [(0.3, 0.64249), (0.1, 0.63443), (0.03, 0.63214), (0.01, 0.63133)]
@@ -34,7 +34,7 @@ def test_the_cycles_amplitudes_are_the_known_ones():
 
     v_smooth, expected = np.array(KNOWN).T
     found = point(v_smooth)
-    assert (np.asarray(found.outcome) == OUTCOME.repeats).all()
+    assert (np.asarray(found.outcome) == CODE.repeats).all()
     # the known ones have five digits; measured 3.4e-6
     assert np.abs(found.joint_amplitude[:, 1] - expected).max() < 1e-5
 
@@ -97,7 +97,7 @@ def _apart(batch, count):
 
 @pytest.mark.parametrize("name", LANES)
 def test_each_outcome_is_reached(lanes, name):
-    assert OUTCOME(int(lanes[name].outcome)).name == name.split(":")[0]
+    assert CODE(int(lanes[name].outcome)).name == name.split(":")[0]
 
 
 @pytest.mark.parametrize("name", LANES)
@@ -138,7 +138,7 @@ def test_without_friction_a_column_comes_to_rest():
         )
 
     found = settled()
-    assert int(found.outcome) == OUTCOME.rest
+    assert int(found.outcome) == CODE.rest
     # every rate is below the cut of 1e-6, and angles decay as slowly; measured 1.7e-6
     assert np.asarray(found.rod_amplitude).max() < 5e-6
 
@@ -287,7 +287,7 @@ def _slow(kick, **more):
 def test_a_slow_motion_that_grows_is_not_stuck():
     """v_smooth = 5 tau: the smoothed column flutters from rest (Ziegler's paradox)."""
     found = zj.sweep(_slow, kick=[1e-4, 1e-2], progress=False)
-    assert (found.outcome == zj.OUTCOME.repeats).all()
+    assert (found.outcome == zj.CODE.repeats).all()
     # the cycle that another code ends on, which starts beyond it, after 1000 time units
     kicked = flow((0, 0, 0, 1.5), 1000.0, (1.8, 0.01, 0.05, 0, 0), 1e-8).y[:, -1]
     ts = np.linspace(0.0, 10.0, 4001)  # more than a period
@@ -315,7 +315,7 @@ def test_a_traced_option_that_breaks_its_rule_is_invalid():
     # every option right, or any number of them wrong: one batch of 128 lanes
     wrong = np.ones((2,) * len(OPTIONS), bool)
     wrong[(-1,) * len(OPTIONS)] = False
-    np.testing.assert_array_equal(found.outcome == zj.OUTCOME.invalid, wrong)
+    np.testing.assert_array_equal(found.outcome == zj.CODE.invalid, wrong)
     assert (np.isnan(found.rod_amplitude).all("rod").values == wrong).all()
 
 
@@ -333,7 +333,7 @@ def test_the_noise_of_steps_at_rest_is_no_cycle():
         point, q=np.linspace(1.1, 1.5, 8), rho=np.linspace(0.1, 0.2, 8), progress=False
     )
     assert float(ds.joint_amplitude.max()) < 1e-6
-    assert (ds.outcome == int(OUTCOME.stuck)).all()
+    assert (ds.outcome == int(CODE.stuck)).all()
 
 
 def test_traced_invalid_numbers_end_a_trajectory_as_invalid():
@@ -348,9 +348,9 @@ def test_traced_invalid_numbers_end_a_trajectory_as_invalid():
         )
     )
     ts = np.linspace(0.0, 2.0, 3)
-    assert int(run(0.1, ts).outcome) == OUTCOME.complete
+    assert int(run(0.1, ts).outcome) == CODE.complete
     for bad in (np.nan, -1.0):
         found = run(bad, ts)
-        assert int(found.outcome) == OUTCOME.invalid
+        assert int(found.outcome) == CODE.invalid
         assert np.isnan(found.phi).all() and int(found.steps) == 0
-        assert int(run(0.1, np.array([0.0, 2.0, bad])).outcome) == OUTCOME.invalid
+        assert int(run(0.1, np.array([0.0, 2.0, bad])).outcome) == CODE.invalid

@@ -41,7 +41,7 @@ def observed():
         )
 
     found = point()
-    assert int(found.outcome) == zj.OUTCOME.unsettled  # one window cannot agree
+    assert int(found.outcome) == zj.CODE.unsettled  # one window cannot agree
     return found
 
 
@@ -50,7 +50,7 @@ def dense():
     """The same motion at 30 001 times: t, phi (n, 2), omega (n, 2)."""
     ts = np.concatenate([[0.0], np.linspace(FROM, FROM + SPAN, 30_001)])
     motion = jax.jit(lambda ts: zj.trajectory(scene(), START, ts, **TIGHT))(ts)
-    assert int(motion.outcome) == zj.OUTCOME.complete
+    assert int(motion.outcome) == zj.CODE.complete
     return ts[1:], np.asarray(motion.phi)[1:], np.asarray(motion.omega)[1:]
 
 

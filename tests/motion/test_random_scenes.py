@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME
+from ziegler_jax import CODE
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
 
@@ -95,7 +95,7 @@ def same(a, b):
 
 def balances(batch, found, tol):
     """The energy that each step misses is bounded by its tolerance."""
-    good = np.asarray(found.outcome) >= OUTCOME.unsettled
+    good = np.asarray(found.outcome) >= CODE.unsettled
     numbers = np.concatenate([found.rod_amplitude, found.joint_amplitude], -1)
     energies = np.asarray(found.energy_imbalance) * 6.0
     inertia = 4 / 3 + 2 * batch["m2"] + batch["kappa"]
@@ -109,13 +109,13 @@ def test_every_lane_ends_and_tells_the_truth(run, scenes):
     batch = stacked(scenes)
     found = run(batch, 1e-6)
     outcome = np.asarray(found.outcome)
-    assert (outcome != OUTCOME.not_computed).all()
+    assert (outcome != CODE.not_computed).all()
     broken = batch["drop"] * batch["mu_s"] > batch["mu_s"]
-    np.testing.assert_array_equal(outcome == OUTCOME.invalid, broken)
+    np.testing.assert_array_equal(outcome == CODE.invalid, broken)
     assert (np.asarray(found.steps) <= MAX_STEPS).all()
 
     # finite results, or NaN and an outcome that says why
-    failed = outcome < OUTCOME.unsettled
+    failed = outcome < CODE.unsettled
     numbers = np.concatenate([found.rod_amplitude, found.joint_amplitude], -1)
     np.testing.assert_array_equal(np.isnan(numbers).any(-1), failed)
     np.testing.assert_array_equal(np.isnan(numbers).all(-1), failed)
@@ -137,7 +137,7 @@ def test_errors_fall_with_the_tolerance(run, scenes):
         found = run(batch, tol)
         balances(batch, found, tol)
         ends.append(np.stack(found.final.y, -1))
-        ended = ended & (np.asarray(found.outcome) >= OUTCOME.unsettled)
+        ended = ended & (np.asarray(found.outcome) >= CODE.unsettled)
     errors = [np.abs(end - ends[-1]).max(-1)[ended] for end in ends[:-1]]
     # rounding is no error of a method
     means = [np.log10(e + 1e-12).mean() for e in errors if e.size]

@@ -12,7 +12,7 @@ import ziegler_jax as zj
 from ziegler_jax.model.column import joint_balance
 from ziegler_jax.model.release_layer import ReleaseLayer
 from ziegler_jax.model.set_valued import Dynamics, stick_first
-from ziegler_jax.results import OUTCOME
+from ziegler_jax.results import CODE
 
 pytestmark = pytest.mark.usefixtures("optimised")  # long runs, and bits
 
@@ -60,7 +60,7 @@ def test_the_reference_motions_and_their_events(
     ref = reference(f"fric_{case}")
     numbers = [jnp.asarray(ref[k], float) for k in ("q", "Ts", "Tk", "phi0", "w0", "t")]
     found = history(*numbers, tol, release=rule_of(case), method=method)
-    assert OUTCOME(int(found.outcome)) is OUTCOME.complete
+    assert CODE(int(found.outcome)) is CODE.complete
     y = np.concatenate([found.phi, found.omega], axis=1)
     np.testing.assert_allclose(y, ref["y"], rtol=0, atol=states)
     count = int(found.events.count)
@@ -151,9 +151,9 @@ def test_the_energy_balance_holds(scenes):
 def test_random_scenes_all_end(scenes):
     _, _, _, ds = scenes
     outcome = ds.outcome.values[:-1]
-    ended = np.isin(outcome, (OUTCOME.stuck, OUTCOME.unsettled))
+    ended = np.isin(outcome, (CODE.stuck, CODE.unsettled))
     assert ended.all(), outcome[~ended]
-    assert ds.outcome.values[-1] == OUTCOME.invalid
+    assert ds.outcome.values[-1] == CODE.invalid
     assert ds.attrs["release"] in RULES
 
 
@@ -161,7 +161,7 @@ def test_joints_that_pass_and_rest_at_once_go_on(scenes):
     """Both joints land together, or start on their thresholds: no stall."""
     _, _, _, ds = scenes
     edges = ds.isel(i=slice(NAMED - len(EDGES), NAMED))
-    assert np.isin(edges.outcome, (OUTCOME.stuck, OUTCOME.unsettled)).all()
+    assert np.isin(edges.outcome, (CODE.stuck, CODE.unsettled)).all()
     assert edges.steps.max() < 5000
 
 
@@ -194,7 +194,7 @@ def test_what_starts_in_the_sticking_set_stays(scenes):
     inside = np.asarray(jax.vmap(contains)(numbers.T))
     held, free = still & inside, still & ~inside
     assert held.sum() > 5 and free.sum() > 5
-    assert (ds.outcome.values[held] == OUTCOME.stuck).all()
+    assert (ds.outcome.values[held] == CODE.stuck).all()
     np.testing.assert_array_equal(ds.stick_fraction.values[held], 1.0)
     np.testing.assert_array_equal(
         ds.rod_amplitude.values[held], abs(numbers[5:7, held].T)
@@ -207,7 +207,7 @@ def test_what_starts_in_the_sticking_set_stays(scenes):
 def test_friction_of_no_strength_is_none(tau, omega):
     ts, none = jnp.array([0.0, 20.0]), (0.0, 0.0)
     found = history(2.0, (tau, tau), (tau, tau), none, omega, ts, 1e-9, "stick-first")
-    assert OUTCOME(int(found.outcome)) is OUTCOME.complete
+    assert CODE(int(found.outcome)) is CODE.complete
     free = zj.trajectory(
         zj.uniform_rods(2.0),
         zj.State(omega=omega),
@@ -239,7 +239,7 @@ def test_rates_far_too_fast_for_the_first_step_are_followed(method):
 def test_ten_thousand_random_scenes_end_and_keep_their_energy(release):
     numbers = make_scenes(RANDOM_SLOW, 2)
     ds = runner(numbers, release)(np.arange(RANDOM_SLOW))
-    assert np.isin(ds.outcome.values, (OUTCOME.stuck, OUTCOME.unsettled)).all()
+    assert np.isin(ds.outcome.values, (CODE.stuck, CODE.unsettled)).all()
     # measured 1.1e-6 at most, 1.1e-7 in 99 of 100
     assert np.abs(ds.energy_imbalance.values * WINDOW).max() < 1e-5
 

@@ -7,7 +7,7 @@ import numpy as np
 
 import ziegler_jax as zj
 from ziegler_jax.model.column import joint_balance
-from ziegler_jax.results import OUTCOME
+from ziegler_jax.results import CODE
 
 COUNT = 5000
 
@@ -120,7 +120,7 @@ def test_the_smoothed_law_on_reactions_tends_to_the_exact_one():
     found = jax.jit(motion)()
     smoothed = jax.jit(motion)
     exact = np.hstack([found.phi, found.omega])
-    assert OUTCOME(int(found.outcome)) is OUTCOME.complete
+    assert CODE(int(found.outcome)) is CODE.complete
     events = found.events
     count = int(events.count)
     assert count > 6
@@ -158,7 +158,7 @@ def test_energy_and_outcomes_of_lanes_on_reactions():
 
     axes = {"q": np.linspace(0.5, 4, 12), "mu": np.linspace(0.01, 0.2, 8)}
     ds = zj.sweep(scene, progress=False, **axes)
-    assert np.isin(ds.outcome, (OUTCOME.stuck, OUTCOME.unsettled)).all()
+    assert np.isin(ds.outcome, (CODE.stuck, CODE.unsettled)).all()
     assert np.abs(ds.energy_imbalance.values * 60.0).max() < 1e-8  # measured 9e-10
     fraction = ds.stick_fraction.values
     assert ((fraction > 0.1) & (fraction < 0.9)).any() and (fraction > 0.99).any()

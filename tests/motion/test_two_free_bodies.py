@@ -11,7 +11,7 @@ import pytest
 from newton_euler import Rods, motion, smoothed
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME
+from ziegler_jax import CODE
 
 
 def column(n, smooth=None):
@@ -120,7 +120,7 @@ def compared(rods, ts):
     """
     exact, log = motion(rods, KICK, ts)
     found = set_valued(numbers(rods), ts)
-    assert OUTCOME(int(found.outcome)) is OUTCOME.complete
+    assert CODE(int(found.outcome)) is CODE.complete
     y = np.hstack([found.phi, found.omega])
     times, joints, modes = (np.array(x) for x in zip(*log, strict=True))
     # the package's first event is the start

@@ -10,6 +10,14 @@ from matplotlib.text import Annotation
 from PIL import Image
 
 import ziegler_jax as zj
+from ziegler_jax.results import (
+    CRITICAL_LOADS,
+    ONSETS,
+    ORBITS,
+    OUTCOMES,
+    REGIMES,
+    VERDICTS,
+)
 
 KICK = zj.State(omega=(0.0, 0.3))
 
@@ -21,7 +29,7 @@ def closed():
 
 
 def motion(ts, phi):
-    return zj.Trajectory(ts, phi, np.zeros_like(phi), 5, zj.OUTCOME.complete)
+    return zj.Trajectory(ts, phi, np.zeros_like(phi), 5, zj.CODE.complete)
 
 
 def test_a_harmonic_is_a_peak_of_its_amplitude_at_its_frequency():
@@ -121,11 +129,11 @@ def lab(colour, eye):
 
 
 @pytest.mark.parametrize("eye", EYES)
-@pytest.mark.parametrize("codes", [zj.OUTCOME, zj.VERDICT, zj.REGIME])
+@pytest.mark.parametrize("codes", [OUTCOMES, VERDICTS, REGIMES])
 def test_codes_of_a_map_are_told_apart_by_any_eye(codes, eye):
     from ziegler_jax.plot.style import code_colours
 
-    colours = code_colours([code.name for code in codes])
+    colours = code_colours([code.name for code in (zj.CODE.not_computed, *codes)])
     places = [lab(colour, eye) for colour in colours]
     apart = [np.linalg.norm(a - b) for i, a in enumerate(places) for b in places[:i]]
     assert min(apart) > 10  # measured 10.7: white and the pale blue of stable columns
@@ -134,7 +142,7 @@ def test_codes_of_a_map_are_told_apart_by_any_eye(codes, eye):
 def test_stuck_has_one_colour_and_no_other_verdict_wears_it():
     from ziegler_jax.plot.style import REST_COLOUR, code_colours
 
-    families = (zj.OUTCOME, zj.VERDICT, zj.REGIME, zj.CRITICAL, zj.ONSET, zj.ORBIT)
+    families = (OUTCOMES, VERDICTS, REGIMES, CRITICAL_LOADS, ONSETS, ORBITS)
     for codes in families:
         names = [code.name for code in codes]
         colours = dict(zip(names, code_colours(names), strict=True))

@@ -39,8 +39,8 @@ def point(q, mu):
 def ds():
     ds = zj.sweep(point, q=Q, mu=MU, progress=False)
     ds.joint_amplitude[0, 0] = np.nan
-    ds.outcome[0, 0] = zj.OUTCOME.escaped
-    ds.outcome[1, 1] = zj.OUTCOME.not_computed
+    ds.outcome[0, 0] = zj.CODE.escaped
+    ds.outcome[1, 1] = zj.CODE.not_computed
     return ds
 
 
@@ -147,9 +147,9 @@ def test_a_circle_stands_on_its_cell(ds, written, name):
     pixels = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
     left, top, width, height = page.json["frames"][("wide", "narrow")[name]]
     amplitude = ds.joint_amplitude.sel(joint=2)
-    moves = ds.outcome == zj.OUTCOME.cycle
+    moves = ds.outcome == zj.CODE.cycle
     assert moves.sum() >= 3
-    flat = np.isin(ds.outcome, (zj.OUTCOME.not_computed, zj.OUTCOME.stuck))
+    flat = np.isin(ds.outcome, (zj.CODE.not_computed, zj.CODE.stuck))
     norm = Normalize(*np.nanquantile(amplitude.where(~flat), [0, 1]))
     for i, j in zip(*np.nonzero(moves.values), strict=True):
         row = (top + height * (1 - page.json["y"]["at"][j])) * pixels.shape[0]
@@ -229,9 +229,9 @@ def test_the_method_is_the_one_that_the_map_names():
 
 def test_a_page_says_where_a_motion_ends_otherwise_than_its_cell(ds, tmp_path):
     told = ds.copy(deep=True)
-    told.outcome[0, 0], told.time[0, 0] = zj.OUTCOME.escaped, 50.0  # it does not
-    moved = np.argwhere((ds.outcome == zj.OUTCOME.cycle).values)[-1].tolist()
-    rests = np.argwhere((ds.outcome == zj.OUTCOME.stuck).values)[0].tolist()
+    told.outcome[0, 0], told.time[0, 0] = zj.CODE.escaped, 50.0  # it does not
+    moved = np.argwhere((ds.outcome == zj.CODE.cycle).values)[-1].tolist()
+    rests = np.argwhere((ds.outcome == zj.CODE.stuck).values)[0].tolist()
     told["period"] = 0 * told.time + 2.0
     at = {tuple(place): 1.05 for place in (moved, rests)}
     for (i, j), factor in at.items():
@@ -275,7 +275,7 @@ def test_it_says_so_of_what_was_judged_by_windows(name):
         return zj.settle(*cell(q), windows=windows, certify=False)
 
     ds = zj.sweep(point, q=[1.0, 2.2], progress=False)
-    assert ds.outcome.values.tolist() == [zj.OUTCOME.stuck, zj.OUTCOME.repeats]
+    assert ds.outcome.values.tolist() == [zj.CODE.stuck, zj.CODE.repeats]
     for place in range(2):
         assert followed(ds, cell, {"q": place}).note == ""
         other = followed(ds, lambda q: cell(q, 1e-3), {"q": place})

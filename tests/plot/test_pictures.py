@@ -14,30 +14,30 @@ from matplotlib.colors import to_rgba
 
 import ziegler_jax as zj
 from ziegler_jax.plot.style import REST_COLOUR
+from ziegler_jax.results import ONSETS, OUTCOMES, UNSETTLED, flag_attributes
 
 Q, MU = np.array([1.0, 1.5, 2.5, 3.0]), np.array([0.1, 0.2, 0.4])
-OUT, RUN = zj.OUTCOME.not_computed, zj.OUTCOME.cycle
+OUT, RUN = zj.CODE.not_computed, zj.CODE.cycle
 CODES = np.array(
     [
-        [zj.OUTCOME.stuck, RUN, OUT],
-        [zj.OUTCOME.unsettled, RUN, OUT],
-        [zj.OUTCOME.escaped, RUN, RUN],
-        [zj.OUTCOME.not_finite, RUN, RUN],
+        [zj.CODE.stuck, RUN, OUT],
+        [zj.CODE.unsettled, RUN, OUT],
+        [zj.CODE.escaped, RUN, RUN],
+        [zj.CODE.not_finite, RUN, RUN],
     ]
 )
 
 
 FLAGS = {
     "long_name": "how the motion ended",
-    "flag_values": [int(code) for code in zj.OUTCOME],
-    "flag_meanings": " ".join(code.name for code in zj.OUTCOME),
+    **flag_attributes(OUTCOMES),
 }
 
 
 @pytest.fixture
 def plane():
     amplitude = np.arange(12.0).reshape(4, 3)
-    failed = (CODES < zj.OUTCOME.unsettled) & (CODES != OUT)
+    failed = (CODES < zj.CODE.unsettled) & (CODES != OUT)
     amplitude[failed] = np.nan  # what was left out keeps a number, not to be shown
     named = {"long_name": "largest absolute angle of the joint", "units": "rad"}
     q = {"long_name": "follower load", "units": "1", "symbol": "$q$"}
@@ -58,9 +58,7 @@ def closed():
 
 
 def test_the_outcome_of_a_search_is_not_taken_for_a_motions(plane):
-    """Their codes are other ones: 8 says stuck here, nothing there."""
-    flags = {"flag_meanings": " ".join(code.name for code in zj.ONSET)}
-    plane["outcome"] = plane.outcome.assign_attrs(flags)
+    plane["outcome"] = plane.outcome.assign_attrs(flag_attributes(ONSETS))
     ax = zj.plot.map(plane, "joint_amplitude", x="q", y="mu")
     assert ax.get_legend() is None
     shown = ax.collections[0].get_array()
@@ -133,9 +131,9 @@ def test_labels_carry_symbols_and_units(plane):
 
 def test_undecided_cells_are_hatched_by_their_kind(plane):
     codes, kinds = np.full_like(CODES, RUN), np.zeros_like(CODES)
-    for kind in zj.UNDECIDED:
-        place = np.unravel_index(int(kind), codes.shape)
-        codes[place], kinds[place] = zj.OUTCOME.unsettled, kind
+    for number, kind in enumerate(UNSETTLED):
+        place = np.unravel_index(number, codes.shape)
+        codes[place], kinds[place] = zj.CODE.unsettled, kind
     plane["outcome"] = (("q", "mu"), codes, FLAGS)
     plane["undecided"] = (("q", "mu"), kinds)
     ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
@@ -144,14 +142,14 @@ def test_undecided_cells_are_hatched_by_their_kind(plane):
     names = [*(f"unsettled, {w}" for w in words), "unsettled"]
     assert list(layers) == names
     assert len({layer.get_hatch() for layer in layers.values()}) == len(names)
-    for kind, name in zip(zj.UNDECIDED, [names[-1], *names], strict=False):
+    for number, name in enumerate(names):
         (cell,) = layers[name].get_paths()
-        row, column = np.unravel_index(int(kind), codes.shape)
+        row, column = np.unravel_index(number, codes.shape)
         assert cell.contains_point((Q[row], MU[column]))
 
 
 def test_an_undecided_cell_is_hatched_where_no_plane_says_of_which_kind(plane):
-    aperiodic = int(zj.UNDECIDED.aperiodic)
+    aperiodic = int(zj.CODE.aperiodic)
     unlike = [
         ("q", [aperiodic] * 4),
         ((), aperiodic),
@@ -171,7 +169,7 @@ def test_a_flag_variable_has_a_colour_a_code(plane):
     mesh = ax.collections[0]
     colours = {tuple(mesh.get_cmap()(mesh.norm(code))) for code in np.unique(CODES)}
     assert len(colours) == np.unique(CODES).size
-    stuck = mesh.get_cmap()(mesh.norm(int(zj.OUTCOME.stuck)))
+    stuck = mesh.get_cmap()(mesh.norm(int(zj.CODE.stuck)))
     assert stuck == to_rgba(REST_COLOUR)
     assert mesh.get_array().mask.sum() == (CODES == OUT).sum()
 
@@ -285,14 +283,14 @@ def test_the_boundaries_of_a_refined_map_are_lines_of_their_own(plane):
 def test_a_time_history_stands_beside_its_phase_plane():
     ts = np.linspace(0, 1, 5)
     phi, omega = np.stack([ts, 2 * ts], 1), np.stack([ts**2, -ts], 1)
-    motion = zj.Trajectory(ts, phi, omega, 5, zj.OUTCOME.complete)
+    motion = zj.Trajectory(ts, phi, omega, 5, zj.CODE.complete)
     history, phase = zj.plot.time_history(motion)
     np.testing.assert_array_equal(history.lines[1].get_xydata().T, [ts, 2 * ts])
     np.testing.assert_array_equal(phase.lines[1].get_xydata().T, [2 * ts, -ts])
     assert [line.get_color() for line in history.lines] == ["navy", "red"]
     assert "sqrt{m l^2/k}" in history.get_xlabel() and "rad" in history.get_ylabel()
     assert history.get_title() == ""
-    ended = zj.Trajectory(ts, phi, omega, 5, zj.OUTCOME.budget_spent)
+    ended = zj.Trajectory(ts, phi, omega, 5, zj.CODE.budget_spent)
     assert "budget_spent" in zj.plot.time_history(ended)[0].get_title()
 
 

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME
+from ziegler_jax import CODE
 from ziegler_jax.solvers import rosenbrock
 from ziegler_jax.solvers.control import judge
 
@@ -230,7 +230,7 @@ def test_stiff_motions_meet_tolerances():
     scenes = np.array(list(itertools.product([1e-2, 1e-4, 1e-6], [0.1, 0.26])))
     tols = np.array([1e-5, 1e-6, 1e-7, 1e-8])
     found = run(*np.repeat(scenes, tols.size, 0).T, np.tile(tols, len(scenes)))
-    assert (found.outcome == OUTCOME.complete).all()
+    assert (found.outcome == CODE.complete).all()
     ends = np.concatenate([found.phi, found.omega], -1)
     ends = ends.reshape(len(scenes), tols.size, ts.size, 4)
     for (v_smooth, mu), end in zip(scenes, ends, strict=True):
@@ -299,12 +299,12 @@ def test_the_cost_hardly_depends_on_the_layer(creeping):
     steps = creeping.steps.mean(["q", "mu"]).values
     assert steps[4] < 3 * steps[0]  # v_smooth = 1e-6 and 1e-2; measured 2.4
     assert steps[-1] < 4 * steps[0]  # 1e-8; measured 3.2
-    assert (creeping.outcome >= OUTCOME.unsettled).all()
+    assert (creeping.outcome >= CODE.unsettled).all()
 
 
 def test_creeping_joints_count_as_sticking_and_energy_balances(creeping):
     held = creeping.sel(mu=0.4, q=1.2)
-    assert (held.outcome == OUTCOME.stuck).all()
+    assert (held.outcome == CODE.stuck).all()
     np.testing.assert_array_equal(held.stick_fraction, 1.0)
     # measured 4.9e-7
     assert np.abs(creeping.energy_imbalance).max() < 5e-6

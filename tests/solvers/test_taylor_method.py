@@ -18,7 +18,7 @@ from ziegler_jax.model.damping import AbstractDamping
 from ziegler_jax.model.set_valued import in_modes
 from ziegler_jax.motion.scene import prepared
 from ziegler_jax.numerics.series import value
-from ziegler_jax.results import OUTCOME
+from ziegler_jax.results import CODE
 from ziegler_jax.solvers.expansion import _log2, allowed, expand
 
 ORDER = 8
@@ -193,7 +193,7 @@ def test_a_runge_kutta_method_sees_the_same_motion_and_events(release):
     events = 0
     for scene in random_scenes(25):
         one, other = both(scene.q, scene.tau, scene.ratio, scene.start)
-        assert OUTCOME(int(one.outcome)) is OUTCOME(int(other.outcome))
+        assert CODE(int(one.outcome)) is CODE(int(other.outcome))
         count = int(one.events.count)
         assert count == int(other.events.count), scene
         events += count
@@ -293,7 +293,7 @@ def test_a_damping_law_of_ones_own_is_left_to_another_method():
     column = zj.uniform_rods(2.0, friction=LAW, damping=Squared())
     found = settled_column(column)
     assert found.attributes()["solver"] == "Tsit5"
-    assert OUTCOME(int(found.outcome)) in (OUTCOME.unsettled, OUTCOME.stuck)
+    assert CODE(int(found.outcome)) in (CODE.unsettled, CODE.stuck)
     with pytest.raises(ValueError, match="damping law of one's own"):
         settled_column(column, method=zj.Method(zj.Taylor()))
 
@@ -308,8 +308,8 @@ def test_rates_beyond_all_bounds_are_failures(rate):
         method=zj.Method(max_steps=10_000),
         certify=False,
     )
-    failures = OUTCOME.not_finite, OUTCOME.step_vanished, OUTCOME.chattering
-    assert OUTCOME(int(found.outcome)) in failures
+    failures = CODE.not_finite, CODE.step_vanished, CODE.chattering
+    assert CODE(int(found.outcome)) in failures
     assert np.isnan(found.drift) and np.isnan(found.rod_amplitude).all()
 
 

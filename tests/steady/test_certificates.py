@@ -38,7 +38,7 @@ def test_a_certified_cycle_has_scipys_period_multiplier_and_amplitude(cycle):
     orbit = orbit_near(2.6, TAU, cycle.final)
     y0 = np.array([float(x) for x in orbit.state.y])
     period, multipliers = floquet(y0, (2.6, TAU, V, 0.0, 0.0))
-    assert cycle.outcome == zj.OUTCOME.cycle and cycle.returns == 1
+    assert cycle.outcome == zj.CODE.cycle and cycle.returns == 1
     # measured: 1e-7, 1e-5, 1.8e-6: the verifying shot's steps at 1e-8
     assert cycle.period == pytest.approx(period, rel=1e-6)
     others = np.sort(np.abs(multipliers))[::-1]
@@ -85,7 +85,7 @@ def test_set_valued_cycles_are_certified_where_asked_for():
         return found, zj.periodic_orbit(here, found.final)
 
     found, orbit = jax.jit(both)(2.0)
-    assert found.outcome == zj.OUTCOME.cycle
+    assert found.outcome == zj.CODE.cycle
     assert found.period == pytest.approx(float(orbit.period), rel=1e-6)
     assert found.joint_amplitude == pytest.approx(
         np.asarray(orbit.joint_amplitude), rel=1e-5
@@ -123,7 +123,7 @@ def test_what_grows_from_below_the_cut_is_not_at_rest():
     here = zj.uniform_rods(2.6, damping=zj.Viscous(0.001, 0.001))
     start = zj.State(omega=(0.0, 1e-8))
     result = jax.jit(lambda: zj.settle(here, start))()
-    assert result.outcome != zj.OUTCOME.rest
+    assert result.outcome != zj.CODE.rest
 
 
 def test_what_falls_first_and_then_grows_below_the_cut_is_not_at_rest():
@@ -138,7 +138,7 @@ def test_what_falls_first_and_then_grows_below_the_cut_is_not_at_rest():
     phi = np.abs(zj.trajectory(slow, kick, ts).phi).max(axis=1)
     assert phi[:50].max() < 0.03 and phi[-100:].max() > 0.4
     found = jax.jit(lambda: zj.settle(slow, kick))()
-    assert found.outcome == zj.OUTCOME.cycle
+    assert found.outcome == zj.CODE.cycle
 
 
 def test_what_cannot_be_certified_is_refused():
@@ -207,5 +207,5 @@ def test_every_attempt_begins_with_a_shot_of_its_own(monkeypatch):
 
     monkeypatch.setattr(CertifiedMotion, "follow", watched)
     found = point(1.6206896551724137, 0.16, 0.16)
-    assert found.outcome == zj.OUTCOME.cycle and attempts > 1
+    assert found.outcome == zj.CODE.cycle and attempts > 1
     assert (np.diff(spent) >= 0).all(), spent

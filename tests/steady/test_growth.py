@@ -28,7 +28,7 @@ def test_growth_is_that_of_differences(friction):
         )  # fmt: skip
 
     settled = growth()
-    assert settled.outcome == zj.OUTCOME.unsettled
+    assert settled.outcome == zj.CODE.unsettled
 
     @jax.jit
     def states(kick):
@@ -53,8 +53,8 @@ def test_a_start_at_rest_has_no_direction_and_a_failed_lane_no_growth():
         return zj.settle(column, start, observers=(zj.Growth(),))
 
     at_rest, failed = growth(0.0), growth(jnp.nan)
-    assert at_rest.outcome == zj.OUTCOME.stuck and jnp.isnan(at_rest.growth)
-    assert failed.outcome == zj.OUTCOME.invalid and jnp.isnan(failed.growth)
+    assert at_rest.outcome == zj.CODE.stuck and jnp.isnan(at_rest.growth)
+    assert failed.outcome == zj.CODE.invalid and jnp.isnan(failed.growth)
     assert not at_rest.sensitive and not failed.sensitive
 
 

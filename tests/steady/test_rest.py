@@ -113,8 +113,8 @@ def test_a_cycle_below_the_noise_of_the_steps_is_not_rest():
     loads, sizes = np.array([2.0, 2.3, 2.6, 2.8]), np.array([1e-4, 0.1, 0.01])
     q, size = np.tile(loads, 3), np.repeat(sizes, 4)
     loose = ends(q, size, np.repeat([1e-8, 1e-3, 1e-4], 4))
-    assert set(np.asarray(loose)) <= {zj.OUTCOME.unsettled, zj.OUTCOME.cycle}
-    np.testing.assert_array_equal(ends(q, size, 1e-9 * size), zj.OUTCOME.cycle)
+    assert set(np.asarray(loose)) <= {zj.CODE.unsettled, zj.CODE.cycle}
+    np.testing.assert_array_equal(ends(q, size, 1e-9 * size), zj.CODE.cycle)
 
 
 @pytest.mark.parametrize("law", ["smoothed", "viscous"])
@@ -139,7 +139,7 @@ def test_a_column_that_stands_still_is_at_rest():
 def test_what_dissipates_nothing_never_rests():
     column = zj.uniform_rods(1.0)  # stable: small motions last
     assert not decays(column, jnp.zeros(4), jnp.asarray(1e-6))
-    assert zj.settle(column, zj.State((1e-9, 0.0))).outcome == zj.OUTCOME.unsettled
+    assert zj.settle(column, zj.State((1e-9, 0.0))).outcome == zj.CODE.unsettled
 
 
 def test_a_column_whose_rest_is_unstable_is_never_stuck():
@@ -152,8 +152,8 @@ def test_a_column_whose_rest_is_unstable_is_never_stuck():
         start = zj.State(omega=(0.0, kick))
         return zj.settle(column, start, windows=windows).outcome
 
-    assert ends(1e-6) == zj.OUTCOME.unsettled
-    assert ends(0.0) == zj.OUTCOME.stuck
+    assert ends(1e-6) == zj.CODE.unsettled
+    assert ends(0.0) == zj.CODE.stuck
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (-0.3, 0.95)])
@@ -179,8 +179,8 @@ def test_a_threshold_within_frictions_layer_is_that_of_long_motions(direction):
     while high > low * 1.0002:
         middle = (low + high) / 2
         low, high = (low, middle) if flutters(middle) else (middle, high)
-    assert ends(high * 1.001).outcome == zj.OUTCOME.cycle
-    assert ends(low * 0.999).outcome == zj.OUTCOME.stuck
+    assert ends(high * 1.001).outcome == zj.CODE.cycle
+    assert ends(low * 0.999).outcome == zj.CODE.stuck
 
 
 def test_a_cycle_below_the_cut_is_not_rest():
@@ -198,7 +198,7 @@ def test_a_cycle_below_the_cut_is_not_rest():
     rates = np.abs(motion.omega[-400:, 0])
     assert 0.02 < rates.max() < 0.05  # slower than v_smooth, and for ever
     found = jax.jit(lambda: zj.settle(column, start))()
-    assert found.outcome not in (zj.OUTCOME.stuck, zj.OUTCOME.rest)
+    assert found.outcome not in (zj.CODE.stuck, zj.CODE.rest)
 
 
 @pytest.mark.parametrize("certify", [True, False])
@@ -221,8 +221,8 @@ def test_a_rod_that_turns_back_within_a_step_has_turned_over(certify):
         ).outcome
 
     # measured: 1.5e-5 above the peak
-    assert outcome(peak * (1 - 5e-4)) == zj.OUTCOME.escaped
-    assert outcome(peak * (1 + 5e-4)) != zj.OUTCOME.escaped
+    assert outcome(peak * (1 - 5e-4)) == zj.CODE.escaped
+    assert outcome(peak * (1 + 5e-4)) != zj.CODE.escaped
 
 
 class Counted(AbstractSpans):
@@ -253,5 +253,5 @@ def test_a_rod_turns_over_whatever_its_batch_mates_do():
         jax.jit(jax.vmap(outcome))(*jnp.asarray(rows).T)
         for rows in ([slow, slow], [slow, fast])
     )
-    assert beside[1] == zj.OUTCOME.escaped
+    assert beside[1] == zj.CODE.escaped
     assert alone[0] == beside[0]

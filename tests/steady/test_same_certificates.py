@@ -26,7 +26,7 @@ def test_certificates_are_the_same_whatever_their_batch_mates_and_threads():
     one = zj.sweep(at, q=q, mu=mu, lanes=zj.Lanes(threads=1))
     two = zj.sweep(at, q=q[::-1], mu=mu, lanes=zj.Lanes(threads=2)).sel(q=q)
     some = zj.sweep(at, where=lambda q, mu: q > 2.5, q=q, mu=mu)
-    assert (one.outcome == zj.OUTCOME.cycle).sum() > 10
+    assert (one.outcome == zj.CODE.cycle).sum() > 10
     for name in one.data_vars:
         assert one[name].values.tobytes() == two[name].values.tobytes(), name
         here = some.q > 2.5
@@ -59,7 +59,7 @@ def test_certificates_are_the_same_from_a_cluster_and_from_a_store(
         distributed.Client(cluster) as client,
     ):
         found = zj.sweep(point, store=tmp_path / "map.zarr", client=client, **axes)
-    assert (whole.outcome == zj.OUTCOME.cycle).sum() > 8
+    assert (whole.outcome == zj.CODE.cycle).sum() > 8
     for name in whole.data_vars:
         assert found[name].values.tobytes() == whole[name].values.tobytes(), name
 
@@ -78,13 +78,13 @@ def test_where_windows_mislead_a_certificate_is_right_or_refused():
     table = jnp.asarray(MISLEADING)
     cells = {"cell": np.arange(len(MISLEADING))}
     ds = zj.sweep(lambda cell: point(*table[cell.astype(int)][:3]), **cells)
-    closed = ds.outcome.values == zj.OUTCOME.cycle
+    closed = ds.outcome.values == zj.CODE.cycle
     truth = np.array(MISLEADING)[:, 3]
     np.testing.assert_allclose(
         ds.joint_amplitude.sel(joint=2).values[closed], truth[closed], atol=1e-4
     )
     undecided = ds.undecided.values[~closed]
-    assert np.all(undecided == zj.UNDECIDED.unstable_near)
+    assert np.all(undecided == zj.CODE.unstable_near)
 
 
 def test_a_fate_that_hangs_on_the_steps_is_sensitive_and_an_ordinary_one_is_not():
@@ -98,7 +98,7 @@ def test_a_fate_that_hangs_on_the_steps_is_sensitive_and_an_ordinary_one_is_not(
         return found.sel(joint=2)
 
     plain, followed = of(point), of(with_growth)
-    assert (followed.outcome == zj.OUTCOME.cycle).all()
+    assert (followed.outcome == zj.CODE.cycle).all()
     assert followed.sensitive.values.tolist() == [1, 0]
     assert followed.growth[0] > 1e4 > 100 > followed.growth[1] > 1
     # the same motion by two programs, which round otherwise; each closes its orbit by

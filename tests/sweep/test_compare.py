@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax.results import REGIMES
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
 
@@ -111,7 +112,7 @@ def test_a_changed_outcome_is_marked_where_it_is():
         motion = zj.settle(column, start, windows=windows, certify=False, method=method)
         # at 1e-3 the peaks are 0.1695 and 0.1802, else 0.1543 and 0.1572
         beyond = jnp.where(motion.joint_amplitude[1] > 0.175, 1, 2).astype(jnp.int8)
-        return {"side": zj.Variable(beyond, "side", codes=zj.REGIME)}
+        return {"side": zj.Variable(beyond, "side", codes=REGIMES)}
 
     def by(rtol):
         return {"method": zj.Method(rtol=rtol, atol=rtol)}
@@ -155,7 +156,7 @@ def test_smoothing_errs_in_amplitude_and_in_verdict():
     np.testing.assert_allclose(knee, known, atol=2e-5)
     assert smoothed.rod_amplitude_difference.sel(rod=1).values[:3].max() < 0
     assert smoothed.changed.values.tolist() == [0.0, 0.0, 0.0, 1.0]
-    assert ds.outcome.sel(variant="reference").values[3] == zj.OUTCOME.stuck
+    assert ds.outcome.sel(variant="reference").values[3] == zj.CODE.stuck
 
 
 def other(q, method=None):

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax.results import CRITICAL_LOADS, ONSETS, ORBITS, OUTCOMES, VERDICTS
 from ziegler_jax.sweep.partition import REMEDIES
+
+ENDS = float(zj.CODE.step_vanished), float(zj.CODE.complete)
 
 
 def coded(codes):
@@ -30,7 +33,7 @@ def told(codes, x, **options):
 
 def test_a_sweep_in_which_lanes_failed_warns_once_and_names_the_cure(small_blocks):
     codes = np.linspace(2.9, 4.9, 21)  # in three blocks: 1, 10 and 10 of each
-    (sentence,) = told(zj.OUTCOME, codes)
+    (sentence,) = told(OUTCOMES, codes)
     for part in (
         "Of 21 points", "At 10 `outcome` is `step_vanished`", "`Method(rtol=",
         "At 10 `outcome` is `budget_spent`", "`Method(max_steps=",
@@ -40,39 +43,39 @@ def test_a_sweep_in_which_lanes_failed_warns_once_and_names_the_cure(small_block
 
 
 @pytest.mark.parametrize(
-    "codes, code", [(zj.OUTCOME, "chattering"), (zj.ORBIT, "not_integrated"),
-                    (zj.ORBIT, "no_return"), (zj.ORBIT, "not_converged"),
-                    (zj.CRITICAL, "invalid"), (zj.OUTCOME, "invalid")]
+    "codes, code", [(OUTCOMES, "chattering"), (ORBITS, "not_integrated"),
+                    (ORBITS, "no_return"), (ORBITS, "not_converged"),
+                    (CRITICAL_LOADS, "invalid"), (OUTCOMES, "invalid")]
 )  # fmt: skip
 def test_each_failure_has_a_remedy(codes, code):
-    (sentence,) = told(codes, [float(codes[code])])
-    assert f"`{code}` ({codes[code].sentence}): " in sentence
+    (sentence,) = told(codes, [float(zj.CODE[code])])
+    assert f"`{code}` ({zj.CODE[code].sentence}): " in sentence
 
 
 @pytest.mark.parametrize(
     "codes, names",
     [
-        (zj.OUTCOME, ("not_computed", "escaped", "unsettled", "stuck", "cycle")),
-        (zj.VERDICT, ("undecided", "chaotic")),
-        (zj.ONSET, ("undecided", "rests")),
-        (zj.ORBIT, ("collapsed", "found")),
+        (OUTCOMES, ("not_computed", "escaped", "unsettled", "stuck", "cycle")),
+        (VERDICTS, ("unclassified", "chaotic")),
+        (ONSETS, ("undecided", "rests")),
+        (ORBITS, ("collapsed", "found")),
     ],
 )
 def test_what_a_column_does_is_no_failure(codes, names):
-    assert told(codes, [float(codes[name]) for name in names]) == []
+    assert told(codes, [float(zj.CODE[name]) for name in names]) == []
 
 
 def test_a_lane_without_numbers_has_failed_or_turned_over():
-    below = [code for code in zj.OUTCOME if code < zj.OUTCOME.unsettled]
-    assert {c.name for c in below} - set(REMEDIES) == {"not_computed", "escaped"}
+    below = [code for code in OUTCOMES if code < zj.CODE.unsettled]
+    assert {c.name for c in below} - set(REMEDIES) == {"escaped"}
     readme = Path(__file__).parents[2].joinpath("README.md").read_text()
     said = "`escaped` (a rod turned over) has no numbers: NaN. Nor have failures"
     assert said in readme.replace("\n", " ")
 
 
 def test_a_finished_store_says_nothing_twice(path):
-    assert len(told(zj.OUTCOME, [3.0, 11.0], store=path)) == 1
-    assert told(zj.OUTCOME, [3.0, 11.0], store=path) == []
+    assert len(told(OUTCOMES, ENDS, store=path)) == 1
+    assert told(OUTCOMES, ENDS, store=path) == []
 
 
 FORKED = """

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
+from ziegler_jax.results import OUTCOMES
 from ziegler_jax.sweep import partition, progress
 
 # XLA folds so many terms at 20 000 places itself, for two or three seconds
@@ -66,12 +67,12 @@ def test_the_bar_is_shown_on_a_terminal_and_in_a_notebook(
 @pytest.mark.parametrize("name, failures", [("obstacle", 0), ("smoothed_outcome", 3)])
 def test_what_a_search_met_on_its_way_is_no_failure_of_the_point(name, failures):
     """An onset that is found names no motion that stood in its way."""
-    variables = {name: zj.Variable(None, "how a motion ended", codes=zj.OUTCOME)}
+    variables = {name: zj.Variable(None, "how a motion ended", codes=OUTCOMES)}
     block = types.SimpleNamespace(region=(slice(0, 3),))
-    arrays = {name: np.full(3, zj.OUTCOME.budget_spent, np.int8)}
+    arrays = {name: np.full(3, zj.CODE.budget_spent, np.int8)}
     opened = partition.OpenBlock(block, np.arange(3), arrays)
     assert opened.tally(variables).failures == failures
     # what the column does itself is none
-    arrays = {name: np.full(3, zj.OUTCOME.escaped, np.int8)}
+    arrays = {name: np.full(3, zj.CODE.escaped, np.int8)}
     opened = partition.OpenBlock(block, np.arange(3), arrays)
     assert opened.tally(variables).failures == 0

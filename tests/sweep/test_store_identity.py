@@ -1,5 +1,6 @@
 """Which sweep a store belongs to: another is refused by name."""
 
+import enum
 import gc
 import json
 import os
@@ -16,7 +17,7 @@ import xarray as xr
 from stored import X, Y, point, same, settled, sweep
 
 import ziegler_jax as zj
-from ziegler_jax.results import Code
+from ziegler_jax.results import REGIMES
 from ziegler_jax.sweep import partition, program, provenance
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
@@ -61,19 +62,22 @@ def test_another_sweep_is_refused_by_name_and_replaced_on_demand(
     assert zj.open_sweep(path).attrs["points_done"] == 35
 
 
-class Opposite(Code):
-    """The names of two codes of `REGIME`, exchanged."""
+class Opposite(enum.IntEnum):
+    """The names of two codes, exchanged."""
 
-    not_computed = 0, "not computed"
-    flutter = int(zj.REGIME.stable), "flutter"
-    stable = int(zj.REGIME.flutter), "stable"
+    flutter = int(zj.CODE.stable)
+    stable = int(zj.CODE.flutter)
+
+    @property
+    def sentence(self):
+        return self.name
 
 
-def labelled(units="m", of_axis="s", codes=zj.REGIME, name="length"):
+def labelled(units="m", of_axis="s", codes=REGIMES, name="length"):
     """A sweep whose numbers are the same whatever these are."""
 
     def made(x):
-        code = jnp.where(x > 0.5, jnp.int8(2), jnp.int8(4))
+        code = jnp.where(x > 0.5, jnp.int8(zj.CODE.stable), jnp.int8(zj.CODE.flutter))
         return {
             "z": zj.Variable(2.0 * x, name, units),
             "code": zj.Variable(code, "code", codes=codes),
@@ -88,7 +92,7 @@ def labelled(units="m", of_axis="s", codes=zj.REGIME, name="length"):
     [
         ({"units": "mm"}, ("`z`", "units", "'m'", "'mm'")),
         ({"of_axis": "ms"}, ("`x`", "units", "'s'", "'ms'")),
-        ({"codes": Opposite}, ("`code`", "flag_values", "[0, 2, 4]")),
+        ({"codes": tuple(Opposite)}, ("`code`", "flag_values", "[0, 40, 42]")),
     ],
 )
 def test_a_store_in_other_units_or_codes_is_another_sweeps(

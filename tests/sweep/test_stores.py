@@ -10,8 +10,7 @@ import zarr
 from stored import MU, Q, lines, same, settled, sweep
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME
-from ziegler_jax.results import AbstractResult, Variable
+from ziegler_jax.results import OUTCOMES, AbstractResult, Variable
 from ziegler_jax.sweep import store
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
@@ -44,10 +43,9 @@ def test_lanes_in_chunks_and_their_outcomes_are_stored(path, tmp_path):
     found = lines(tmp_path / "log")
     assert sum(line["points"] for line in found) == whole.attrs["points"]
     assert sum(line["steps"] for line in found) == whole.steps.sum()
-    for code in OUTCOME:
-        if code != OUTCOME.not_computed:
-            counted = sum(line["outcomes"].get(code.name, 0) for line in found)
-            assert counted == (whole.outcome == code).sum()
+    for code in OUTCOMES:
+        counted = sum(line["outcomes"].get(code.name, 0) for line in found)
+        assert counted == (whole.outcome == code).sum()
     for line in found:
         low, high = line["ranges"]["q"]
         part = whole.sel(q=slice(low, high))

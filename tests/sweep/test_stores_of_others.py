@@ -399,7 +399,7 @@ def test_a_dataset_of_a_store_goes_to_another_process(whole, truth):
     assert same(found, truth)
 
 
-@pytest.mark.parametrize("layout, version", [(2, "0.2"), (99, "99")])
+@pytest.mark.parametrize("layout, version", [(2, "0.2"), (3, "3"), (99, "99")])
 def test_a_store_of_another_version_is_refused_with_what_to_do(
     whole, truth, layout, version, refuses
 ):

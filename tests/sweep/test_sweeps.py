@@ -11,7 +11,7 @@ from jax import lax
 from small_map import MU, Q, point, same, sweep
 
 import ziegler_jax as zj
-from ziegler_jax import OUTCOME
+from ziegler_jax import CODE
 from ziegler_jax.sweep import partition, pool, program, progress
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
@@ -42,9 +42,9 @@ def test_axes_and_results_are_labelled(whole):
 def test_outcome_is_a_cf_flag_variable(whole):
     attrs = whole.outcome.attrs
     meanings = attrs["flag_meanings"].split()
-    assert [OUTCOME[name] for name in meanings] == list(attrs["flag_values"])
+    assert [CODE[name] for name in meanings] == list(attrs["flag_values"])
     assert "units" not in attrs
-    assert OUTCOME.cycle.sentence in attrs["comment"]
+    assert CODE.cycle.sentence in attrs["comment"]
     assert whole.outcome.dtype == np.int8
     # the scene has more than one
     assert np.unique(whole.outcome).size >= 2
@@ -75,7 +75,7 @@ def test_where_leaves_points_out(whole):
     found = sweep(q=Q, mu=MU, where=lambda q, mu: q * mu <= 0.3)
     chosen = Q[:, None] * MU[None, :] <= 0.3
     assert found.attrs["points"] == chosen.sum() < chosen.size
-    assert ((found.outcome == OUTCOME.not_computed).values == ~chosen).all()
+    assert ((found.outcome == CODE.not_computed).values == ~chosen).all()
     assert np.isnan(found.joint_amplitude.values[~chosen]).all()
     for name in found.data_vars:
         kept = found[name].values[chosen], whole[name].values[chosen]
@@ -243,9 +243,9 @@ def test_lanes_that_fail_do_not_touch_the_others(whole):
     q, mu = np.array([-1e200, *Q, 1e18, 1e308]), np.array([-0.1, *MU])
     found = sweep(q=q, mu=mu)
     assert same(found.sel(q=Q, mu=MU), whole)
-    assert (found.outcome.sel(mu=-0.1) == OUTCOME.invalid).all()
+    assert (found.outcome.sel(mu=-0.1) == CODE.invalid).all()
     bad = found.sel(q=[1e308, 1e18], mu=MU)
-    assert (bad.outcome < OUTCOME.unsettled).all()
+    assert (bad.outcome < CODE.unsettled).all()
     assert np.isnan(bad.joint_amplitude).all()
 
 

@@ -157,7 +157,7 @@ def test_a_law_whose_fields_are_tables_is_swept(holds):
         return zj.settle(zj.uniform_rods(q, friction=law), zj.State(omega=(0.0, 0.1)))
 
     ds = zj.sweep(point, q=[0.8, 1.0], s=[1.0, 1.2], progress=False)
-    assert (ds.outcome == zj.OUTCOME.stuck).all()
+    assert (ds.outcome == zj.CODE.stuck).all()
     assert (ds.time < 60).all()  # measured 21 to 27
 
 

@@ -31,11 +31,12 @@ from ..numerics.numbers import (
     number,
     whole_number,
 )
-from ..results import ORBIT, SPECIAL
+from ..results import CODE, Codes
 from .periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from .shooting import Shot, blank_shot, newton, shot_motion, shot_of
 
 NEWTON_STEPS = 10  # more say that the step was too long
+TESTS = CODE.fold, CODE.torus, CODE.flip, CODE.pitchfork  # zero there, in this order
 
 
 class Arc(eqx.Module):
@@ -110,9 +111,9 @@ class BranchPoint(NamedTuple):
 class AbstractContinuation(abc.ABC):
     """What a walk asks of its problem: a curve R(x) = 0, its tests, and its ends.
 
-    `arc`, `method`; `first`: where it starts, scaled, and `failure`: a code of `ORBIT`
-    where it cannot; `scale`: of the unknowns; `crossing`: the code of the special point
-    at which another curve crosses, where Newton's method is singular; 0: none.
+    `arc`, `method`; `first`: where it starts, scaled, and `failure`: a `CODE`
+    where it cannot; `scale`: of the unknowns; `crossing`: the test, counted from 1,
+    that is zero where another curve crosses and Newton's method is singular; 0: none.
     """
 
     arc: Arc
@@ -153,7 +154,7 @@ class AbstractContinuation(abc.ABC):
 
     @abc.abstractmethod
     def confirms(self, kind: Int[Array, ""], point: "BranchPoint") -> Flag:
-        """Whether a zero of its test is a special point of this kind."""
+        """Whether a zero of the test `kind`, counted from 1, is a special point."""
 
     @abc.abstractmethod
     def collapsed(self, point: "BranchPoint", points: "BranchPoint") -> Flag:
@@ -167,7 +168,7 @@ class AbstractContinuation(abc.ABC):
 class Continuation(AbstractContinuation):
     """What a continuation needs: the problem, its scales, and where it starts."""
 
-    crossing = int(SPECIAL.pitchfork)
+    crossing = 1 + TESTS.index(CODE.pitchfork)
 
     def __init__(
         self,
@@ -202,8 +203,8 @@ class Continuation(AbstractContinuation):
         good &= keeps("positive", self.method.rtol, self.method.atol)
         still = cast(Vector4, (0.0 * at,) * 4)
         good &= _hold(arc.bounds, at) & valid_scene(self.make(at), still)
-        failure = jnp.where(orbit.outcome == ORBIT.found, 0, orbit.outcome)
-        self.failure = jnp.where(good, failure, ORBIT.invalid)
+        failure = jnp.where(orbit.outcome == CODE.found, 0, orbit.outcome)
+        self.failure = jnp.where(good, failure, CODE.invalid)
         one = jnp.ones((), dtype)
         size = jnp.where(at == 0, one, jnp.abs(at))
         self.scale = jnp.stack([one, one, one, jnp.maximum(z[3], 1e-3), size])
@@ -234,14 +235,14 @@ class Continuation(AbstractContinuation):
 
         There the torus' test vanishes, too, and the pitchfork's.
         """
-        torus, pitchfork = SPECIAL.torus - 1, SPECIAL.pitchfork - 1
+        torus, pitchfork = TESTS.index(CODE.torus), TESTS.index(CODE.pitchfork)
         pair = circles(before.moved) | circles(after.moved)
         changed = changed.at[torus].set(changed[torus] & pair)
         return changed.at[pitchfork].set(changed[pitchfork] & ~changed[0])
 
     def confirms(self, kind: Int[Array, ""], point: BranchPoint) -> Flag:
         """A torus has a complex pair."""
-        return (kind != SPECIAL.torus) | circles(point.moved)
+        return (kind != 1 + TESTS.index(CODE.torus)) | circles(point.moved)
 
     def collapsed(self, point: BranchPoint, points: BranchPoint) -> Flag:
         """Whether it passes its section the other way than the first cycle, or not."""
@@ -283,6 +284,11 @@ class Continuation(AbstractContinuation):
         point = BranchPoint(solution.z, tangent, shot.flow.extent, *ends)
         good = solution.converged & jnp.all(jnp.isfinite(tangent))
         return point, good, solution.count, solution.left
+
+
+def codes_of(kind: Int[Array, "*n"], tests: Codes) -> Int[Array, "*n"]:
+    """The codes of special points where tests are zero, counted from 1; 0: none."""
+    return jnp.asarray([CODE.ordinary, *tests], jnp.int8)[kind]
 
 
 def increasing(name: str, bounds: Pair) -> Pair:

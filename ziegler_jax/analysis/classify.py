@@ -30,7 +30,7 @@ from ..motion.tangents import AbstractGrowth
 from ..numerics.materialise import if_any_lane
 from ..numerics.no_number import refused
 from ..numerics.numbers import Flag, Pair, Scalar, keeps, number
-from ..results import OUTCOME, TIME, VERDICT, AbstractMotionResult, quantity
+from ..results import CODE, TIME, VERDICTS, AbstractMotionResult, quantity
 from ..solvers import Explicit
 from ..steady.rest import Rest, Speeds
 from .lyapunov import (
@@ -55,15 +55,15 @@ PLANE = SectionPlane()
 class Verdict(AbstractMotionResult[State]):
     r"""What a motion is, and the witnesses.
 
-    `verdict`: a code of VERDICT; `period_count`: passages of $\phi_1 = 0$, rising, a
+    `verdict`: a `CODE`; `period_count`: passages of $\phi_1 = 0$, rising, a
     period, 0 where none was found; `period`: NaN likewise; `exponents`, `errors`: shape
     (2,), over the blocks that were measured, NaN where there was none; `outcome`: how
-    the motion itself ended, a code of OUTCOME. It is `unsettled` of tori and chaos, and
+    the motion itself ended, a `CODE`. It is `unsettled` of tori and chaos, and
     of a cycle that was named by its passages before its windows agreed.
     """
 
     verdict: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("what the motion is", codes=VERDICT)
+        metadata=quantity("what the motion is", codes=VERDICTS)
     )
     period_count: Float[Array, "*lanes"] = eqx.field(
         metadata=quantity("passages a period")
@@ -95,10 +95,10 @@ def verdict(
     In this order, as soon as one holds:
 
     - `escaped`: a rod's angle passed `escape`.
-    - `stuck`: both joints stick; with a smoothed law or without friction both joint
-        rates stayed below `rate_cut` for a block, were no faster than in the block
-        before, and what is left decays (see `settle`).
-    - `cycle`: after the transient a passage of the section comes back to within
+    - `stuck`, without friction `rest`: both joints stick; with a smoothed law or
+        without friction both joint rates stayed below `rate_cut` for a block, were no
+        faster than in the block before, and what is left decays (see `settle`).
+    - `periodic`: after the transient a passage of the section comes back to within
         `rtol_return` (of its largest coordinate) after p passages and again after 2p,
         $p \le 16$, and over these the tangent, relative to the flow, grew by no more
         than `zero_rate` a unit of time: beside an unstable cycle a motion comes back as
@@ -108,7 +108,7 @@ def verdict(
 
     and where none did after all blocks, by the exponents $\lambda_1, \lambda_2$, if the
     largest angles of both halves of the blocks are within a tenth of each other (else
-    it is a transient, and `undecided`):
+    it is a transient, and `unclassified`):
 
     - `conservative`: neither friction nor damping took anything out at the end of any
         step after the transient: no motion attracts.
@@ -119,9 +119,9 @@ def verdict(
         block no passage came to within 1e-3 of a reference; and the rates $\omega_1$ of
         the passages fill the same band in both halves of the blocks, to a tenth of its
         width: a slow approach to a cycle or to rest looks alike but for that.
-    - `cycle` with a period count of 0: $\lambda_1$ is zero and $\lambda_2$ is
+    - `periodic` with a period count of 0: $\lambda_1$ is zero and $\lambda_2$ is
         negative beyond that: its period is longer, or it is approached slowly.
-    - `undecided` else.
+    - `unclassified` else.
 
     A motion that creeps past the ghost of a cycle can pass for one if it moves by less
     than `rtol_return` a period. With growth that is not exponential $\lambda$ is still
@@ -159,11 +159,11 @@ def verdict(
         rest=Rest(rate_cut, at_once=True, atol=cast(Scalar, method.atol)),
         **growth_options(method, spans),
     )
-    run = follow_spans(column, start, fold, method, OUTCOME.unsettled)
+    run = follow_spans(column, start, fold, method, CODE.unsettled)
     evidence, blocks = run.folded.watch, run.folded.spans
     growth, returns = evidence.growth, evidence.returns
-    cycle = run.outcome == OUTCOME.cycle
-    unmeasured = (blocks < 1) | (run.outcome < OUTCOME.unsettled)
+    cycle = run.outcome == CODE.cycle
+    unmeasured = (blocks < 1) | (run.outcome < CODE.unsettled)
     return Verdict(
         verdict=_judged(run.outcome, evidence, blocks, fold),
         period_count=jnp.where(cycle, returns.passages, 0.0),
@@ -187,7 +187,7 @@ def _judged(
     blocks: Int[Array, ""],
     fold: "Classifier",
 ) -> jax.Array:
-    """The code of VERDICT."""
+    """The verdict, a `CODE`."""
     zero_rate, growth, span = fold.zero_rate, evidence.growth, fold.most * fold.span
     (first, second), (error, other) = growth.mean, standard_errors(growth, blocks)
 
@@ -197,22 +197,22 @@ def _judged(
         return within & (jnp.abs(rate) <= zero_rate)
 
     alone, both = zero(first, error), zero(first, error) & zero(second, other)
-    by_rates = jnp.where(alone & ~both & (second < 0), VERDICT.cycle, 0)
+    by_rates = jnp.where(alone & ~both & (second < 0), CODE.periodic, 0)
     apart = (evidence.returns.nearest > NEAR) & _stays(evidence.bands)
-    by_rates = jnp.where(both & apart, VERDICT.quasi_periodic, by_rates)
+    by_rates = jnp.where(both & apart, CODE.quasi_periodic, by_rates)
     # by more than one e-fold in all: of a span within rounding no rate is known
     chaotic = (first > jnp.maximum(zero_rate, 1 / span)) & (first > SURE * error)
-    by_rates = jnp.where(chaotic, VERDICT.chaotic, by_rates)
+    by_rates = jnp.where(chaotic, CODE.chaotic, by_rates)
     early, late = evidence.angles
     transient = jnp.abs(late - early) > DRIFT * jnp.maximum(late, early)
     transient |= blocks < fold.most
-    by_rates = jnp.where((by_rates == 0) | transient, VERDICT.undecided, by_rates)
-    by_rates = jnp.where(evidence.dissipates, by_rates, VERDICT.conservative)
-    code = jnp.where(outcome == OUTCOME.unsettled, by_rates, VERDICT.failed)
-    at_rest = (outcome == OUTCOME.stuck) | (outcome == OUTCOME.rest)
-    code = jnp.where(at_rest, VERDICT.stuck, code)
-    code = jnp.where(outcome == OUTCOME.cycle, VERDICT.cycle, code)
-    return jnp.where(outcome == OUTCOME.escaped, VERDICT.escaped, code).astype(jnp.int8)
+    by_rates = jnp.where((by_rates == 0) | transient, CODE.unclassified, by_rates)
+    by_rates = jnp.where(evidence.dissipates, by_rates, CODE.conservative)
+    code = jnp.where(outcome == CODE.unsettled, by_rates, CODE.failed)
+    at_rest = (outcome == CODE.stuck) | (outcome == CODE.rest)
+    code = jnp.where(at_rest, outcome, code)
+    code = jnp.where(outcome == CODE.cycle, CODE.periodic, code)
+    return jnp.where(outcome == CODE.escaped, CODE.escaped, code).astype(jnp.int8)
 
 
 def _wider(
@@ -327,9 +327,9 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
         evidence = state.watch
         growth, added = with_block(evidence.growth, state.spans, self.span, ended)
         last = state.spans >= self.most
-        outcome = jnp.where(last, OUTCOME.unsettled, state.outcome)
+        outcome = jnp.where(last, CODE.unsettled, state.outcome)
         repeats = evidence.returns.confirmed & evidence.dissipates
-        outcome = jnp.where(repeats, OUTCOME.cycle, outcome)
+        outcome = jnp.where(repeats, CODE.cycle, outcome)
         at_rest = self.rest.reached(column, evidence.speeds, step, ended)
         outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
         nearest = evidence.returns.nearest

@@ -35,9 +35,10 @@ from ..motion.options import Method, recorded
 from ..motion.section import Coordinate
 from ..numerics.numbers import Count, Scalar, is_concrete, whole_number
 from ..results import (
-    ORBIT,
+    CODE,
+    ORBITS,
     RATE,
-    SPECIAL,
+    SPECIALS,
     TIME,
     AbstractResult,
     Settings,
@@ -46,7 +47,7 @@ from ..results import (
 )
 from ..runtime import requires_x64
 from ..steady.jets import Bundle, carried_extent, carried_monodromy, follow_bundle
-from .branch_point import Arc, BranchPoint, Continuation
+from .branch_point import TESTS, Arc, BranchPoint, Continuation, codes_of
 from .march import Walk
 from .periodic_orbit import PeriodicOrbit, attracts, multipliers
 from .shooting import start_of
@@ -59,7 +60,7 @@ class CyclePoints(AbstractResult):
 
     `parameter` (n,); `phi`, `omega` (n, 2): where they pass the section; `period`;
     `rod_amplitude`, `joint_amplitude` (n, 2); `monodromy` (n, 4, 4); `kind` (n,): what
-    happens there, codes of `SPECIAL`.
+    happens there, `CODE`s.
     """
 
     parameter: Float[Array, "*lanes n"] = eqx.field(
@@ -82,7 +83,7 @@ class CyclePoints(AbstractResult):
     )
     monodromy: Float[Array, "*lanes n 4 4"]
     kind: Int[Array, "*lanes n"] = eqx.field(
-        metadata=quantity("what happens at the point", dims=ALONG, codes=SPECIAL)
+        metadata=quantity("what happens at the point", dims=ALONG, codes=SPECIALS)
     )
     settings: Settings = eqx.field(static=True, default=())
     # of the section, whose level is in each state
@@ -117,7 +118,7 @@ class Branch(AbstractResult):
     """A branch of cycles.
 
     `points`: `CyclePoints` in order along the arc; `count` of them; `special`: the
-    `CyclePoints` where the branch changes; `outcome`: a code of `ORBIT`, `found` if all
+    `CyclePoints` where the branch changes; `outcome`: a `CODE`, `found` if all
     points asked for are there, else why the branch ends; `steps` of all motions. In a
     dataset the points are named as in `CyclePoints`, the special ones `special_...`.
     """
@@ -126,7 +127,7 @@ class Branch(AbstractResult):
     special: CyclePoints
     count: Int[Array, "*lanes"] = eqx.field(metadata=quantity("points of the branch"))
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("why the branch ended", codes=ORBIT)
+        metadata=quantity("why the branch ended", codes=ORBITS)
     )
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     settings: Settings = eqx.field(static=True)
@@ -144,7 +145,7 @@ class Branch(AbstractResult):
 class CycleFold(AbstractResult):
     """The fold at which two cycles meet, as a value of the parameter.
 
-    `fold`; `cycle`: `CyclePoints` of one, there; `outcome`: a code of `ORBIT`, unless
+    `fold`; `cycle`: `CyclePoints` of one, there; `outcome`: a `CODE`, unless
     that is `found`, fold and cycle are NaN; `steps` of all motions.
     """
 
@@ -154,7 +155,7 @@ class CycleFold(AbstractResult):
     cycle: CyclePoints
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the search for the fold ended", codes=ORBIT)
+        metadata=quantity("how the search for the fold ended", codes=ORBITS)
     )
     settings: Settings = eqx.field(static=True)
 
@@ -208,10 +209,10 @@ def continue_cycle(
     problem = Continuation("continue_cycle", make_column, orbit, parameter, arc, method)
     end = fixed(Walk(problem, specials, (True,) * 4, False).follow())
     scene = problem.live, orbit, parameter, arc
-    ordinary = jnp.zeros(problem.arc.points, jnp.int8)
+    ordinary = jnp.zeros(problem.arc.points, jnp.int32)
     return Branch(
         points=lost(_points(problem, end.points, ordinary), scene),
-        special=lost(_points(problem, end.special, end.kind.astype(jnp.int8)), scene),
+        special=lost(_points(problem, end.special, end.kind), scene),
         count=end.count,
         outcome=end.outcome.astype(jnp.int8),
         steps=cast(Count, problem.method.max_steps) - end.left,
@@ -249,7 +250,7 @@ def cycle_fold(
     problem = Continuation("cycle_fold", make_column, orbit, parameter, arc, method)
     end = fixed(Walk(problem, 1, (True, False, False, False), True).follow())
     there = end.special
-    is_fold = end.kind[0] == SPECIAL.fold
+    is_fold = codes_of(end.kind[0], TESTS) == CODE.fold
     moves = _fold_moves(problem, make_column, there)
     x = there.x.at[0].add(moves / problem.scale)
     z = x[0] * problem.scale
@@ -259,10 +260,10 @@ def cycle_fold(
     there = there._replace(
         x=x, extent=there.extent.at[0].add(extent), moved=there.moved.at[0].add(bends)
     )
-    outcome = jnp.where(is_fold, ORBIT.found, end.outcome)
+    outcome = jnp.where(is_fold, CODE.found, end.outcome)
     return CycleFold(
         fold=z[4] * jnp.where(is_fold, 1.0, jnp.nan),
-        cycle=_points(problem, there, end.kind.astype(jnp.int8)),
+        cycle=_points(problem, there, end.kind),
         steps=cast(Count, problem.method.max_steps) - end.left,
         outcome=outcome.astype(jnp.int8),
         settings=_settings(problem),
@@ -348,7 +349,7 @@ def _points(
         rod_amplitude=cycles.extent[:, :2],
         joint_amplitude=cycles.extent[:, jnp.array([0, 2])],
         monodromy=cycles.moved,
-        kind=kind,
+        kind=codes_of(kind, TESTS),
         settings=_settings(problem),
         coordinate=problem.section.coordinate,
         rising=problem.section.rising,

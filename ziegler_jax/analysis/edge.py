@@ -18,22 +18,13 @@ from ..model.set_valued import in_modes
 from ..motion.implicit import fixed
 from ..motion.scene import prepared
 from ..numerics.numbers import Pair, Vector4
-from ..results import ORBIT, Code
+from ..results import CODE
 from .periodic_orbit import periodic_orbit
 from .threshold import Middle
 
 MOST_STEPS = 20  # of Newton's method to an equilibrium
 NEAR = 0.1  # of the motion's size: it has drawn near to that equilibrium
 BALANCED = 1e-9  # the accelerations left of it, over the motion's size
-
-
-class EDGE(Code):
-    """What the motion on a threshold draws near, between rest and flutter."""
-
-    none = 0, "there is no threshold to start from"
-    unknown = 1, "Newton's method found neither an unstable cycle nor an equilibrium"
-    cycle = 2, "an unstable cycle, with one multiplier outside the unit circle"
-    equilibrium = 3, "an unstable equilibrium; where joints slip, under their friction"
 
 
 class Edge(NamedTuple):
@@ -55,12 +46,12 @@ def edge_state(
     y = jnp.where(known, fixed(middle.y), jnp.nan)
     orbit = periodic_orbit(column, State((y[0], y[1]), (y[2], y[3])))
     others = jnp.abs(orbit.multipliers[1:])
-    cycles = (orbit.outcome == ORBIT.found) & (jnp.sum(others > 1) == 1)
+    cycles = (orbit.outcome == CODE.found) & (jnp.sum(others > 1) == 1)
     rest, rests = _equilibrium(column, y, fixed(middle.modes), fixed(size))
-    code = jnp.where(cycles, EDGE.cycle, EDGE.unknown)
-    code = jnp.where(rests, EDGE.equilibrium, code)
-    code = jnp.where(known, code, EDGE.none).astype(jnp.int8)
-    nan, on_cycle = jnp.nan, code == EDGE.cycle
+    code = jnp.where(cycles, CODE.saddle_cycle, CODE.unknown)
+    code = jnp.where(rests, CODE.equilibrium, code)
+    code = jnp.where(known, code, CODE.no_threshold).astype(jnp.int8)
+    nan, on_cycle = jnp.nan, code == CODE.saddle_cycle
     at_rest = jnp.abs(jnp.stack([rest[0], rest[1] - rest[0]]))
     amplitude = jnp.where(on_cycle, orbit.joint_amplitude, nan)
     return Edge(

@@ -18,7 +18,7 @@ from ..motion.scene import Times, check_maker, check_scene, float_state, made
 from ..motion.sequence import run_in_sequence
 from ..motion.spans import SpanState
 from ..numerics.numbers import Scalar, Traced4, instance, is_concrete
-from ..results import DIMENSIONS, OUTCOME, AbstractDescribed, Settings, Variable
+from ..results import CODE, DIMENSIONS, AbstractDescribed, Settings, Variable
 from ..runtime import requires_x64
 from ..steady.settle import settled
 from ..steady.window_rule import SettleProblem, WindowState
@@ -130,7 +130,7 @@ def sweep_up_down(
     def update(
         now: UpDownState, motion: SettleProblem, run: Run[SpanState[WindowState]]
     ) -> UpDownState:
-        failed = run.outcome < OUTCOME.unsettled
+        failed = run.outcome < CODE.unsettled
         y = tuple(jnp.where(failed, a, b) for a, b in zip(y0, run.y, strict=True))
 
         def put(

@@ -33,7 +33,7 @@ from ..model.column import Column, State
 from ..motion.implicit import fixed
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Flag, Scalar, Vector4
-from ..results import OUTCOME, Code
+from ..results import CODE
 from .onset import MOVES, NONE, verdict_of
 
 RAY, HALVE, POLL, DOWN, CHECK = range(5)  # what the present motion is for
@@ -48,25 +48,6 @@ POLLS = 256  # directions in the table of neighbours
 Point = Float[Array, " k"]
 Norm = Callable[[Column, Vector4], Scalar]
 CORRECTIONS = 5  # of a size: the energy is a square but for a cosine
-
-
-class KICK(Code):
-    """How the search for the least kick ended.
-
-    Up to `moves` there is no kick to name, but for `undecided`, whose interval may be
-    known and wide.
-    """
-
-    not_computed = 0, "the point was left out or has not been computed yet"
-    invalid = 1, "the scene's numbers, its norm or the bracket break a rule"
-    undecided = (
-        2,
-        "a motion that mattered neither came to rest nor settled in time, or (smoothed "
-        "friction) was misjudged: the least kick is on a corner, and there is none",
-    )
-    rests = 3, "the column comes to rest after every kick that was tried"
-    moves = 4, "the smallest kicks flutter already"
-    found = 5, "neighbours of this kick have no lower threshold"
 
 
 class Rays:
@@ -175,7 +156,7 @@ class Plan(NamedTuple):
         zero, none = 0.0 * self.least, jnp.zeros((), jnp.int32)
         c = jnp.asarray(self.rays[0], zero.dtype) + zero
         ray = Ray(c, zero, zero + jnp.inf)
-        outcome = jnp.where(valid, KICK.not_computed, KICK.invalid).astype(jnp.int32)
+        outcome = jnp.where(valid, CODE.not_computed, CODE.invalid).astype(jnp.int32)
         return Descent(
             phase=none,
             c=c,
@@ -215,11 +196,11 @@ class Plan(NamedTuple):
         )
         # within an interval: what is known of it stands
         gives_up = self._over(now)
-        code = jnp.where(now.fine, KICK.undecided, gives_up.outcome).astype(jnp.int32)
+        code = jnp.where(now.fine, CODE.undecided, gives_up.outcome).astype(jnp.int32)
         gives_up = gives_up._replace(outcome=code)
         after = tree_where((now.phase == HALVE) & open_, gives_up, after)
-        invalid = outcome == OUTCOME.invalid
-        code = jnp.where(invalid, KICK.invalid, after.outcome).astype(jnp.int32)
+        invalid = outcome == CODE.invalid
+        code = jnp.where(invalid, CODE.invalid, after.outcome).astype(jnp.int32)
         return after._replace(outcome=code)
 
     # ---- the four kinds of motion
@@ -227,7 +208,7 @@ class Plan(NamedTuple):
     def _along_ray(self, now: Descent, flutters: Bool[Array, ""]) -> Descent:
         at_once = flutters & (now.level == 0)
         # the bracket begins within flutter
-        outcome = jnp.where(at_once, KICK.moves, now.outcome).astype(jnp.int32)
+        outcome = jnp.where(at_once, CODE.moves, now.outcome).astype(jnp.int32)
         now = now._replace(outcome=outcome)
         low = self._size(now, now.level - 1)
         begun = now._replace(ray=Ray(now.c, low, now.r), h=0.0 * now.h + FIRST)
@@ -244,7 +225,7 @@ class Plan(NamedTuple):
             jnp.where(flutters, now.r, high),
         )
         nothing = ray.high < NOTHING * self.largest
-        outcome = jnp.where(nothing, KICK.moves, now.outcome).astype(jnp.int32)
+        outcome = jnp.where(nothing, CODE.moves, now.outcome).astype(jnp.int32)
         return self._opened(now._replace(ray=ray, outcome=outcome))
 
     def _polled(self, now: Descent, flutters: Bool[Array, ""]) -> Descent:
@@ -275,8 +256,8 @@ class Plan(NamedTuple):
     def _checked(
         self, now: Descent, flutters: Bool[Array, ""], open_: Bool[Array, ""]
     ) -> Descent:
-        code = jnp.where(flutters, KICK.found, KICK.not_computed)
-        code = jnp.where(open_, KICK.undecided, code).astype(jnp.int32)
+        code = jnp.where(flutters, CODE.found, CODE.not_computed)
+        code = jnp.where(open_, CODE.undecided, code).astype(jnp.int32)
         again = self.begin(jnp.asarray(True))._replace(
             screen=now.screen + jnp.inf,
             motions=now.motions,
@@ -351,7 +332,7 @@ class Plan(NamedTuple):
         )
         next_ = next_._replace(r=self._size(next_, next_.level))
         finely = now._replace(ray=now.best, fine=~now.fine, h=0.0 * now.h + FINE)
-        rests = jnp.where(now.undecided > 0, KICK.undecided, KICK.rests)
+        rests = jnp.where(now.undecided > 0, CODE.undecided, CODE.rests)
         none = now._replace(outcome=rests.astype(jnp.int32))
         return tree_where(last, tree_where(known, self._opened(finely), none), next_)
 

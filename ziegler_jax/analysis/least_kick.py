@@ -42,7 +42,10 @@ from ..numerics.numbers import (
     whole_number,
 )
 from ..results import (
-    OUTCOME,
+    CODE,
+    EDGES,
+    KICKS,
+    OUTCOMES,
     RATE,
     TIME,
     AbstractResult,
@@ -55,10 +58,9 @@ from ..solvers import Explicit
 from ..steady.certified import CertifiedMotion
 from ..steady.lane import Certifying
 from ..steady.oddness import is_odd
-from .edge import EDGE, edge_state
+from .edge import edge_state
 from .kick_search import (
     CHECK,
-    KICK,
     POLLS,
     SCREEN,
     Descent,
@@ -132,7 +134,7 @@ class LeastKick(AbstractResult):
     normal of the stable manifold, in the norm; large where the least kick stands on an
     edge of the manifold, NaN where the normal is not known.
 
-    The edge state, a code of `EDGE`, with where it is (`edge_state` (4,): an
+    The edge state, a `CODE`, with where it is (`edge_state` (4,): an
     equilibrium, or where a cycle passes $\phi_1 = 0$ upwards), `edge_period` and
     `edge_multiplier` of a cycle, and the largest angles of its joints.
     """
@@ -148,7 +150,7 @@ class LeastKick(AbstractResult):
         metadata=quantity("angle between the energy's gradient and the normal", "rad")
     )
     edge: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("what lies between rest and flutter", codes=EDGE)
+        metadata=quantity("what lies between rest and flutter", codes=EDGES)
     )
     edge_state: Float[Array, "*lanes 4"]
     edge_period: Float[Array, "*lanes"] = eqx.field(
@@ -167,11 +169,11 @@ class LeastKick(AbstractResult):
         metadata=quantity("motions without a verdict")
     )
     obstacle: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the first undecided motion ended", codes=OUTCOME)
+        metadata=quantity("how the first undecided motion ended", codes=OUTCOMES)
     )
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the search ended", codes=KICK)
+        metadata=quantity("how the search ended", codes=KICKS)
     )
     settings: Settings = eqx.field(static=True)
 
@@ -273,7 +275,7 @@ def least_kick(
         return plan.after(search, run.outcome, run.moves)
 
     def running(search: Descent):
-        return search.outcome == KICK.not_computed
+        return search.outcome == CODE.not_computed
 
     begun = problem.motion(first)
     at_once = TURNS * begun.at_once
@@ -340,8 +342,8 @@ class _Problem:
     ) -> LeastKick:
         """What it amounts to."""
         best, still = fixed(search.best), fixed(self.column)
-        sure = search.outcome == KICK.found
-        named = sure | (search.outcome == KICK.undecided)
+        sure = search.outcome == CODE.found
+        named = sure | (search.outcome == CODE.undecided)
         named &= jnp.isfinite(best.high)
         r = jnp.where(named, (best.low + best.high) / 2, 1.0)
         width = jnp.where(named, best.high - best.low, 1.0)
@@ -359,7 +361,7 @@ class _Problem:
         smooth = sure & (misalignment < SMOOTH)
         # a law without corners has none on its edge: a motion was misjudged
         misled = sure & ~smooth & jnp.isfinite(misalignment) & (not self.column.sticks)
-        outcome = jnp.where(misled, KICK.undecided, search.outcome)
+        outcome = jnp.where(misled, CODE.undecided, search.outcome)
         change = carried(scene, r, width, smooth, motion.last, motion.horizon, method)
         mark = jnp.where(named, 1.0, jnp.nan)
         none = partial(lost, inputs=(self.column, self.rays.norm))

@@ -30,7 +30,7 @@ from ..numerics.numbers import (
     Traced4,
     whole_number,
 )
-from ..results import OUTCOME, RATE, AbstractMotionResult, Settings, Variable
+from ..results import CODE, RATE, AbstractMotionResult, Settings, Variable
 from ..solvers import Explicit
 
 NO_DERIVATIVE = (
@@ -110,7 +110,7 @@ def lyapunov_exponents(
     spans = spans_for("lyapunov_exponents", spans)
     fold = GrowthRates(count=count, **growth_options(method, spans))
     run = follow_spans(column, start, fold, method)
-    failed = run.outcome < OUTCOME.unsettled
+    failed = run.outcome < CODE.unsettled
     growth, n = run.folded.watch, run.folded.spans
     return Exponents(
         exponents=nan_where(failed, jnp.stack(growth.mean)),
@@ -233,4 +233,4 @@ class GrowthRates(AbstractSpans[GrowthSums], AbstractGrowth[SpanState[GrowthSums
         del column, step
         growth, _ = with_block(state.watch, state.spans, self.span, ended)
         last = state.spans >= self.most
-        return growth, jnp.where(last, OUTCOME.complete, state.outcome)
+        return growth, jnp.where(last, CODE.complete, state.outcome)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..motion.implicit import fixed
 from ..numerics.resumable import Phase, place_of, resumable
-from ..results import ORBIT
+from ..results import CODE
 from .branch_point import AbstractContinuation, BranchPoint
 
 SMALLEST_STEP = 1e-6  # on the arc
@@ -108,8 +108,8 @@ class Walk:
             return place_of(self.goes_on(now)), begin.left - now.left
 
         end = resumable(begin, [Phase(some)], status)
-        spent = jnp.where(end.left > 0, ORBIT.not_converged, ORBIT.not_integrated)
-        unended = end.outcome == ORBIT.not_computed
+        spent = jnp.where(end.left > 0, CODE.not_converged, CODE.not_integrated)
+        unended = end.outcome == CODE.not_computed
         outcome = jnp.where(unended, spent, end.outcome).astype(jnp.int32)
         return end._replace(outcome=outcome)
 
@@ -144,7 +144,7 @@ class Walk:
 
     def goes_on(self, now: ContinuationState) -> Bool[Array, ""]:
         """Whether there is more to try."""
-        going = (now.outcome == ORBIT.not_computed) & (now.left > 0)
+        going = (now.outcome == CODE.not_computed) & (now.left > 0)
         return going & (now.attempts < 6 * self.most + 40)
 
     def attempt(self, now: ContinuationState) -> ContinuationState:
@@ -214,7 +214,7 @@ class Walk:
     def _passed(
         self, now: ContinuationState, tried: Attempt
     ) -> tuple[Int[Array, ""], Attempt]:
-        """The kind of special point that the step went past, 0 for none."""
+        """The test whose zero the step went past, counted from 1, 0 for none."""
         base = now.here
         changed = (tried.point.tests * base.tests < 0) & self.kinds & ~tried.starting
         changed = self.problem.real_changes(changed, base, tried.point)
@@ -253,15 +253,15 @@ class Walk:
     ) -> Int[Array, ""]:
         """Whether the walk has ended, and why; `on`: whether it has gone on."""
         problem, here = self.problem, after.here
-        outcome = jnp.where(after.count >= self.most, ORBIT.found, after.outcome)
-        outcome = jnp.where(problem.left_bounds(here), ORBIT.beyond, outcome)
+        outcome = jnp.where(after.count >= self.most, CODE.found, after.outcome)
+        outcome = jnp.where(problem.left_bounds(here), CODE.beyond, outcome)
         collapsed = problem.collapsed(here, after.points)
-        outcome = jnp.where(collapsed, ORBIT.collapsed, outcome)
+        outcome = jnp.where(collapsed, CODE.collapsed, outcome)
         outcome = jnp.where(on, outcome, after.outcome)
-        outcome = jnp.where(self.stop & (after.specials > 0), ORBIT.found, outcome)
+        outcome = jnp.where(self.stop & (after.specials > 0), CODE.found, outcome)
         lost_way = (after.step < SMALLEST_STEP) | (tried.starting & ~tried.good)
         spent = (tried.left <= 0) & ~tried.good
-        outcome = jnp.where(lost_way & ~spent, ORBIT.not_converged, outcome)
+        outcome = jnp.where(lost_way & ~spent, CODE.not_converged, outcome)
         return outcome.astype(jnp.int32)
 
 

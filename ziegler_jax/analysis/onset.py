@@ -43,8 +43,9 @@ from ..numerics.numbers import (
     whole_number,
 )
 from ..results import (
-    ONSET,
-    OUTCOME,
+    CODE,
+    ONSETS,
+    OUTCOMES,
     AbstractResult,
     Settings,
     Variable,
@@ -85,8 +86,8 @@ class Onset(AbstractResult):
     threshold. `rises`: 1 where there is rest below and motion above, -1 where it is the
     other way round; `changes`: how often the verdict changes along the scan, more than
     once where the outcome is `repeated`; `undecided`: how many motions had no verdict,
-    and `obstacle`: how the first of these ended, a code of OUTCOME (none where there is
-    no such motion); `steps`: of all motions; `outcome`: a code of ONSET.
+    and `obstacle`: how the first of these ended, a `CODE` (none where there is
+    no such motion); `steps`: of all motions; `outcome`: a `CODE`.
     """
 
     threshold: Float[
@@ -105,13 +106,13 @@ class Onset(AbstractResult):
         metadata=quantity("motions without a verdict")
     )
     obstacle: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the first undecided motion ended", codes=OUTCOME)
+        metadata=quantity("how the first undecided motion ended", codes=OUTCOMES)
     )
     steps: Int[Array, "*lanes"] = eqx.field(
         metadata=quantity("attempted steps")
     )  # of all motions
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the search ended", codes=ONSET)
+        metadata=quantity("how the search ended", codes=ONSETS)
     )
     long_name: str = eqx.field(static=True)  # of the threshold
     settings: Settings = eqx.field(static=True)
@@ -312,7 +313,7 @@ def _search(problem: _Problem, bracket: Two, long_name: str) -> Onset:
         problem.scene,
         jnp.where(exists, value, least),
         width,
-        search.over & (outcome == ONSET.found),
+        search.over & (outcome == CODE.found),
         last.last,
         last.horizon,
         last.method,
@@ -333,7 +334,7 @@ def _search(problem: _Problem, bracket: Two, long_name: str) -> Onset:
 
 def verdict_of(outcome: Int[Array, ""], moves: Flag) -> Float[Array, ""]:
     """What a motion that has ended says: `RESTS`, `MOVES` or `NONE`."""
-    rests = (outcome == OUTCOME.stuck) | (outcome == OUTCOME.rest)
+    rests = (outcome == CODE.stuck) | (outcome == CODE.rest)
     return jnp.where(rests, RESTS, jnp.where(moves, MOVES, NONE))
 
 
@@ -361,7 +362,7 @@ def _updated(
     tried = search.tried + 1
     over = (tried > scan) & (changes == 0)
     over |= (tried > scan + halvings) | (~scanning & ~decided)
-    over |= outcome == OUTCOME.invalid
+    over |= outcome == CODE.invalid
     along = least + (largest - least) * (tried / scan).astype(x.dtype)
     return _Search(
         x=jnp.where(tried <= scan, along, (low + high) / 2),
@@ -379,11 +380,11 @@ def _updated(
 
 
 def _outcome(search: _Search, scan: int, halvings: int) -> Int[Array, ""]:
-    outcome = jnp.where(search.changes > 1, ONSET.repeated, ONSET.found)
+    outcome = jnp.where(search.changes > 1, CODE.repeated, CODE.found)
     short = search.tried <= scan + halvings
-    outcome = jnp.where(short, ONSET.undecided, outcome)
-    rests = jnp.where(search.verdict == RESTS, ONSET.rests, ONSET.moves)
-    rests = jnp.where(search.undecided > 0, ONSET.undecided, rests)
+    outcome = jnp.where(short, CODE.undecided, outcome)
+    rests = jnp.where(search.verdict == RESTS, CODE.rests, CODE.moves)
+    rests = jnp.where(search.undecided > 0, CODE.undecided, rests)
     outcome = jnp.where(search.changes == 0, rests, outcome)
-    invalid = (search.tried == 0) | (search.obstacle == OUTCOME.invalid)
-    return jnp.where(invalid, ONSET.invalid, outcome).astype(jnp.int8)
+    invalid = (search.tried == 0) | (search.obstacle == CODE.invalid)
+    return jnp.where(invalid, CODE.invalid, outcome).astype(jnp.int8)

@@ -39,7 +39,7 @@ from ..numerics.numbers import (
     number,
     whole_number,
 )
-from ..results import ORBIT, TIME, AbstractResult, Settings, Variable, quantity
+from ..results import CODE, ORBITS, TIME, AbstractResult, Settings, Variable, quantity
 from ..runtime import own_flags, requires_x64
 from ..solvers import Explicit
 from ..steady.jets import carried_monodromy
@@ -62,7 +62,7 @@ class PeriodicOrbit(AbstractResult):
 
     `state`: where it passes the section; `rod_amplitude`, `joint_amplitude` (2,): the
     largest angles; `monodromy` (4, 4); `residual`: by how much the orbit does not
-    close; `steps` of all motions; `outcome`, a code of `ORBIT`. Unless that is `found`,
+    close; `steps` of all motions; `outcome`, a `CODE`. Unless that is `found`,
     all numbers of the orbit and their derivatives are NaN.
     """
 
@@ -86,7 +86,7 @@ class PeriodicOrbit(AbstractResult):
     )
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the search for the orbit ended", codes=ORBIT)
+        metadata=quantity("how the search for the orbit ended", codes=ORBITS)
     )
     settings: Settings = eqx.field(static=True)
 
@@ -191,12 +191,12 @@ def periodic_orbit(
     extent = flow.extent + flow.extent_moved[:, others] @ solution.move[:3]
     spent = (solution.left <= 0) & ~solution.converged
     at_rest = jnp.max(jnp.abs(flow.slope)) < AT_REST
-    outcome = jnp.where(at_rest, ORBIT.collapsed, ORBIT.found)
+    outcome = jnp.where(at_rest, CODE.collapsed, CODE.found)
     converged = solution.converged & (z[3] > SHORTEST)
-    outcome = jnp.where(converged, outcome, ORBIT.not_converged)
-    outcome = jnp.where(flow.arrived & ~spent, outcome, ORBIT.not_integrated)
+    outcome = jnp.where(converged, outcome, CODE.not_converged)
+    outcome = jnp.where(flow.arrived & ~spent, outcome, CODE.not_integrated)
     outcome = jnp.where(first.failure == 0, outcome, first.failure)
-    mark = jnp.where(outcome == ORBIT.found, 1.0, jnp.nan).astype(z.dtype)
+    mark = jnp.where(outcome == CODE.found, 1.0, jnp.nan).astype(z.dtype)
     span = jnp.maximum(z[3], SHORTEST)
     change = _carried(column, first.section, y0 * mark, span, method)
     z, extent = z + change[:4], extent + change[4:]
@@ -298,7 +298,7 @@ class Approximation(NamedTuple):
 
     z: Float[Array, "4"]
     section: SectionPlane
-    failure: Int[Array, ""]  # a code of `ORBIT`; 0 if there is none
+    failure: Int[Array, ""]  # a `CODE`; 0 if there is none
     left: Int[Array, ""]  # of the step budget
 
 
@@ -331,9 +331,9 @@ def approximation(
             column, fixed(start), fixed(section), returns, span, rough
         )
         left = left - steps
-        late = jnp.where(left > 0, ORBIT.no_return, ORBIT.not_integrated)
+        late = jnp.where(left > 0, CODE.no_return, CODE.not_integrated)
         failure = jnp.where(back, 0, late)
-    failure = jnp.where(valid, failure, ORBIT.invalid)
+    failure = jnp.where(valid, failure, CODE.invalid)
     section = SectionPlane(section.coordinate, level, section.rising)
     return Approximation(jnp.where(failure == 0, z, jnp.nan), section, failure, left)
 

@@ -28,7 +28,7 @@ from ..numerics.numbers import (
     number,
     whole_number,
 )
-from ..results import OUTCOME, RATE, TIME, AbstractResult, Settings, quantity
+from ..results import CODE, OUTCOMES, RATE, TIME, AbstractResult, Settings, quantity
 
 LONGEST_PERIOD = 16  # passages
 
@@ -115,7 +115,7 @@ class PoincareSection(AbstractResult):
     count: Int[Array, "*lanes"] = eqx.field(metadata=quantity("passages"))
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the motion ended", codes=OUTCOME)
+        metadata=quantity("how the motion ended", codes=OUTCOMES)
     )
     settings: Settings = eqx.field(static=True)
 
@@ -239,4 +239,4 @@ class SectionLog(AbstractSpans[SectionState]):
         """Done where there is no more room, or no more time."""
         del column, step
         full = state.watch.count >= self.size
-        return state.watch, jnp.where(full | ended, OUTCOME.complete, state.outcome)
+        return state.watch, jnp.where(full | ended, CODE.complete, state.outcome)

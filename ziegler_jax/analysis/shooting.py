@@ -17,7 +17,7 @@ from ..motion.section import SectionPlane, passage
 from ..motion.sequence import Followed, run_in_sequence
 from ..motion.variational import Flow, Make, Parameters, Varied, flow_of, varied_motion
 from ..numerics.numbers import Count, Scalar, Traced, Traced4
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import AbstractFold
 
 TOLERANCE = 1e-8  # of the last Newton step; what is left is its square, and rounding
@@ -45,9 +45,7 @@ class Passages(AbstractFold[Passed]):
 
     def outcome(self, state):
         """`complete` once they are over."""
-        over = jnp.where(
-            state[0] > self.returns, OUTCOME.complete, OUTCOME.not_computed
-        )
+        over = jnp.where(state[0] > self.returns, CODE.complete, CODE.not_computed)
         return over.astype(jnp.int32)
 
     def step(self, column, state, step):

@@ -37,7 +37,7 @@ from ..motion.scene import float_state
 from ..motion.variational import Make, Variational, Varied, varied
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Scalar, Traced4
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import AbstractFold, Explicit
 
 PARTED = 0.1  # of the largest state: the ends of the last interval have parted
@@ -115,7 +115,7 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
         zero = 0.0 * y0[0]
         blank = Ratio(jnp.zeros_like(self.along), zero)
         look = Look(blank, blank)
-        runs = jnp.asarray(OUTCOME.not_computed, jnp.int32)
+        runs = jnp.asarray(CODE.not_computed, jnp.int32)
         start = Middle(jnp.asarray(False), jnp.stack(y0), jnp.ones(2) + zero)
         return ManifoldSlopeState(
             varied, look, t0 + zero, look, look, zero, start, runs
@@ -158,7 +158,7 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
             assert step.event
             m1, m2 = step.event[1]
             over |= (m1 == 0) & (m2 == 0)
-        outcome = jnp.where(over, OUTCOME.complete, after.outcome).astype(jnp.int32)
+        outcome = jnp.where(over, CODE.complete, after.outcome).astype(jnp.int32)
         return after._replace(outcome=outcome), jnp.inf, over
 
 

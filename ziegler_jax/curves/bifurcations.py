@@ -9,7 +9,9 @@ from jaxtyping import Array, Complex, Float, Int
 from ..analysis.periodic_orbit import multipliers
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..results import (
-    ORBIT,
+    CURVE_ENDS,
+    MEETINGS,
+    ORBITS,
     RATE,
     TIME,
     AbstractResult,
@@ -17,7 +19,6 @@ from ..results import (
     Variable,
     quantity,
 )
-from .codes import CURVE, MEETING
 
 ALONG = ("point",)
 
@@ -29,7 +30,7 @@ class BifurcationPoints(AbstractResult):
     section; `period`; `rod_amplitude`, `joint_amplitude` (n, 2); `monodromy` (n, 4, 4);
     `residual` (n,): of the equations the one missed most, NaN at special points;
     `modes` (n,): a number of the sequence of stick and slip, equal where that is;
-    `meeting` (n,): codes of `MEETING`; `outcome` (n,): codes of `ORBIT`.
+    `meeting` (n,): `CODE`s; `outcome` (n,): `CODE`s.
     """
 
     first: Float[Array, "*lanes n"] = eqx.field(
@@ -61,10 +62,10 @@ class BifurcationPoints(AbstractResult):
         metadata=quantity("number of the sequence of stick and slip", dims=ALONG)
     )
     meeting: Int[Array, "*lanes n"] = eqx.field(
-        metadata=quantity("what happens at the point", dims=ALONG, codes=MEETING)
+        metadata=quantity("what happens at the point", dims=ALONG, codes=MEETINGS)
     )
     outcome: Int[Array, "*lanes n"] = eqx.field(
-        metadata=quantity("how the search for the point ended", dims=ALONG, codes=ORBIT)
+        metadata=quantity("how its search ended", dims=ALONG, codes=ORBITS)
     )
     settings: Settings = eqx.field(static=True, default=())
 
@@ -82,23 +83,22 @@ class BifurcationCurve(AbstractResult):
     `points`: `BifurcationPoints` in order along the curve, from the walk's end at
     falling second parameter to the other, or at the values asked for; `special`: those
     where something happens on the way, and the ends at bounds and where stick and slip
-    change (curves that end there in one point meet there); `ends` (2,): codes of
-    `CURVE`; `knots` (2,): how many points the walk took in each direction; `outcome`: a
-    code of `ORBIT`, of the bifurcation from which the curve begins; `steps` of all
-    motions. In a dataset the points are named as in `BifurcationPoints`, the special
-    ones `special_...`.
+    change (curves that end there in one point meet there); `ends` (2,), `CODE`s;
+    `knots` (2,): how many points the walk took in each direction; `outcome`: a `CODE`,
+    of the bifurcation from which the curve begins; `steps` of all motions. In a dataset
+    the points are named as in `BifurcationPoints`, the special ones `special_...`.
     """
 
     points: BifurcationPoints
     special: BifurcationPoints
     ends: Int[Array, "*lanes 2"] = eqx.field(
-        metadata=quantity("how the curve ends", dims=("direction",), codes=CURVE)
+        metadata=quantity("how the curve ends", dims=("direction",), codes=CURVE_ENDS)
     )
     knots: Int[Array, "*lanes 2"] = eqx.field(
         metadata=quantity("points of the walk", dims=("direction",))
     )
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the search for its beginning ended", codes=ORBIT)
+        metadata=quantity("how the search for its beginning ended", codes=ORBITS)
     )
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     settings: Settings = eqx.field(static=True)

@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..analysis.branch_point import Arc, BranchPoint
+from ..analysis.branch_point import Arc, BranchPoint, codes_of
 from ..analysis.continuation import Branch, CycleFold, CyclePoints
 from ..analysis.march import ContinuationState, Walk
 from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
@@ -34,15 +34,14 @@ from ..motion.implicit import fixed, lost
 from ..motion.options import Method, recorded
 from ..motion.scene import check_maker, made
 from ..numerics.numbers import Scalar, choice, instance, is_concrete, number
-from ..results import ORBIT, Settings
+from ..results import CODE, Settings
 from ..runtime import requires_x64
 from .bifurcations import BifurcationCurve, BifurcationPoints
-from .codes import CURVE, MEETING
 from .course import Course
 from .degeneracy import Torus
 from .derivative import moving_point
 from .fill import Filled, Knots, at_values, corrected, evenly, joined
-from .problem import MEETINGS, CurveProblem, N
+from .problem import MEETINGS, TESTS, CurveProblem, N
 from .start import (
     DEGENERACIES,
     KINDS,
@@ -141,8 +140,7 @@ def bifurcation_curve(
 
     def walk(direction: Float[Array, ""]) -> ContinuationState:
         heading = problem.heading(direction)
-        tests = (True,) * (MEETINGS + 4)
-        return Walk(heading, SPECIALS, tests, False).follow()
+        return Walk(heading, SPECIALS, (True,) * len(TESTS), False).follow()
 
     ways = fixed(jax.vmap(walk)(jnp.array([-1.0, 1.0], dtype)))
     down, up = (_knots(jax.tree.map(lambda a, i=i: a[i], ways)) for i in (0, 1))
@@ -159,28 +157,29 @@ def bifurcation_curve(
         values = jnp.asarray(course.values, dtype)
         filled = filled._replace(point=jax.vmap(moved)(filled.point, values))
     settings = _settings(kind, course, method, begin)
-    points = _points(problem, filled, jnp.zeros(course.count, jnp.int32), settings)
+    ordinary = jnp.full(course.count, CODE.ordinary, jnp.int8)
+    points = _points(problem, filled, ordinary, settings)
     scene = live, start, second, first, course, arc
     if course.values is None:
         points = lost(points, scene)
     points = eqx.tree_at(lambda p: p.residual, points, lost(points.residual, scene))
     ends = jax.vmap(lambda way: _end(problem, way))(ways)
-    special, kinds = _specials(ways, jnp.stack([down.count, up.count]), ends)
-    there = kinds > 0
-    none = jnp.zeros_like(kinds)
+    special, codes = _specials(ways, jnp.stack([down.count, up.count]), ends)
+    there = codes != CODE.ordinary
+    none = jnp.zeros(there.shape, jnp.int32)
     residual = jnp.full(there.shape, jnp.nan, dtype)  # they are not corrected again
     notable = Filled(special, there, residual, none)
     started = jnp.any(ways.count > 0)
-    failed = jnp.where(cycle.failure > 0, cycle.failure, ORBIT.not_converged)
+    failed = jnp.where(cycle.failure > 0, cycle.failure, CODE.not_converged)
     spent = 2 * jnp.asarray(method.max_steps, jnp.int32) - jnp.sum(
         ways.left, dtype=jnp.int32
     )
     return BifurcationCurve(
         points=points,
-        special=lost(_points(problem, notable, kinds, settings), scene),
+        special=lost(_points(problem, notable, codes, settings), scene),
         ends=ends.astype(jnp.int8),
         knots=ways.count,
-        outcome=jnp.where(started, ORBIT.found, failed).astype(jnp.int8),
+        outcome=jnp.where(started, CODE.found, failed).astype(jnp.int8),
         steps=begin.steps + shot_steps + spent + jnp.sum(filled.steps, dtype=jnp.int32),
         settings=settings,
     )
@@ -262,7 +261,7 @@ def _knots(way: ContinuationState) -> Knots:
     grazes = (way.points.modes < 0) & (places < way.count)
     first = jnp.argmax(grazes).astype(jnp.int32)
     count = jnp.where(jnp.any(grazes), first, way.count)
-    edges = way.kind > MEETINGS
+    edges = way.kind > len(MEETINGS)
     which = jnp.argmax(edges)
     last = jnp.where(jnp.any(edges), jnp.maximum(way.count - 1, 0), x.shape[0])
     return Knots(
@@ -285,33 +284,23 @@ def _specials(
         ways.special,
         ways.points,
     )
-    kinds = jnp.minimum(ways.kind.reshape(-1), MEETING.edge)
-    changes = jnp.where(ends == CURVE.modes_change, int(MEETING.modes_change), 0)
-    return special, jnp.concatenate([kinds, changes.astype(kinds.dtype)])
+    codes = codes_of(ways.kind.reshape(-1), TESTS)
+    changes = jnp.where(ends == CODE.modes_change, ends, int(CODE.ordinary))
+    return special, jnp.concatenate([codes, changes.astype(codes.dtype)])
 
 
 def _end(problem: CurveProblem, way: ContinuationState) -> Int[Array, ""]:
     """Why a walk ended."""
-    codes = {
-        ORBIT.invalid: CURVE.invalid,
-        ORBIT.not_integrated: CURVE.not_integrated,
-        ORBIT.not_converged: CURVE.not_converged,
-        ORBIT.collapsed: CURVE.collapsed,
-        ORBIT.beyond: CURVE.beyond,
-        ORBIT.found: CURVE.unfinished,
-    }
-    end = jnp.zeros_like(way.outcome) + CURVE.not_converged
-    for code, mine in codes.items():
-        end = jnp.where(way.outcome == code, mine, end)
+    end = jnp.where(way.outcome == CODE.found, CODE.unfinished, way.outcome)
     changes = way.modes_change | (way.here.modes < 0)
-    lost = end == CURVE.not_converged
-    end = jnp.where(lost & changes, CURVE.modes_change, end)
+    lost = end == CODE.not_converged
+    end = jnp.where(lost & changes, CODE.modes_change, end)
     if isinstance(problem.kind, Torus):
         met = jnp.sin(way.here.x[-1]) < 0
         # close to it the two vectors nearly agree, and Newton's method loses them
         met |= lost & (jnp.sin(way.here.x[-1]) < MEETS)
-        end = jnp.where(met, CURVE.resonance, end)
-    return jnp.where(way.count > 0, end, CURVE.no_start)
+        end = jnp.where(met, CODE.resonance, end)
+    return jnp.where(way.count > 0, end, CODE.no_start)
 
 
 def _points(
@@ -331,7 +320,7 @@ def _points(
     y = start_of(problem.section, x[:, :4])
     half = problem.cycle.sign < 0
     moved = point.moved
-    outcome = jnp.where(good, ORBIT.found, ORBIT.not_converged)
+    outcome = jnp.where(good, CODE.found, CODE.not_converged)
     return BifurcationPoints(
         first=shown(x[:, 4]),
         second=shown(x[:, 5]),
@@ -343,7 +332,7 @@ def _points(
         monodromy=shown(jnp.where(half, moved @ moved, moved)),
         residual=shown(filled.residual),
         modes=shown(point.modes),
-        meeting=meeting.astype(jnp.int8),
+        meeting=meeting,
         outcome=outcome.astype(jnp.int8),
         settings=settings,
     )

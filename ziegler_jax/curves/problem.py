@@ -18,6 +18,7 @@ from ..motion.implicit import solve
 from ..motion.options import Method
 from ..motion.section import SectionPlane
 from ..numerics.numbers import Count, Flag, Pair, Scalar
+from ..results import CODE
 from ..steady.jets import Bundle, Jet, blank_jet, jet_of
 from .degeneracy import AbstractDegeneracy, Torus, closing_of
 
@@ -25,7 +26,8 @@ NEWTON_STEPS = 10  # more say that the step was too long
 ON_A_BOUND = 1e-12  # what lies so little outside is on it
 KINK = 1e-3  # a step below it may turn where the sequence of modes changes
 N = 6  # unknowns of the cycle and the two parameters
-MEETINGS = 4  # tests beside those of the bounds
+MEETINGS = CODE.cusp, CODE.unit, CODE.minus, CODE.pair  # zero there, in this order
+TESTS = (*MEETINGS, *(CODE.beyond,) * 4)  # two bounds of each parameter
 Row = Float[Array, " n"]
 
 
@@ -43,7 +45,7 @@ class Cycle(NamedTuple):
     z: Float[Array, "4"]  # three coordinates and the span
     sign: Float[Array, ""]  # -1 where the span is half a period, else 1
     parameters: Float[Array, "2"]
-    failure: Int[Array, ""]  # a code of `ORBIT`, 0 for none
+    failure: Int[Array, ""]  # a `CODE`, 0 for none
 
 
 class CurveProblem(AbstractContinuation):
@@ -102,7 +104,7 @@ class CurveProblem(AbstractContinuation):
     def blank(self) -> BranchPoint:
         """A point of NaNs."""
         n = self.first.size
-        shapes = (n,), (n,), (3,), (4, 4), (n - 1, n), (MEETINGS + 4,), ()
+        shapes = (n,), (n,), (3,), (4, 4), (n - 1, n), (len(TESTS),), ()
         return BranchPoint(*(jnp.full(s, jnp.nan, self.first.dtype) for s in shapes))
 
     def smooth(self) -> Int[Array, " k"]:
@@ -115,7 +117,8 @@ class CurveProblem(AbstractContinuation):
     ) -> Bool[Array, " k"]:
         """Another sequence of modes may jump over zero."""
         same = before.modes == after.modes
-        return changed.at[:MEETINGS].set(changed[:MEETINGS] & same)
+        met = len(MEETINGS)
+        return changed.at[:met].set(changed[:met] & same)
 
     def confirms(self, kind: Int[Array, ""], point: BranchPoint) -> Flag:
         """All are."""

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..analysis.branch_point import Arc, Continuation
+from ..analysis.branch_point import TESTS, Arc, Continuation, codes_of
 from ..analysis.continuation import CyclePoints
 from ..analysis.march import Walk
 from ..analysis.periodic_orbit import PeriodicOrbit
@@ -18,7 +18,7 @@ from ..motion.implicit import fixed
 from ..motion.options import Method
 from ..motion.section import SectionPlane
 from ..numerics.numbers import Scalar
-from ..results import ORBIT, SPECIAL
+from ..results import CODE
 from ..steady.jets import Bundle, Jet, follow_bundle
 from ..steady.oddness import is_odd
 from .degeneracy import (
@@ -55,7 +55,7 @@ class Beginning(NamedTuple):
     z: Float[Array, "4"]
     first: Float[Array, ""]
     monodromy: Float[Array, "4 4"]
-    failure: Int[Array, ""]  # a code of `ORBIT`, 0 for none
+    failure: Int[Array, ""]  # a `CODE`, 0 for none
     steps: Int[Array, ""]
 
 
@@ -70,10 +70,10 @@ def met_on_branch(
     """The first bifurcation of this kind on the orbit's branch."""
     arc = Arc(arc.direction or -1, arc.step, arc.points or 200, arc.bounds, arc.error)
     branch = Continuation("cycle_fold", make_column, orbit, first, arc, method)
-    kinds = [code == SPECIAL[kind] for code in SPECIAL if code > 0]
+    kinds = [code is CODE[kind] for code in TESTS]
     end = fixed(Walk(branch, 1, kinds, True).follow())
     x = end.special.x[0] * branch.scale
-    there = end.kind[0] == SPECIAL[kind]
+    there = codes_of(end.kind[0], TESTS) == CODE[kind]
     failure = jnp.where(there, 0, end.outcome).astype(jnp.int32)
     steps = cast(int, branch.method.max_steps) - end.left
     moved = end.special.moved[0]
@@ -84,7 +84,7 @@ def of_orbit(orbit: PeriodicOrbit, first: Float[Array, ""]) -> Beginning:
     """The cycle itself."""
     orbit = fixed(orbit)
     z = [*(orbit.state.y[i] for i in orbit.section.others), orbit.period]
-    failure = jnp.where(orbit.outcome == ORBIT.found, 0, orbit.outcome)
+    failure = jnp.where(orbit.outcome == CODE.found, 0, orbit.outcome)
     none = jnp.zeros((), jnp.int32)
     z = jnp.stack([jnp.asarray(x, first.dtype) for x in z])
     failure = failure.astype(jnp.int32)
@@ -99,13 +99,13 @@ def of_points(kind: Kind, points: CyclePoints) -> Beginning:
             "Argument `start` must be the points of one branch, but holds branches of "
             f"shape {points.period.shape[:-1]}: take one, or `jax.vmap` over them."
         )
-    mine = points.kind == SPECIAL[kind]
+    mine = points.kind == CODE[kind]
     first = jnp.argmax(mine)
     y = jnp.concatenate([points.phi[first], points.omega[first]])
     at = SectionPlane(points.coordinate, rising=points.rising)
     section = SectionPlane(at.coordinate, y[at.index], at.rising)
     z = jnp.stack([*(y[i] for i in section.others), points.period[first]])
-    failure = jnp.where(jnp.any(mine), 0, ORBIT.beyond).astype(jnp.int32)
+    failure = jnp.where(jnp.any(mine), 0, CODE.beyond).astype(jnp.int32)
     known = points.parameter[first], points.monodromy[first]
     return Beginning(section, z, *known, failure, jnp.zeros((), jnp.int32))
 
@@ -151,12 +151,12 @@ def cycle_of(
     symmetric &= off < MIRRORED * jnp.maximum(1.0, jnp.max(jnp.abs(y0)))
     failure = begin.failure
     if kind == "pitchfork":
-        failure = jnp.where(symmetric | (failure > 0), failure, ORBIT.beyond)
+        failure = jnp.where(symmetric | (failure > 0), failure, CODE.beyond)
     jet = jax.tree.map(lambda a, b: jnp.where(symmetric, a, b), half, whole)
     sign = jnp.where(symmetric, -1.0, 1.0).astype(y0.dtype)
     span = jnp.where(symmetric, spans[0], spans[1])
     z = begin.z.at[3].set(span)
-    failure = jnp.where(jet.arrived | (failure > 0), failure, ORBIT.not_integrated)
+    failure = jnp.where(jet.arrived | (failure > 0), failure, CODE.not_integrated)
     cycle = Cycle(begin.section, z, sign, parameters, failure)
     return cycle, closing_of(jet), jet.steps
 

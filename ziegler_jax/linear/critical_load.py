@@ -28,7 +28,7 @@ from jaxtyping import Array, Bool, Int
 from ..model.column import Column
 from ..numerics.numbers import Flag, Scalar, choice
 from ..numerics.series import value
-from ..results import CRITICAL, RATE, AbstractResult, Settings, quantity
+from ..results import CODE, CRITICAL_LOADS, RATE, AbstractResult, Settings, quantity
 from ..runtime import requires_x64
 from .characteristic import Characteristic, characteristic, slope
 from .spectrum import refuse_friction
@@ -41,9 +41,9 @@ class CriticalLoad(AbstractResult):
     r"""A critical load.
 
     `q_cr`: the load $F l/k$; `frequency`: $\omega = |{\rm Im}\, s|$ of the eigenvalue
-    that crosses, in $\sqrt{k/(m l^2)}$, 0 for divergence; `outcome`: a code of
-    `CRITICAL`; `kind`: what was asked for. There are no tolerances: the load is a
-    formula's.
+    that crosses, in $\sqrt{k/(m l^2)}$, 0 for divergence; `outcome`: a `CODE`,
+    `found` where stability is lost there first; `kind`: what was asked for. There are
+    no tolerances: the load is a formula's.
     """
 
     q_cr: jax.Array = eqx.field(metadata=quantity("critical load", "k/l"))
@@ -51,7 +51,7 @@ class CriticalLoad(AbstractResult):
         metadata=quantity("frequency at the critical load", RATE)
     )
     outcome: jax.Array = eqx.field(
-        metadata=quantity("how the critical load was found", codes=CRITICAL)
+        metadata=quantity("how the critical load was found", codes=CRITICAL_LOADS)
     )
     kind: str = eqx.field(static=True)
 
@@ -178,7 +178,7 @@ def _first_loss(p: Characteristic, kind: Kind) -> CriticalLoad:
     """
     none = None if p.damped is None else p.damped.none
     at, code = _search(lax.stop_gradient(p), none, kind)
-    stands = code >= int(CRITICAL.preceded)
+    stands = code >= int(CODE.preceded)
     at = jnp.where(stands, at, 0.0)
     condition = _static(p, at) if kind == "divergence" else _flutter(p, none, at)
     rate = jnp.where(stands, condition.slope, 1.0)
@@ -229,13 +229,13 @@ def _search(
         one_frequency &= none
     if kind != "divergence":
         double |= one_frequency
-    code = jnp.where(before, int(CRITICAL.preceded), int(CRITICAL.found))
+    code = jnp.where(before, int(CODE.preceded), int(CODE.found))
     if none is not None and kind == "flutter":
-        code = jnp.where(none & ~before, int(CRITICAL.undamped), code)
-    code = jnp.where(exists, code, int(CRITICAL.none))
-    code = jnp.where(double, int(CRITICAL.double_root), code)
-    code = jnp.where(stable, code, int(CRITICAL.unstable_at_zero))
-    code = jnp.where(p.valid, code, int(CRITICAL.invalid))
+        code = jnp.where(none & ~before, int(CODE.undamped), code)
+    code = jnp.where(exists, code, int(CODE.no_load))
+    code = jnp.where(double, int(CODE.double_root), code)
+    code = jnp.where(stable, code, int(CODE.unstable_at_zero))
+    code = jnp.where(p.valid, code, int(CODE.invalid))
     return load, code.astype(jnp.int32)
 
 

@@ -11,7 +11,7 @@ from jax.core import Tracer
 from ..model.column import Column
 from ..model.parameters import Make, as_function
 from ..numerics.numbers import Scalar
-from ..results import CRITICAL
+from ..results import CODE
 from ..runtime import requires_x64
 from .critical_load import CriticalLoad, Kind, critical_load
 from .spectrum import linearise
@@ -63,8 +63,8 @@ def sensitivity(
         )
     at = {name: jnp.asarray(p, dtype=float) for name, p in values.items()}
     load, slopes, undefined = jax.jit(lambda p: _derivatives(make, p, kind))(at)
-    outcome = CRITICAL(int(load.outcome))
-    if outcome < CRITICAL.preceded:
+    outcome = CODE(int(load.outcome))
+    if outcome < CODE.preceded:
         raise ValueError(
             f"Argument `column` must have a critical load of kind {kind!r}, but its "
             f"outcome is `{outcome.name}`: {outcome.sentence}."

@@ -22,7 +22,7 @@ from ..model.damping import Sum, Viscous
 from ..model.friction import AbstractRateFriction, slopes_at_rest
 from ..numerics.numbers import Pair, Scalar, instance
 from ..numerics.series import value
-from ..results import REGIME
+from ..results import CODE
 from ..runtime import requires_x64
 from .characteristic import Characteristic, characteristic, inertia, stiffness
 
@@ -84,7 +84,7 @@ def spectral_abscissa(column: Column) -> jax.Array:
 
 @requires_x64
 def regime(column: Column) -> jax.Array:
-    r"""Which regime the column is in at its load: a code of `REGIME`.
+    r"""Which regime the column is in at its load: a `CODE`.
 
     By conditions on the characteristic polynomial $p_0 s^4 + \dots + p_4$ alone.
     Undamped: the roots of $p_0 \sigma^2 + p_2 \sigma + p_4$ in $\sigma = s^2$ are real
@@ -195,11 +195,11 @@ def _regime(p: Characteristic, q: jax.Array) -> jax.Array:
         real = (p4 < 0) | jnp.where(slow, slow_real, real)
         # worst measured: Sturm's chain is right to 1e12
         lost = (p1 > 1e11 * p0) & ~slow & (p4 >= 0) & ~stable & ~marginal
-    code = jnp.where(real, int(REGIME.divergence), int(REGIME.flutter))
-    code = jnp.where(marginal, int(REGIME.marginal), code)
-    code = jnp.where(stable, int(REGIME.stable), code)
+    code = jnp.where(real, int(CODE.divergence), int(CODE.flutter))
+    code = jnp.where(marginal, int(CODE.marginal), code)
+    code = jnp.where(stable, int(CODE.stable), code)
     valid = p.valid & jnp.isfinite(gap) & ~lost
-    return jnp.where(valid, code, int(REGIME.invalid)).astype(jnp.int32)
+    return jnp.where(valid, code, int(CODE.invalid)).astype(jnp.int32)
 
 
 def _matrix(rows: tuple[Pair, Pair]) -> jax.Array:

@@ -14,7 +14,7 @@ from jax.core import Tracer
 from ..model.column import Column
 from ..model.parameters import Make, as_function
 from ..numerics.numbers import pair
-from ..results import CRITICAL
+from ..results import CODE
 from ..runtime import requires_x64
 from .critical_load import CriticalLoad, Kind, critical_load
 
@@ -104,14 +104,14 @@ def stabilise(
     def objective(x, scale):
         at = values(x)
         load = critical_load(make(**at), kind)
-        good = load.outcome == int(CRITICAL.found)
+        good = load.outcome == int(CODE.found)
         return jnp.where(good, -load.q_cr * scale, jnp.inf), (at, load)
 
     (_, (_, load)), slopes = jax.jit(jax.value_and_grad(objective, has_aux=True))(
         x, 1.0
     )
-    outcome = CRITICAL(int(load.outcome))
-    if outcome is not CRITICAL.found:
+    outcome = CODE(int(load.outcome))
+    if outcome is not CODE.found:
         raise ValueError(
             f"Argument `start` must lose stability by {kind} first, but its "
             f"outcome is `{outcome.name}`: {outcome.sentence}."

@@ -16,8 +16,8 @@ CERTAINTY = 0.95  # of the bound of the area that is missed
 COMPARED, UNLIKE = 32, 0.1  # points of the map that are computed again; may be unlike
 MISSING, LARGEST = -(2**62), 2**53  # no label; and the largest that there may be
 # Labels that say that nothing is known: between two others they are a band.
-UNKNOWN = {"unsettled", "undecided", "failed", "not_finite", "step_vanished"}
-UNKNOWN |= {"budget_spent", "chattering"}
+UNKNOWN = {"unsettled", "undecided", "unclassified", "failed", "not_finite"}
+UNKNOWN |= {"step_vanished", "budget_spent", "chattering"}
 
 
 class Audit(NamedTuple):

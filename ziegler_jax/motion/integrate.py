@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int
 from ..model.column import Column
 from ..numerics.numbers import Count, Flag, Scalar, Traced4, Vector4
 from ..numerics.resumable import Phase, place_of, resumable
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import (
     AbstractFold,
     ControlState,
@@ -67,7 +67,7 @@ class Run(NamedTuple, Generic[Folded]):
     @property
     def running(self) -> Bool[Array, ""]:
         """Whether the motion has no verdict yet."""
-        return self.outcome == OUTCOME.not_computed
+        return self.outcome == CODE.not_computed
 
     @property
     def phase(self) -> Int[Array, ""]:
@@ -76,7 +76,7 @@ class Run(NamedTuple, Generic[Folded]):
 
     def paused(self, flag: Flag, folded: Folded) -> "Run[Folded]":
         """The same motion with other running numbers, ended for now where asked."""
-        outcome = jnp.where(flag & self.running, OUTCOME.complete, self.outcome)
+        outcome = jnp.where(flag & self.running, CODE.complete, self.outcome)
         solver = self.solver._replace(folded=folded)
         return self._replace(solver=solver, outcome=outcome.astype(jnp.int32))
 
@@ -108,7 +108,7 @@ class Motion(Generic[Folded]):
         method: Method,
         *,
         end: Scalar,
-        at_end: OUTCOME = OUTCOME.complete,
+        at_end: CODE = CODE.complete,
         valid: Flag = True,
         start: Scalar = 0.0,
         first_step: Scalar = FIRST_STEP,
@@ -125,7 +125,7 @@ class Motion(Generic[Folded]):
     def begin(self) -> Run[Folded]:
         """The motion before its first step."""
         t0 = jnp.zeros((), self.y0[0].dtype) + self.start
-        invalid = jnp.where(self.valid, OUTCOME.not_computed, OUTCOME.invalid)
+        invalid = jnp.where(self.valid, CODE.not_computed, CODE.invalid)
         return Run(
             solver=self.solver.init(self.terms, t0, t0, self.y0, self.args),
             control=self.control.start(t0, self.first_step, self.first_stop),
@@ -165,13 +165,13 @@ class Motion(Generic[Folded]):
         where = cast(ControlState, solution.controller_state)
         steps = run.steps + left - where.left
         ended = self.fold.outcome(after.folded)
-        over = (ended == OUTCOME.not_computed) & (where.t >= self.end)
+        over = (ended == CODE.not_computed) & (where.t >= self.end)
         ended = jnp.where(over, self.at_end, ended)
-        spent = (ended == OUTCOME.not_computed) & (
+        spent = (ended == CODE.not_computed) & (
             steps >= cast(Count, self.method.max_steps)
         )
-        ended = jnp.where(spent, OUTCOME.budget_spent, ended)
-        ended = jnp.where(self.solver.chatters(after), OUTCOME.chattering, ended)
+        ended = jnp.where(spent, CODE.budget_spent, ended)
+        ended = jnp.where(self.solver.chatters(after), CODE.chattering, ended)
         vanished = solution.result == dfx.RESULTS.dt_min_reached
         ended = outcome_of(vanished, after.slope, ended)
         outcome = jnp.where(run.running, ended, run.outcome)

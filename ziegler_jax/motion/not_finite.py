@@ -16,7 +16,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ..model.column import Column, State, vector_field
-from ..results import OUTCOME, AbstractMotionResult
+from ..results import CODE, AbstractMotionResult
 from ..runtime import Arguments, own_flags, requires_x64
 from ..solvers import AbstractFold
 from .integrate import Motion, follow
@@ -56,7 +56,7 @@ class Unwatched(AbstractFold[tuple[()]]):
     def outcome(self, state):
         """It never ends it."""
         del state
-        return jnp.asarray(OUTCOME.not_computed, jnp.int32)
+        return jnp.asarray(CODE.not_computed, jnp.int32)
 
 
 def motion(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -87,7 +87,7 @@ def look_for_nan(
     if any(isinstance(x, Tracer) for x in jax.tree.leaves((column, start, result))):
         return
     outcome = int(result.outcome)
-    if outcome not in (OUTCOME.not_finite, OUTCOME.step_vanished):
+    if outcome not in (CODE.not_finite, CODE.step_vanished):
         return
     t, y = _last(column, start, result)
     at = ", ".join(f"{x:.9g}" for x in y)
@@ -98,7 +98,7 @@ def look_for_nan(
     cause = _raised(column, t, y)
     if cause is not None:
         raise FloatingPointError(sentence) from cause
-    if outcome == OUTCOME.not_finite:
+    if outcome == CODE.not_finite:
         raise FloatingPointError(sentence)
 
 

@@ -16,7 +16,7 @@ from ..model.damping import is_polynomial
 from ..model.friction import check_slopes
 from ..numerics.materialise import as_one_call
 from ..numerics.numbers import Flag, Scalar, Traced4, Vector4, instance, is_concrete
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import Explicit, Rosenbrock, Taylor
 from .observers import AbstractObserver, Amplitude
 from .options import Method, Solver, complete
@@ -35,7 +35,7 @@ def outcome_of(
     finite = True
     for slope in jax.tree.leaves(last_slope):
         finite &= jnp.isfinite(slope)
-    reason = jnp.where(finite, OUTCOME.step_vanished, OUTCOME.not_finite)
+    reason = jnp.where(finite, CODE.step_vanished, CODE.not_finite)
     return jnp.where(vanished, reason, otherwise)
 
 
@@ -68,7 +68,7 @@ class Ended(Protocol):
 
     @property
     def outcome(self) -> Int[Array, ""]:
-        """A code of `OUTCOME`."""
+        """A `CODE`."""
         ...
 
 

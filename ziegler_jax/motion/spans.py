@@ -21,7 +21,7 @@ from ..numerics.numbers import (
     is_concrete,
     keeps,
 )
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import AbstractFold, Step, Verdict
 from .integrate import Motion, Run, follow
 from .options import Method
@@ -117,7 +117,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
             self.begin(column, t0, y0),
             self.first_stop() + 0.0 * y0[0],
             jnp.where(before, -1, 0).astype(jnp.int32),
-            jnp.asarray(OUTCOME.not_computed, jnp.int32),
+            jnp.asarray(CODE.not_computed, jnp.int32),
         )
 
     def step(
@@ -147,7 +147,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
             over = turns_over(step, self.escape)
             state = before._replace(spans=before.spans + ended.astype(jnp.int32))
             watch, outcome = self.judge(column, state, step, ended)
-            outcome = jnp.where(over, OUTCOME.escaped, outcome).astype(jnp.int32)
+            outcome = jnp.where(over, CODE.escaped, outcome).astype(jnp.int32)
             end = jnp.where(ended, step.t1 + self.span, state.end)
             return replaced(asked, SpanState(watch, end, state.spans, outcome), before)
 
@@ -158,7 +158,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
         stop = after.end
         if longest is not None:
             stop = jnp.minimum(stop, step.t1 + longest)
-        return after, stop, after.outcome != OUTCOME.not_computed
+        return after, stop, after.outcome != CODE.not_computed
 
 
 def follow_spans(
@@ -166,7 +166,7 @@ def follow_spans(
     start: State,
     fold: AbstractSpans[Watch],
     method: Method,
-    at_end: OUTCOME = OUTCOME.complete,
+    at_end: CODE = CODE.complete,
 ) -> Run[SpanState[Watch]]:
     """The motion from `start` to its end."""
     y0 = float_state(start)

@@ -25,7 +25,8 @@ from ..numerics.numbers import (
     whole_number,
 )
 from ..results import (
-    OUTCOME,
+    CODE,
+    OUTCOMES,
     RATE,
     TIME,
     AbstractResult,
@@ -111,7 +112,7 @@ class Record(AbstractFold[Recorded]):
             events = _with(none, True, t0, 0, cast(Pair, law.modes))
         ys = jnp.full((4, self.ts.shape[0]), jnp.nan, dtype)
         ys = ys.at[:, 0].set(jnp.stack(y0))
-        none = jnp.asarray(OUTCOME.not_computed, jnp.int32)
+        none = jnp.asarray(CODE.not_computed, jnp.int32)
         return Recorded(events, ys, jnp.array(1, jnp.int32), none)
 
     def step(self, column, state, step):
@@ -129,7 +130,7 @@ class Record(AbstractFold[Recorded]):
         recorded_count = state.recorded_count + due.astype(jnp.int32)
         over = recorded_count >= self.ts.shape[0]
         following = self.ts[jnp.minimum(recorded_count, self.ts.shape[0] - 1)]
-        outcome = jnp.where(over, OUTCOME.complete, state.outcome).astype(jnp.int32)
+        outcome = jnp.where(over, CODE.complete, state.outcome).astype(jnp.int32)
         return Recorded(events, ys, recorded_count, outcome), following, over
 
 
@@ -159,7 +160,7 @@ class Trajectory(AbstractResult):
     omega: Float[Array, "*lanes n 2"]
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the motion ended", codes=OUTCOME)
+        metadata=quantity("how the motion ended", codes=OUTCOMES)
     )
     settings: Settings = eqx.field(static=True, default=())
     events: Events | None = None

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..model.column import Column, joint_balance
 from ..model.set_valued import FrozenCoulomb
 from ..numerics.numbers import Numbers, Pair, Scalar, Traced, Traced4, Vector4
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import AbstractFold, Explicit, Step
 from .contact import AbstractContact, Dip, Nearest, nearer
 from .integrate import Motion, Run
@@ -78,7 +78,7 @@ def flow_of(run: "Run[Varied]") -> Flow:
         jnp.stack(run.folded.extent),
         jnp.stack(run.folded.y),
         jnp.stack(run.folded.extent_moves),
-        run.outcome == OUTCOME.complete,
+        run.outcome == CODE.complete,
         run.steps,
         0.0 * jnp.asarray(run.y[0]) if isinstance(modes, tuple) else modes,
         run.folded.contact,
@@ -140,7 +140,7 @@ class Variational(AbstractFold[Varied]):
     def outcome(self, state):
         """None: it only watches."""
         del state
-        return jnp.asarray(OUTCOME.not_computed, jnp.int32)
+        return jnp.asarray(CODE.not_computed, jnp.int32)
 
     def unit(self, y0: Traced4) -> Rows:
         """The state's unit vectors among the k directions."""

@@ -7,14 +7,14 @@ from matplotlib.axes import Axes
 
 from ..analysis.continuation import Branch
 from ..numerics.numbers import choice
-from ..results import SPECIAL
+from ..results import CODE
 from .style import in_lines, label_of
 
 SPECIAL_MARKERS = {
-    SPECIAL.fold: "s",
-    SPECIAL.torus: "D",
-    SPECIAL.flip: "^",
-    SPECIAL.pitchfork: "P",
+    CODE.fold: "s",
+    CODE.torus: "D",
+    CODE.flip: "^",
+    CODE.pitchfork: "P",
 }
 
 

@@ -14,7 +14,7 @@ import xarray as xr
 from ..model.column import Column, State
 from ..motion.options import Method, Solver
 from ..motion.trajectory import Trajectory, trajectory
-from ..results import DIMENSIONS, OUTCOME
+from ..results import CODE, DIMENSIONS
 from ..solvers import Explicit, Rosenbrock, Taylor, tableaus
 
 Cell = Callable[..., tuple[Column, State]]
@@ -109,17 +109,17 @@ def _solver(name: str) -> Solver | None:
 
 def _note(here: xr.Dataset, motion: Trajectory, end: float) -> str:
     """In which way the motion's end differs from the cell's, or nothing."""
-    ended = OUTCOME(int(motion.outcome))
-    cells = OUTCOME(int(here["outcome"])) if "outcome" in here else None
+    ended = CODE(int(motion.outcome))
+    cells = CODE(int(here["outcome"])) if "outcome" in here else None
     last = float(motion.ts[-1])
-    if ended is not OUTCOME.complete:
+    if ended is not CODE.complete:
         early = f"The motion shown ended early: {ended.sentence}"
         if cells is None or cells is ended:
             return early
         return f"{early}; the map's cell is {cells.name}: {cells.sentence}"
     if end > last:
         return f"Shown to t = {last:g}; it was followed to t = {end:g}"
-    if cells is not None and cells < OUTCOME.unsettled:
+    if cells is not None and cells < CODE.unsettled:
         return f"The map's cell is {cells.name}, the motion shown is not."
     if not end > 0 or "joint_amplitude" not in here:
         return ""
@@ -157,7 +157,7 @@ def _observed(here: xr.Dataset, end: float) -> float | None:
         within = end - transient - windows * length
         # it ended within a window, or with one
         return within if within > 1e-9 * end else length
-    if int(here.get("outcome", OUTCOME.complete)) in (OUTCOME.stuck, OUTCOME.rest):
+    if int(here.get("outcome", CODE.complete)) in (CODE.stuck, CODE.rest):
         return 0.0  # the last state
     period = in_own_unit(here.get("period", xr.DataArray(np.nan)))
     return period if period > 0 else None

@@ -20,7 +20,7 @@ from matplotlib.typing import ColorType
 
 from ..analysis.continuation import Branch
 from ..analysis.hysteresis import UpDownSweep
-from ..results import OUTCOME, UNDECIDED
+from ..results import CODE, OUTCOMES, flag_attributes, unlike_meaning
 from .branches import branch_dataset, draw_branch, of_dims, select_joint_2
 from .style import (
     AT_REST,
@@ -77,7 +77,7 @@ def map(
         opens a figure.
     - `colorbar`, `legend`: whether to explain the colours and the outcomes.
     - `colours`: of a flag variable, other colours for some of its codes, e.g.
-        `{zj.REGIME.flutter: "orange"}`.
+        `{zj.CODE.flutter: "orange"}`.
     - `style`: more for `pcolormesh`, of numbers e.g. `vmax`, `norm`, `cmap` (viridis).
 
     **Returns:** the axes.
@@ -110,7 +110,7 @@ def map(
         outcome = None
         if has_motions(dataset):
             outcome = np.asarray(dataset["outcome"].transpose(y, x))
-            flat = np.isin(outcome, (OUTCOME.not_computed, *AT_REST))
+            flat = np.isin(outcome, (CODE.not_computed, *AT_REST))
             numbers = np.where(flat, np.nan, numbers)
         mesh = _mesh(ax, edges, np.ma.masked_invalid(numbers), **style)
         if colorbar:
@@ -277,10 +277,10 @@ def _motions(
 
 def has_motions(dataset: xr.Dataset) -> bool:
     """Whether `outcome` says how motions ended, not how a search did."""
-    meanings = " ".join(code.name for code in OUTCOME)
     if "outcome" not in dataset:
         return False
-    return dataset["outcome"].attrs.get("flag_meanings", meanings) == meanings
+    about = dataset["outcome"].attrs
+    return unlike_meaning(about, {**about, **flag_attributes(OUTCOMES)}) is None
 
 
 def _edges(dataset: xr.Dataset, dim: str, axis: Axis) -> np.ndarray:
@@ -308,21 +308,21 @@ def _edges(dataset: xr.Dataset, dim: str, axis: Axis) -> np.ndarray:
 
 
 def _failed(outcome: np.ndarray) -> np.ndarray:
-    return (outcome < OUTCOME.unsettled) & (outcome != OUTCOME.not_computed)
+    return (outcome < CODE.unsettled) & (outcome != CODE.not_computed)
 
 
 def _kinds(dataset: xr.Dataset, x: str, y: str) -> Codes:
     """Of which kind each undecided cell is; `decided` where the plane does not say."""
     kinds = dataset.get("undecided")
     if kinds is None or set(kinds.dims) != {x, y}:
-        return np.full((dataset.sizes[y], dataset.sizes[x]), UNDECIDED.decided)
+        return np.full((dataset.sizes[y], dataset.sizes[x]), CODE.decided)
     return np.asarray(kinds.transpose(y, x))
 
 
 def _outcomes(ax: Axes, edges: Edges, outcome: Codes, kinds: Codes) -> list[Patch]:
     """Cells that say how the motion ended; returns what a legend needs."""
-    rest = "stuck" if (outcome == OUTCOME.stuck).any() else "rest"
-    unsettled, known = outcome == OUTCOME.unsettled, np.isin(kinds, list(UNSETTLED))
+    rest = "stuck" if (outcome == CODE.stuck).any() else "rest"
+    unsettled, known = outcome == CODE.unsettled, np.isin(kinds, list(UNSETTLED))
     layers = (
         (rest, np.isin(outcome, AT_REST), REST_COLOUR, None, "none"),
         *(
@@ -391,10 +391,10 @@ def _codes(
     chosen: dict[int, ColorType] = {**usual, **colours}
     cmap = ListedColormap([chosen[flag] for flag in flags])
     norm = BoundaryNorm([*(f - 0.5 for f in flags), flags[-1] + 0.5], len(flags))
-    shown = np.ma.masked_equal(codes, OUTCOME.not_computed)
+    shown = np.ma.masked_equal(codes, CODE.not_computed)
     _mesh(ax, edges, shown, cmap=cmap, norm=norm, **style)
     return [
         Patch(facecolor=cmap(norm(flag)), edgecolor=GREY, label=name.replace("_", " "))
         for flag, name in zip(flags, names, strict=True)
-        if flag != OUTCOME.not_computed and (codes == flag).any()
+        if flag != CODE.not_computed and (codes == flag).any()
     ]

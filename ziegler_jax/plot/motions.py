@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ..motion.trajectory import Trajectory
 from ..numerics.numbers import instance
-from ..results import OUTCOME
+from ..results import CODE
 from ..units.si import SI
 from .style import PHI1, PHI2, unit_label
 
@@ -64,7 +64,7 @@ def time_history(
         ylabel=rf"rate $\dot\varphi_i$ (rad {rate})",
     )
     axes[0].legend(loc="upper right", ncols=2)
-    outcome = OUTCOME(int(motion.outcome))
-    if outcome is not OUTCOME.complete:
+    outcome = CODE(int(motion.outcome))
+    if outcome is not CODE.complete:
         axes[0].set_title(f"ended early: {outcome.name}")
     return axes

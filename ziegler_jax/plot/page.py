@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from ..motion.trajectory import Trajectory
 from ..numerics.hermite import HermiteQuartic
 from ..numerics.numbers import instance, whole_number
-from ..results import OUTCOME, UNDECIDED
+from ..results import CODE
 from .animation import ARROW, load_of
 from .branches import of_dims, select_joint_2
 from .cells import Cell, followed, nearest
@@ -35,7 +35,7 @@ DPI = 200
 SPEED = 2.0  # of the moving column: time units a second
 # inches of the picture, and its letters, on wide and on narrow screens
 PICTURES = {"wide": ((7.2, 5.4), 10.0), "narrow": ((4.2, 4.4), 9.0)}
-LEFT_OUT = (OUTCOME.not_computed, OUTCOME.invalid)
+LEFT_OUT = (CODE.not_computed, CODE.invalid)
 
 Json = dict[str, Any]
 Place = tuple[int, int]  # of a cell, along x and along y
@@ -332,7 +332,7 @@ def _field(dataset: xr.Dataset, name: str, x: str, y: str) -> Json:
         words = [name.replace("_", " ") for name in names]
         field["names"] = dict(zip(map(str, codes), words, strict=True))
         if name == "undecided":
-            field["silent"] = int(UNDECIDED.decided)
+            field["silent"] = [int(CODE.not_computed), int(CODE.decided)]
     rows = np.asarray(values, float).tolist()
     return {**field, "values": [[_number(v, 5) for v in row] for row in rows]}
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from ..results import OUTCOME, UNDECIDED
+from ..results import CODE
 
 # Okabe and Ito's colours, which the colour-blind can tell apart
 BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
@@ -16,18 +16,18 @@ PALE_BLUE = "#D9E8F4"
 LINE_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, "#000000")
 PHI1, PHI2 = "navy", "red"
 
-AT_REST = (OUTCOME.stuck, OUTCOME.rest)
+AT_REST = (CODE.stuck, CODE.rest)
 REST_COLOUR, FAILED_COLOUR = "#E8DCC8", "#F2F2F2"
 VIOLET = "#4B2E83"
 FAILED_HATCH, UNSETTLED_HATCH = "////", "...."
 # what is unsettled, by its kind where that is known: words and hatch
 UNSETTLED = {
-    UNDECIDED.none: ("unsettled, no returns", "**"),
-    UNDECIDED.unstable_near: ("unsettled, unstable near", "xxxxx"),
-    UNDECIDED.slow: ("unsettled, slow", "-----"),
-    UNDECIDED.aperiodic: ("unsettled, aperiodic", "ooooo"),
-    UNDECIDED.growing: ("unsettled, growing", "|||||"),
-    UNDECIDED.lasting: ("unsettled, lasting", "++++"),
+    CODE.no_passages: ("unsettled, no returns", "**"),
+    CODE.unstable_near: ("unsettled, unstable near", "xxxxx"),
+    CODE.slow: ("unsettled, slow", "-----"),
+    CODE.aperiodic: ("unsettled, aperiodic", "ooooo"),
+    CODE.growing: ("unsettled, growing", "|||||"),
+    CODE.lasting: ("unsettled, lasting", "++++"),
 }
 # Of codes, by their names: one colour in the whole package. Those of one map are at
 # least 10 apart (CIE 1976) for normal eyes and for three kinds of colour-blind ones.
@@ -43,10 +43,13 @@ COLOUR_OF = {
     "stuck": REST_COLOUR,
     "rest": "#C9B58F",
     "cycle": BLUE,
+    "periodic": BLUE,
+    "saddle_cycle": BLUE,
     "repeats": "#7848F0",
     "complete": "#A8F078",
     "failed": "#5A5A5A",
     "undecided": "#9A9A9A",
+    "unclassified": "#9A9A9A",
     "conservative": SKY,
     "quasi_periodic": ORANGE,
     "chaotic": VERMILLION,
@@ -57,13 +60,13 @@ COLOUR_OF = {
 }
 OTHERS = (SKY, ORANGE, BLUE, VERMILLION, GREEN, PURPLE, VIOLET, YELLOW, "#7F7F7F")
 MARKERS = {
-    OUTCOME.cycle: ("o", BLUE),
-    OUTCOME.repeats: ("o", BLUE),
-    OUTCOME.conservative: ("D", SKY),
-    OUTCOME.complete: ("o", BLUE),
-    OUTCOME.unsettled: ("^", ORANGE),
-    OUTCOME.stuck: ("s", "#8A7650"),
-    OUTCOME.rest: ("s", "#8A7650"),
+    CODE.cycle: ("o", BLUE),
+    CODE.repeats: ("o", BLUE),
+    CODE.conservative: ("D", SKY),
+    CODE.complete: ("o", BLUE),
+    CODE.unsettled: ("^", ORANGE),
+    CODE.stuck: ("s", "#8A7650"),
+    CODE.rest: ("s", "#8A7650"),
 }
 
 

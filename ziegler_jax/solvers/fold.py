@@ -51,7 +51,7 @@ class Ending(Protocol):
 
     @property
     def outcome(self) -> Int[Array, ""]:
-        """A code of `OUTCOME`."""
+        """A `CODE`."""
         ...
 
 

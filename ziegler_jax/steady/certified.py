@@ -49,7 +49,7 @@ from ..numerics.numbers import (
     keeps,
 )
 from ..numerics.resumable import Decision, Phase, Stop, phase_of, resumable
-from ..results import OUTCOME, UNDECIDED
+from ..results import CODE
 from ..solvers import Explicit
 from .contraction import (
     contraction_norm,
@@ -170,10 +170,10 @@ class CertifiedMotion:
         march = self._march(none).begin()
         shapes = jax.eval_shape(lambda: self._shot(self.y0, attempt, none).begin())
         shot = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-        shot = shot._replace(outcome=shot.outcome + OUTCOME.complete)
+        shot = shot._replace(outcome=shot.outcome + CODE.complete)
         states = self.observation.init(self.column, zero, self.y0)
         record = Record(states, zero, self.y0)
-        outcome = jnp.where(march.running, OUTCOME.not_computed, march.outcome)
+        outcome = jnp.where(march.running, CODE.not_computed, march.outcome)
         return Certifying(
             shoots=no,
             march=march,
@@ -249,10 +249,10 @@ class CertifiedMotion:
         return now.running & now.shoots & over
 
     def _has_shot(self, now: Certifying) -> Bool[Array, ""]:
-        return self._shot_is_over(now) & (now.observing == OUTCOME.not_computed)
+        return self._shot_is_over(now) & (now.observing == CODE.not_computed)
 
     def _has_observed(self, now: Certifying) -> Bool[Array, ""]:
-        return self._shot_is_over(now) & (now.observing != OUTCOME.not_computed)
+        return self._shot_is_over(now) & (now.observing != CODE.not_computed)
 
     def _is_to_begin(self, now: Certifying) -> Bool[Array, ""]:
         return now.running & now.shoots & (now.shot.steps < 0)
@@ -266,7 +266,7 @@ class CertifiedMotion:
 
     def _next_shot(self, now: Certifying) -> Certifying:
         """A shot before its first step."""
-        observes = now.observing != OUTCOME.not_computed
+        observes = now.observing != CODE.not_computed
         y0 = tree_where(observes, now.march.y, start_of(now.attempt.x))
         return now._replace(shot=self._shot(y0, now.attempt, self._left(now)).begin())
 
@@ -293,7 +293,7 @@ class CertifiedMotion:
         """What the motion asks for, or how it has failed."""
         run, state = now.march, now.returns
         last = jnp.maximum(state.asks, run.folded.asks)
-        well = run.outcome == OUTCOME.complete
+        well = run.outcome == CODE.complete
         tries = well & (last == A_SHOT)
         accepted = well & (last == ACCEPTANCE)
         rests, refused = well & (last == REST), False
@@ -308,12 +308,12 @@ class CertifiedMotion:
             span = jnp.where(rests, AT_REST, span)
         span = jnp.where(tries, span_of(state, state.returns), span)
         attempt = attempt_at(now.attempt, x, span, self._sign(state.returns))
-        watched = jnp.where(rests, self.rest.outcome(self.column), OUTCOME.unsettled)
-        watched = jnp.where(rests | over, watched, OUTCOME.not_computed)
-        failed = jnp.where(last > REST, OUTCOME.escaped, run.outcome)
+        watched = jnp.where(rests, self.rest.outcome(self.column), CODE.unsettled)
+        watched = jnp.where(rests | over, watched, CODE.not_computed)
+        failed = jnp.where(last > REST, CODE.escaped, run.outcome)
         ended = jnp.where(rests | over, watched, failed)
-        outcome = jnp.where(shoots, OUTCOME.not_computed, ended)
-        outcome = jnp.where(accepted, OUTCOME.cycle, outcome)
+        outcome = jnp.where(shoots, CODE.not_computed, ended)
+        outcome = jnp.where(accepted, CODE.cycle, outcome)
         after = now._replace(
             shoots=shoots,
             shot=tree_where(shoots, to_be_begun(now.shot), now.shot),
@@ -326,7 +326,7 @@ class CertifiedMotion:
     def _after_observation(self, now: Certifying) -> Certifying:
         """What was observed."""
         run, span = now.shot, now.attempt.span
-        well = run.outcome == OUTCOME.complete
+        well = run.outcome == CODE.complete
         record = Record(run.folded.record, span, run.y)
         outcome = jnp.where(well, now.observing, run.outcome)
         return now._replace(
@@ -358,7 +358,7 @@ class CertifiedMotion:
         y = start_of(attempt.x)
         closed = Orbit(y, attempt.span, attempt.size, record)
         returns = tree_where(stable, with_candidate(state), ask_no_more(state))
-        outcome = jnp.where(at_once, OUTCOME.cycle, OUTCOME.not_computed)
+        outcome = jnp.where(at_once, CODE.cycle, CODE.not_computed)
         return now._replace(
             shoots=jnp.zeros_like(now.shoots),
             march=now.march.resumed(),
@@ -374,7 +374,7 @@ class CertifiedMotion:
     def kind(self, now: Certifying) -> Int[Array, ""]:
         """Of which kind an undecided lane is."""
         kind = now.returns.trend.kind(now.returns.nearest, now.unstable)
-        kind = jnp.where(now.outcome == OUTCOME.unsettled, kind, UNDECIDED.decided)
+        kind = jnp.where(now.outcome == CODE.unsettled, kind, CODE.decided)
         return kind.astype(jnp.int8)
 
     def settings(self) -> dict[str, Option]:

@@ -9,7 +9,7 @@ from ..motion.integrate import Run
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Scalar, Traced, Vector4
 from ..numerics.resumable import ENDED
-from ..results import OUTCOME
+from ..results import CODE
 from .observation import Record
 from .returns import Calm, Candidate, Lookout, Returns, ask_no_more
 from .shots import Attempt, ShotState
@@ -67,13 +67,13 @@ class Certifying(NamedTuple):
     @property
     def running(self) -> Bool[Array, ""]:
         """Whether there is no verdict yet."""
-        return self.outcome == OUTCOME.not_computed
+        return self.outcome == CODE.not_computed
 
     @property
     def moves(self) -> Bool[Array, ""]:
         """Whether it has ended and will not come to rest."""
-        cycle = (self.outcome == OUTCOME.cycle) | (self.outcome == OUTCOME.escaped)
-        unsettled = self.outcome == OUTCOME.unsettled
+        cycle = (self.outcome == CODE.cycle) | (self.outcome == CODE.escaped)
+        unsettled = self.outcome == CODE.unsettled
         return cycle | (unsettled & self.returns.trend.endures)
 
     @property

@@ -30,7 +30,7 @@ from ..model.column import Column, EnergyBalance, energy, energy_balance, power
 from ..numerics.elementary import larger, smaller
 from ..numerics.hermite import HermiteQuartic, cubic
 from ..numerics.numbers import Flag, Pair, Scalar, Traced4, Vector4
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import Step
 
 TURNS = 2.0  # downward turns of a joint, between which one return lies
@@ -174,7 +174,7 @@ def compared(
     conserves = jnp.abs(lost) <= NOTHING * size
     share = rtol + atol / jnp.maximum(jnp.maximum(*swings), atol)
     paid &= lost > DOUBT * share * time * size
-    kind = jnp.where(paid, OUTCOME.repeats, OUTCOME.not_computed)
-    kind = jnp.where(conserves, OUTCOME.conservative, kind)
-    outcome = jnp.where(agrees & moves, kind, OUTCOME.not_computed)
+    kind = jnp.where(paid, CODE.repeats, CODE.not_computed)
+    kind = jnp.where(conserves, CODE.conservative, kind)
+    outcome = jnp.where(agrees & moves, kind, CODE.not_computed)
     return Agreement(drift, outcome)

@@ -31,7 +31,7 @@ from ..motion.scene import field, prepared
 from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane, tree_where
 from ..numerics.numbers import Flag, Scalar, Vector4
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import Step
 
 # Rates that steps leave of a motion that has decayed, in atol: of 104 viscous columns
@@ -119,9 +119,9 @@ class Rest(eqx.Module):
 
         return if_any_lane(slow, damped, jnp.asarray(slow))
 
-    def outcome(self, column: Column) -> OUTCOME:
+    def outcome(self, column: Column) -> CODE:
         """What rest is called."""
-        return OUTCOME.rest if column.friction is None else OUTCOME.stuck
+        return CODE.rest if column.friction is None else CODE.stuck
 
     def setting(self) -> Scalar | str:
         """The cut, for the record."""

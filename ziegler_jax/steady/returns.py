@@ -32,7 +32,7 @@ from ..motion.tangents import push
 from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane, materialise, replaced, tree_where
 from ..numerics.numbers import Count, Flag, Flags, Pair, Scalar, Traced, Traced4
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import AbstractFold, Explicit, Step
 from .contraction import (
     Matrix3,
@@ -152,7 +152,7 @@ class March(AbstractFold[Lookout]):
     def outcome(self, state):
         """`complete` where it asks for something."""
         asks = state.asks != NOTHING
-        none, complete = OUTCOME.not_computed, OUTCOME.complete
+        none, complete = CODE.not_computed, CODE.complete
         return jnp.where(asks, complete, none).astype(jnp.int32)
 
     def step(self, column, state, step):

@@ -19,9 +19,9 @@ from ..motion.spans import SpanState
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Scalar, instance
 from ..results import (
-    OUTCOME,
+    CODE,
     TIME,
-    UNDECIDED,
+    UNSETTLED,
     AbstractDescribed,
     AbstractMotionResult,
     Variable,
@@ -134,7 +134,7 @@ def settle(
         steps. Not with `Rosenbrock()`. It fits no column that dissipates
         nothing: there no cycle attracts.
 
-    **Returns:** `Settled`. Where the outcome stands before `unsettled` in `OUTCOME`,
+    **Returns:** `Settled`. Where the outcome stands before `unsettled` in `CODE`,
     observed numbers and `drift` are NaN.
 
     **Derivatives:** forward (`jax.jvp`, `jax.jacfwd`), first order; second ones are
@@ -210,7 +210,7 @@ def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settle
     fold, watch = motion.watch, run.folded.watch
     record = Record(watch.observed, fold.span, run.y)
     named = fold.observation.variables(motion.column, record, _FIELDS)
-    failed = run.outcome < OUTCOME.unsettled
+    failed = run.outcome < CODE.unsettled
     named = _nan_where_failed(failed, named)
     named["windows"] = Variable(run.folded.spans, "observed windows")
     how, scene = ending(run), (motion.column, motion.y0, motion.windows)
@@ -231,9 +231,9 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     named = motion.observation.variables(
         fixed(motion.column), orbit.record, _FIELDS | _CERTIFICATE
     )
-    closed = end.outcome == OUTCOME.cycle
+    closed = end.outcome == CODE.cycle
     twice = fixed(motion.odd) & (candidate.returns % 2 == 1)
-    unsettled = end.outcome == OUTCOME.unsettled
+    unsettled = end.outcome == CODE.unsettled
     sticks = motion.rest.by_modes & (end.outcome == motion.rest.outcome(motion.column))
     place = Place(
         closed=closed,
@@ -250,7 +250,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     options = motion.windows.transient, motion.windows.length
     move = tree_where(closed, move, lost(move, options))
     named = _nan_where_failed(
-        end.outcome < OUTCOME.unsettled, with_zeros(named, move.observed)
+        end.outcome < CODE.unsettled, with_zeros(named, move.observed)
     )
     period = jnp.where(twice, 2, 1) * (orbit.span + move.span)
     radius = candidate.radius + move.radius
@@ -264,7 +264,9 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
             nan_where(~closed, radius), "largest modulus of a multiplier of the cycle"
         ),
         "undecided": Variable(
-            motion.kind(end), "of which kind an undecided lane is", codes=UNDECIDED
+            motion.kind(end),
+            "of which kind an undecided lane is",
+            codes=UNSETTLED,
         ),
         "shot_steps": Variable(end.spent, "steps of shots, with three tangents each"),
     }
@@ -272,7 +274,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     if motion.grows:
         largest = cast(Grown, end.march.folded.grown).largest
         largest = lost(largest, (motion.column, motion.y0))
-        failed = end.outcome < OUTCOME.unsettled
+        failed = end.outcome < CODE.unsettled
         named |= growth_variables(largest, failed, cast(Scalar, motion.method.rtol))
     how, scene = ending(end), (motion.column, motion.y0, *options)
     y = jnp.stack(how["final"].y) + move.y

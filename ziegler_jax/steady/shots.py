@@ -33,7 +33,7 @@ from ..numerics.numbers import (
     Traced4,
     Vector4,
 )
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers import AbstractFold, Explicit
 from .contraction import (
     Matrix3,
@@ -111,7 +111,7 @@ class Shot(AbstractFold[ShotState]):
     def outcome(self, state):
         """None: it only watches."""
         del state
-        return jnp.asarray(OUTCOME.not_computed, jnp.int32)
+        return jnp.asarray(CODE.not_computed, jnp.int32)
 
     def advance(self, solver, terms, t0, t1, y0, column, first, state):
         """A step, the images of the tangents, and the observers' integrals."""
@@ -164,7 +164,7 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
     back = materialise(attempt.span, return_of, run, attempt)
     size = largest(back.move) / size_of(attempt.x)
     first, count = attempt.shots == 0, attempt.shots + 1
-    arrived = run.outcome == OUTCOME.complete
+    arrived = run.outcome == CODE.complete
     verified = arrived & attempt.fine & (size < VERIFIED)
     modes = attempt.modes
     if not isinstance(run.folded.modes, tuple):
@@ -220,7 +220,7 @@ def to_be_begun(run: Run[ShotState]) -> Run[ShotState]:
     """
     return run._replace(
         steps=jnp.full_like(run.steps, -1),
-        outcome=jnp.full_like(run.outcome, OUTCOME.not_computed),
+        outcome=jnp.full_like(run.outcome, CODE.not_computed),
     )
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int
 
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Flag, Scalar, Traced
-from ..results import UNDECIDED
+from ..results import CODE
 
 GROWTH, FALL = 1.01, 0.99
 GROWN, LASTED, RISEN = 3, 9, 2  # times in a row, and of these
@@ -61,11 +61,11 @@ class Trend(NamedTuple):
         **Arguments:** `nearest`: about the smallest distance of its last returns;
         `unstable`: whether an unstable cycle was met.
         """
-        kind = jnp.where(nearest < NEARLY, UNDECIDED.slow, UNDECIDED.aperiodic)
-        kind = jnp.where(jnp.isfinite(nearest), kind, UNDECIDED.none)
-        kind = jnp.where(self._lasts, UNDECIDED.lasting, kind)
-        kind = jnp.where(self.grew >= GROWN, UNDECIDED.growing, kind)
-        return jnp.where(unstable, UNDECIDED.unstable_near, kind)
+        kind = jnp.where(nearest < NEARLY, CODE.slow, CODE.aperiodic)
+        kind = jnp.where(jnp.isfinite(nearest), kind, CODE.no_passages)
+        kind = jnp.where(self._lasts, CODE.lasting, kind)
+        kind = jnp.where(self.grew >= GROWN, CODE.growing, kind)
+        return jnp.where(unstable, CODE.unstable_near, kind)
 
 
 def no_trend(zero: Traced) -> Trend:

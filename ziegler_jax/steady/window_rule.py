@@ -28,7 +28,7 @@ from ..numerics.numbers import (
     equals,
     keeps,
 )
-from ..results import OUTCOME
+from ..results import CODE
 from ..solvers.explicit import Integrand
 from .growth import Growth
 from .observation import Observation
@@ -106,7 +106,7 @@ class SettleFold(AbstractSpans[WindowState]):
         two = self.rest.by_modes | (state.spans >= min(2, self.most))
         at_rest = self.rest.reached(column, speeds, step, ended_window & two)
         last = ended_window & (state.spans >= self.most)
-        outcome = jnp.where(last, OUTCOME.unsettled, state.outcome)
+        outcome = jnp.where(last, CODE.unsettled, state.outcome)
         window, before, drift = watch.window, watch.before, watch.drift
         swings = Amplitude.swings(watch.observed[0])
         if window and before:
@@ -115,12 +115,12 @@ class SettleFold(AbstractSpans[WindowState]):
             drawn = compared(before, window, swings, *options)
             second = ended_window & (state.spans > 1)
             drift = jnp.where(second, drawn.drift, drift)
-            agreed = second & (drawn.outcome != OUTCOME.not_computed)
+            agreed = second & (drawn.outcome != CODE.not_computed)
             if not self.rest.by_modes:
                 agreed &= ~self.rest.slow(column, speeds.now)  # what is left is noise
             outcome = jnp.where(agreed, drawn.outcome, outcome)
         outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
-        begins = ended & (outcome == OUTCOME.not_computed)
+        begins = ended & (outcome == CODE.not_computed)
 
         fresh = self.observation.init(column, step.t1, step.y1)
         if window and before:
@@ -182,7 +182,7 @@ class SettleProblem(Motion[SpanState[WindowState]]):
             valid=valid & keeps("positive", method.rtol, method.atol),
             first_stop=watch.first_stop(),
             end=watch.last_stop(),
-            at_end=OUTCOME.unsettled,
+            at_end=CODE.unsettled,
         )
 
     def settings(self) -> dict[str, Option]:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..results import DIMENSIONS, REGIME, AbstractResult, Variable, checked
+from ..results import DIMENSIONS, REGIMES, AbstractResult, Variable, checked
 
 # what is an option of `Lanes` or `Store`
 _OF_LANES = {
@@ -248,7 +248,7 @@ def check_signature(
 
 
 # Names that scenes give codes which come without a result: flag variables.
-FLAGS = {"regime": REGIME}
+FLAGS = {"regime": REGIMES}
 
 
 class Labelled(NamedTuple):

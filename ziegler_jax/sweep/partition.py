@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..results import OUTCOME, Code, Variable
+from ..results import CODE, OUTCOMES, Codes, Variable
 from ..runtime import free_memory
 from .axes import empty, parameters
 
@@ -304,17 +304,16 @@ class OpenBlock:
             # not what a search met on its way, as an onset's `obstacle`
             if variable.codes is not None and not name.endswith("obstacle"):
                 failed |= _failed(name, variable.codes, values)
-            if variable.codes is OUTCOME and name.endswith("outcome"):
+            if variable.codes == OUTCOMES and name.endswith("outcome"):
                 here = values[..., self.points].ravel()  # several of a point: branches
-                codes = np.bincount(here, minlength=len(OUTCOME))
-                outcomes = {c.name: int(codes[c]) for c in OUTCOME if codes[c]}
+                codes, counts = np.unique(here, return_counts=True)
+                named = zip(codes.tolist(), counts.tolist(), strict=True)
+                outcomes = {CODE(code).name: count for code, count in named}
         seconds = time.perf_counter() - self.began
         return Tally(self.points.size, seconds, self.steps, outcomes, failed)
 
 
-def _failed(
-    name: str, codes: type[Code], values: np.ndarray
-) -> dict[str, dict[str, int]]:
+def _failed(name: str, codes: Codes, values: np.ndarray) -> dict[str, dict[str, int]]:
     """At how many points, which stand behind, a code says that the lane failed."""
     values = values.reshape(-1, values.shape[-1])  # several of a point: branches
     failures = [code for code in codes if code.name in REMEDIES]

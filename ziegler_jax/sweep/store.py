@@ -46,7 +46,7 @@ from .axes import check_name
 from .partition import Block, Blocks, Tally
 from .provenance import difference, difference_of_meaning
 
-LAYOUT, WRITTEN_BY = 3, {"1": "0.1", "2": "0.2"}  # of the files, and whose were others
+LAYOUT, WRITTEN_BY = 4, {"1": "0.1", "2": "0.2"}  # of the files, and whose were others
 RECORD = "sweep-record"  # no variable's name: names have no hyphen
 RECORDS = "sweep.json", "sweep.copy.json"
 ABANDONED = 60.0  # seconds after which a half-made store without a lock is nobody's
