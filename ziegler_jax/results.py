@@ -29,10 +29,10 @@ Final = TypeVar("Final")  # the state at the end: no room below knows states
 class CODE(enum.IntEnum):
     """How a lane ended, or what it is: one number a word, with a sentence.
 
-    Every variable of codes holds some of these, and lists them in its attributes.
-    Numbers are grouped, and in order of precedence within a question: what is below
-    `unsettled` has nothing to name, its numbers are NaN; then what is not decided; from
-    `stuck` on something is said.
+    A variable of codes holds some of these, and lists them in its attributes. Numbers
+    are grouped, and in order of precedence within a question: below `unsettled` there
+    is nothing to name, and numbers are NaN; below `decided` it is not decided what
+    there is. The last group, from `ordinary` on, is of points on branches and curves.
     """
 
     sentence: str

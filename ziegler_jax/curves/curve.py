@@ -41,7 +41,7 @@ from .course import Course
 from .degeneracy import Torus
 from .derivative import moving_point
 from .fill import Filled, Knots, at_values, corrected, evenly, joined
-from .problem import MEETINGS, TESTS, CurveProblem, N
+from .problem import TESTS, WITHIN, CurveProblem, N
 from .start import (
     DEGENERACIES,
     KINDS,
@@ -261,7 +261,7 @@ def _knots(way: ContinuationState) -> Knots:
     grazes = (way.points.modes < 0) & (places < way.count)
     first = jnp.argmax(grazes).astype(jnp.int32)
     count = jnp.where(jnp.any(grazes), first, way.count)
-    edges = way.kind > len(MEETINGS)
+    edges = way.kind > len(WITHIN)
     which = jnp.argmax(edges)
     last = jnp.where(jnp.any(edges), jnp.maximum(way.count - 1, 0), x.shape[0])
     return Knots(

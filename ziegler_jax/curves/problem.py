@@ -26,8 +26,8 @@ NEWTON_STEPS = 10  # more say that the step was too long
 ON_A_BOUND = 1e-12  # what lies so little outside is on it
 KINK = 1e-3  # a step below it may turn where the sequence of modes changes
 N = 6  # unknowns of the cycle and the two parameters
-MEETINGS = CODE.cusp, CODE.unit, CODE.minus, CODE.pair  # zero there, in this order
-TESTS = (*MEETINGS, *(CODE.beyond,) * 4)  # two bounds of each parameter
+WITHIN = CODE.cusp, CODE.unit, CODE.minus, CODE.pair  # zero there, in this order
+TESTS = (*WITHIN, *(CODE.beyond,) * 4)  # two bounds of each parameter
 Row = Float[Array, " n"]
 
 
@@ -117,7 +117,7 @@ class CurveProblem(AbstractContinuation):
     ) -> Bool[Array, " k"]:
         """Another sequence of modes may jump over zero."""
         same = before.modes == after.modes
-        met = len(MEETINGS)
+        met = len(WITHIN)
         return changed.at[:met].set(changed[:met] & same)
 
     def confirms(self, kind: Int[Array, ""], point: BranchPoint) -> Flag:
