@@ -20,7 +20,9 @@ def helper(x):
 def point(x, y):
     table = jnp.asarray(TABLE, x.dtype)
     bent = jnp.interp(x, jnp.arange(5.0, dtype=x.dtype), table)
-    regime = jnp.where(x > y, jnp.int8(2), jnp.int8(3))  # a variable of codes
+    regime = jnp.where(
+        x > y, jnp.int8(zj.CODE.stable), jnp.int8(zj.CODE.marginal)
+    )  # a variable of codes
     return {
         "sum": FACTOR * x + helper(y), "bent": bent, "flag": x > y, "regime": regime
     }  # fmt: skip

@@ -71,7 +71,7 @@ def test_sensitivity_has_no_number_where_the_load_jumps():
 
 
 def test_sensitivity_refuses_a_load_that_is_not_there():
-    with pytest.raises(ValueError, match="outcome is `none`"):
+    with pytest.raises(ValueError, match="outcome is `no_load`"):
         zj.sensitivity(zj.uniform_rods(), "divergence")
     with pytest.raises(ValueError, match="`parameters` must name leaves"):
         zj.sensitivity(zj.uniform_rods(), parameters=["mass"])
@@ -164,7 +164,7 @@ def test_stabilise_names_what_is_wrong():
     for bounds, word in (({"mass": (0, 1)}, "leaves"), ({"a": (2, 1)}, "low < high")):
         with pytest.raises(ValueError, match=word):
             zj.stabilise(column, bounds)
-    with pytest.raises(ValueError, match="outcome is `none`"):
+    with pytest.raises(ValueError, match="outcome is `no_load`"):
         zj.stabilise(zj.uniform_rods(), {"kappa": (0.5, 2.0)}, kind="divergence")
     with pytest.raises(ValueError, match="`start` must name"):
         zj.stabilise(column, {"kappa": (0.5, 2.0)}, start={"b": 1.0})

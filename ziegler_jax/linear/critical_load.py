@@ -76,8 +76,8 @@ def critical_load(column: Column, kind: Kind = "flutter") -> CriticalLoad:
 
     **Returns:** `.q_cr`, `.frequency`, `.outcome`. The outcome is `found`; `preceded`
     if the other kind comes at a lower load (stability may have come back in between);
-    `undamped` (below); `none` if no load crosses such a boundary (flutter that grows
-    out of divergence, two growing real s that meet, crosses none). For `none`,
+    `undamped` (below); `no_load` if no load crosses such a boundary (flutter that grows
+    out of divergence, two growing real s that meet, crosses none). For `no_load`,
     `double_root`, `unstable_at_zero` and `invalid` the numbers and all their
     derivatives are NaN: to mask lanes in a sum that is differentiated, mask their
     parameters.
