@@ -10,7 +10,13 @@ from scipy.optimize import brentq, fsolve
 
 import ziegler_jax as zj
 from ziegler_jax import CODE
-from ziegler_jax.analysis.branch_point import BranchPoint, Continuation, products
+from ziegler_jax.analysis.branch_point import (
+    TESTS,
+    BranchPoint,
+    Continuation,
+    codes_of,
+    products,
+)
 from ziegler_jax.analysis.march import Walk
 
 # A column with smoothed friction, whose cycle folds -----------------------------------
@@ -234,15 +240,16 @@ def test_special_points_are_found_where_multipliers_pass_the_unit_circle(rate):
     @jax.vmap
     def follow(path):
         end = Walk(KnownBranch(path, rate), 3, (True,) * 4, False).follow()
-        return end.kind, end.special.x[:, 4]
+        return codes_of(end.kind, TESTS), end.special.x[:, 4]
 
     kind, place = follow(np.array(list(paths.values()), float))
     torus, flip, pitchfork = CODE.torus, CODE.flip, CODE.pitchfork
+    none = CODE.ordinary
     assert kind.tolist() == [
-        [torus, flip, 0],
-        [0, 0, 0],
-        [pitchfork, 0, 0],
-        [flip, 0, 0],
+        [torus, flip, none],
+        [none, none, none],
+        [pitchfork, none, none],
+        [flip, none, none],
     ]
     known = [0.3, 0.75, 0.5, 0.25]
     found = [place[0, 0], place[0, 1], place[2, 0], place[3, 0]]
@@ -266,7 +273,7 @@ def test_lines_through_a_branchs_points_pass_through_stable_cycles_of_a_sweep():
     points = branch.points
     kinds = np.asarray(branch.special.kind)
     # the fold alone: where the branch is born, at the other end, nothing folds
-    assert kinds.tolist() == [CODE.fold, 0, 0, 0]
+    assert kinds.tolist() == [CODE.fold] + [CODE.ordinary] * 3
     assert branch.outcome == zj.CODE.collapsed
     q, stable = np.asarray(points.parameter), np.asarray(points.stable)
     turn = int(np.nanargmin(q))
@@ -312,7 +319,7 @@ def test_a_branch_passes_the_three_folds_that_auto_finds():
         return zj.continue_cycle(column, orbit, 1.8, arc=arc).special
 
     special = follow()
-    assert special.kind.tolist() == [CODE.fold] * 3 + [0]
+    assert special.kind.tolist() == [CODE.fold] * 3 + [CODE.ordinary]
     mine = np.stack([special.parameter, special.period], axis=1)[:3]
     # measured 1.5e-9, in a period; the loads agree to all digits that AUTO prints
     np.testing.assert_allclose(mine, AUTO_FOLDS, rtol=0, atol=1e-8)

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..results import CODE, OUTCOMES, Codes, Variable
+from ..results import OUTCOMES, Codes, Variable
 from ..runtime import free_memory
 from .axes import empty, parameters
 
@@ -306,9 +306,8 @@ class OpenBlock:
                 failed |= _failed(name, variable.codes, values)
             if variable.codes == OUTCOMES and name.endswith("outcome"):
                 here = values[..., self.points].ravel()  # several of a point: branches
-                codes, counts = np.unique(here, return_counts=True)
-                named = zip(codes.tolist(), counts.tolist(), strict=True)
-                outcomes = {CODE(code).name: count for code, count in named}
+                counts = {c.name: int((here == c).sum()) for c in OUTCOMES}
+                outcomes = {code: count for code, count in counts.items() if count}
         seconds = time.perf_counter() - self.began
         return Tally(self.points.size, seconds, self.steps, outcomes, failed)
 
