@@ -177,7 +177,6 @@ def other(q, method=None):
         ({"point": 3}, ("`point`", "function", "3")),
         ({"point": other, "variants": {"a": {"method": 1}}}, ("`a`", "phi2", "phi1")),
     ],
-    ids=str,
 )
 def test_misuse_is_named(refuses, options, parts):
     call = {"point": end, "variants": {"a": {}}, **options}
