@@ -119,6 +119,11 @@ SLOW = {
         "test_main.py::test_another_map_is_refused_in_one_line_and_overwritten",
     ],
     LONG_RUNS: [
+        "analysis/test_thresholds.py::test_the_ends_of_the_last_interval_stick_and",
+        "motion/test_where_stiff.py::test_two_sweeps_by_the_mask_fill_each_other_up",
+        "steady/test_endings.py::test_an_offset_does_not_hide_that_a_joint_rings_down",
+        "steady/test_endings.py::test_a_cycle_whose_joints_turn_several_times_a_period",
+        "steady/test_rest.py::test_a_cycle_below_the_noise_of_the_steps_is_not_rest",
         "analysis/test_thresholds.py::test_a_dead_load_overturns_beyond_the_energy_of",
         "motion/test_random_scenes.py::test_errors_fall_with_the_tolerance[stiff",
         "steady/test_endings.py::test_what_has_decayed_below_the_steps_error_is_at_rest[None",
@@ -204,6 +209,21 @@ SLOW = {
         "[Method]",
     ],
     OTHER_WAY: [
+        "motion/test_every_motion_ends.py::test_a_verdict_that_rounding_shortens_is",
+        "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events"
+        "[Taylor-1e-09-4e-07-6e-08-c02",
+        "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew"
+        "[settle_observed",
+        "test_refusals.py::test_a_method_may_be_an_argument_of_a_jit[method1",
+        "test_si_units.py::test_each_joint_has_its_own_pin_and_its_own_transition",
+        "motion/test_stick_and_slip.py::test_rates_far_too_fast_for_the_first_step_are"
+        "_followed[Taylor",
+        "plot/test_pages.py::test_it_says_so_of_what_was_judged_by_windows[dry",
+        "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew"
+        "[trajectory_damped-False",
+        "test_derivatives.py::test_second_derivatives_under_smoothed_friction_are_right",
+        "test_results.py::test_events_are_swept_with_their_modes",
+        "test_results.py::test_an_obstacle_that_there_was_not_is_none",
         "steady/test_endings.py::test_without_load_nothing_repeats[dry",
         "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew"
         "[settle_rubbed",
@@ -211,7 +231,6 @@ SLOW = {
         "test_derivatives.py::test_second_derivatives_that_would_be_wrong_are_refused[sweep",
         "test_derivatives.py::test_second_derivatives_that_would_be_wrong_are_refused[poincare",
         "test_derivatives.py::test_second_derivatives_that_would_be_wrong_are_refused[trajectory",
-        "test_derivatives.py::test_second_derivatives_under_smoothed_friction_are_right[poincare",
         "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew[settle_damped-False",
         "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Taylor-1e-09-4e-07-6e-08-c18_layerrule",
         "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Tsit5-1e-09-1e-06-2e-07-c18_layerrule",
@@ -219,7 +238,6 @@ SLOW = {
         "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[two_settles-2",
         "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[under_vmap-0",
         "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[one_after_the_other-2",
-        "steady/test_endings.py::test_an_offset_does_not_hide_that_a_joint_rings_down[0.5",
         "analysis/test_verdicts.py::test_each_motion_is_called_what_it_is[stuck",
         "motion/test_stick_and_slip.py::test_the_energy_balance_holds[stribeck-limit]",
         "motion/test_stick_and_slip.py::test_random_scenes_all_end[stribeck-limit]",
@@ -247,6 +265,8 @@ SLOW = {
         "_direct_calls[with_jvp",
     ],
     TASKS: [
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/animation.py 0",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[units/si.py 0",
         "test_studies.py::test_the_onset_load_of_the_study_can_be_traced_with_its",
         "test_examples.py::test_a_task_runs_as_it_stands[cell]",
         "test_examples.py::test_a_task_runs_as_it_stands[transforms]",

@@ -78,16 +78,15 @@ def test_the_first_end_of_a_mode_is_found_among_random_polynomials():
 def test_an_excursion_is_seen_however_short_it_is(depth):
     """A torque that passes its limit by `depth` at `place`, and comes back."""
     places = np.geomspace(1e-3, 0.99, 200)
-    w = np.zeros((2, places.size, ORDER + 1))
-    w[0, :, :3] = np.stack([1 + depth - places**2, 2 * places, -1 + 0 * places], -1)
-    w[1, :, 0] = 0.5  # the other one has room
+    moved = np.zeros((2, places.size, ORDER + 1))
+    moved[1, :, 0] = 0.5  # the other one has room
     limits, slips = np.ones((places.size, 2)), np.zeros((places.size, 2), bool)
     start, past, seen = np.zeros(places.size), np.zeros(places.size, bool), 0
     for _ in range(60):  # steps until all are seen, or passed unseen
-        moved = np.array([Polynomial(row)(Polynomial([t, 1])).coef for row, t in zip(
-            w[0], start, strict=True)])  # fmt: skip
-        moved = np.pad(moved, ((0, 0), (0, ORDER + 1 - moved.shape[1])))
-        lanes = map(jnp.asarray, (moved, w[1], limits, slips))
+        # 1 + depth - (t - place)^2 from `start` on
+        left = places - start
+        moved[0, :, :3] = np.stack([1 + depth - left**2, 2 * left, -1 + 0 * left], -1)
+        lanes = map(jnp.asarray, (*moved, limits, slips))
         s, found, (mine, _) = (jax.tree.map(np.asarray, x) for x in ends(*lanes))
         event = np.where(past, False, mine)
         here = (start + found)[event]

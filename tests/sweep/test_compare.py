@@ -10,8 +10,6 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax.results import REGIMES
 
-pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
-
 matplotlib.use("agg")
 
 TOL = 1e-4

@@ -7,8 +7,6 @@ import pytest
 
 import ziegler_jax as zj
 
-pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
-
 KICK = zj.State(omega=(0.0, 0.3))
 TABLE = {"damping": 0.05}
 
