@@ -265,7 +265,7 @@ SLOW = {
         "_direct_calls[with_jvp",
     ],
     TASKS: [
-        "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/animation.py 0",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/animation",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[units/si.py 0",
         "test_studies.py::test_the_onset_load_of_the_study_can_be_traced_with_its",
         "test_examples.py::test_a_task_runs_as_it_stands[cell]",
