@@ -202,6 +202,7 @@ SLOW = {
         "test_structure.py::test_every_entry_of_the_second_tier_is_a_test_and_no_mark",
     ],
     ALL_QUESTIONS: [
+        "test_options.py::test_the_tables_say_what_each_question_does_on_its_own[Windows",
         "motion/test_debugging_flags.py::test_the_package_computes_the_same_under_a",
         "motion/test_debugging_flags.py::test_set_valued_motions_and_cycles_compute",
         "test_options.py::test_a_partial_value_leaves_the_rest_to_the_question",
@@ -209,6 +210,10 @@ SLOW = {
         "[Method]",
     ],
     OTHER_WAY: [
+        "steady/test_endings.py::test_a_window_of_less_than_a_return_tells_nothing",
+        "sweep/test_stages.py::test_every_place_of_a_batch_rounds_alike",
+        "sweep/test_sweeps.py::test_few_points_run_in_small_batches_with_the_same_bits"
+        "[164-128",
         "motion/test_every_motion_ends.py::test_a_verdict_that_rounding_shortens_is",
         "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events"
         "[Taylor-1e-09-4e-07-6e-08-c02",
