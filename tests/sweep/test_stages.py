@@ -163,9 +163,9 @@ def test_lanes_in_flight_are_few_however_many_points_there_are(monkeypatch):
     """Later loops go first: open blocks, and what is taken along, stay bounded."""
     most, give = 0, pool.Pool.give
 
-    def watched(lanes, parts):
+    def watched(lanes, *given, **options):
         nonlocal most
-        give(lanes, parts)
+        give(lanes, *given, **options)
         most = max(most, int(lanes.counts[1:].sum()))
 
     monkeypatch.setattr(pool.Pool, "give", watched)

@@ -28,9 +28,9 @@ from .stages import Stage
 # told apart on two kinds of processor.
 CALL, LANES = 100, 128
 SHORTEST_CHUNK, FIRST_CHUNK, LONGEST_CHUNK = 64, 128, 1024
-LAST_CHUNK = 4096  # where no other lane is left; but Ctrl-C has to wait for it
+LAST_CHUNK = 4096  # where no lane waits for a place; but Ctrl-C has to wait for it
 # Where lanes cost alike, a chunk is a lane's whole run: none idles for long, and calls
-# are few.
+# are few. A few stragglers wait until they fill a batch.
 ALIKE, STRAGGLERS, LONGEST_RUN = 0.8, 0.05, 16384
 # A lane makes no step in a chunk where a motion of its sequence ends as it begins.
 STALLED = 8
@@ -150,11 +150,11 @@ class Pool:
         self.widths = np.array([stage.lanes for stage in program.stages])
         self.changed = threading.Condition()
         self.closed = self.exhausted = False
-        self.batches_out = 0  # taken and not given back
+        self.out = np.zeros(len(program.stages), int)  # batches that are being led
         self.results_at = time.monotonic()
 
     def take(self) -> tuple[int, OpenLanes, bool] | None:
-        """A stage, a batch of lanes for it, and whether no other lane is left.
+        """A stage, a batch of lanes for it, and whether no lane waits for a place.
 
         None where no batch will come any more.
         """
@@ -163,21 +163,30 @@ class Pool:
                 self._begin()
                 number = self._chosen()
                 if self.counts[number]:
-                    self.batches_out += 1
+                    self.out[number] += 1
                     lanes = self._some(number)
-                    alone = self.batches_out == 1 and not self.counts.any()
-                    return number, lanes, alone and self.exhausted
-                if not self.batches_out:
+                    elsewhere = self.out.sum() - self.out[number]
+                    waits = elsewhere or self.counts[:-1].any() or not self.exhausted
+                    return number, lanes, not waits
+                if not self.out.any():
                     return None
                 self.changed.wait(0.1)
         return None
 
-    def give(self, parts: list[tuple[int, OpenLanes]]) -> None:
-        """Let the lanes of a batch wait where they go on."""
+    def give(
+        self, stage: int, parts: list[tuple[int, OpenLanes]], stay_first: bool
+    ) -> None:
+        """Let the lanes of a batch wait where they go on.
+
+        Those that stay at its stage may go on first: then slow lanes begin early, and
+        few are left in the end.
+        """
         with self.changed:
-            self.batches_out -= 1
+            self.out[stage] -= 1
             for number, lanes in parts:
-                self.waiting[number].append(lanes)
+                waiting = self.waiting[number]
+                first = stay_first and number == stage
+                (waiting.appendleft if first else waiting.append)(lanes)
                 self.counts[number] += lanes.points.size
             self.changed.notify_all()
 
@@ -213,7 +222,7 @@ class Pool:
         return number
 
     def _some(self, number: int) -> OpenLanes:
-        """A batch of those that have waited the longest before a stage."""
+        """A batch of those that wait before a stage."""
         parts, waiting, count = [], self.waiting[number], int(self.widths[number])
         while count > 0 and waiting:
             first = waiting.popleft()
@@ -237,6 +246,7 @@ class Run:
         self.checks = self.mismatches = 0
         # the steps of the last lanes that ended at each stage
         self.recent = [np.zeros(0, np.int64) for _ in program.stages]
+        self.alike = [False for _ in program.stages]  # whether these hardly differ
 
     def effort(self, seconds: float) -> Effort:
         """The cost so far."""
@@ -246,10 +256,11 @@ class Run:
     def thread(self) -> None:
         """Lead batches, one after the other, until there are no more."""
         while (batch := self.pool.take()) is not None:
-            self.pool.give(self.lead(*batch))
+            number, parts = batch[0], self.lead(*batch)
+            self.pool.give(number, parts, stay_first=not self.alike[number])
 
     def lead(
-        self, number: int, lanes: OpenLanes, alone: bool
+        self, number: int, lanes: OpenLanes, last: bool
     ) -> list[tuple[int, OpenLanes]]:
         """Lead a batch through a stage: its lanes, where they go on."""
         stage, count = self.program.stages[number], lanes.points.size
@@ -258,7 +269,7 @@ class Run:
             rows = lanes.at(np.arange(stage.lanes) % count).rows
         fixed, state = split(stage, rows)
         if stage.is_loop:
-            steps = np.int32(LAST_CHUNK if alone else self.chunk(number))
+            steps = np.int32(LAST_CHUNK if last else self.chunk(number, lanes))
             state, status = self.call(lanes, stage.function, steps, fixed, state)
             rows = tuple(np.asarray(row)[:, :count] for row in state)
             return self.went_on(number, lanes, rows, np.asarray(status)[:, :count])
@@ -307,7 +318,7 @@ class Run:
         ways = sorted(set(next_stage.tolist()))
         return [(way, after.at(np.flatnonzero(next_stage == way))) for way in ways]
 
-    def chunk(self, number: int) -> int:
+    def chunk(self, number: int, lanes: OpenLanes) -> int:
         """How many steps of a loop are run at a time."""
         stage, recent = self.program.stages[number], self.recent[number]
         dear = max(LANES / stage.lanes, 1.0)  # a call, in steps of so few lanes
@@ -316,8 +327,11 @@ class Run:
         few, ordered = int(STRAGGLERS * recent.size), np.sort(recent)
         slow = int(ordered[-1 - few])
         typical = np.minimum(ordered, slow).mean()
-        if 2 * recent.size >= stage.lanes and typical > ALIKE * slow > 0:
-            return min(slow, LONGEST_RUN)
+        alike = 2 * recent.size >= stage.lanes and typical > ALIKE * slow > 0
+        self.alike[number] = bool(alike)
+        if alike:
+            left = slow - int((lanes.here - lanes.came).min())
+            return min(max(left, slow // 16, SHORTEST_CHUNK), LONGEST_RUN)
         fair = math.sqrt(2 * CALL * dear / stage.cost * typical)
         return min(max(int(fair), SHORTEST_CHUNK), LONGEST_CHUNK)
 
