@@ -1,5 +1,6 @@
 """Scenes of several small blocks, for the tests of sweeps that are stored."""
 
+import enum
 import functools
 import json
 
@@ -73,3 +74,14 @@ def same(one, other):
 
 def lines(log):
     return [json.loads(line) for line in log.read_text().splitlines()]
+
+
+class Opposite(enum.IntEnum):
+    """The names of two codes, exchanged."""
+
+    flutter = int(zj.CODE.stable)
+    stable = int(zj.CODE.flutter)
+
+    @property
+    def sentence(self):
+        return self.name

@@ -1,11 +1,10 @@
 """The union of sweeps."""
 
-import enum
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from stored import Opposite
 
 import ziegler_jax as zj
 from ziegler_jax.results import REGIMES
@@ -212,17 +211,6 @@ def test_consent_to_versions_is_none_to_scenes_that_are_not_known(place):
     sweeps[place] = sweeps[place].assign_attrs(jax_version="9", scene_digest="none")
     with pytest.raises(ValueError, match=rf"`sweeps\[{place}\]`.*host callbacks"):
         zj.merge(*sweeps, versions="any")
-
-
-class Opposite(enum.IntEnum):
-    """The names of two codes, exchanged."""
-
-    flutter = int(zj.CODE.stable)
-    stable = int(zj.CODE.flutter)
-
-    @property
-    def sentence(self):
-        return self.name
 
 
 def test_codes_of_two_meanings_are_two_scenes_to_merge():

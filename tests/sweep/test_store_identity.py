@@ -1,6 +1,5 @@
 """Which sweep a store belongs to: another is refused by name."""
 
-import enum
 import gc
 import json
 import os
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 import stored
 import xarray as xr
-from stored import X, Y, point, same, settled, sweep
+from stored import Opposite, X, Y, point, same, settled, sweep
 
 import ziegler_jax as zj
 from ziegler_jax.results import REGIMES
@@ -60,17 +59,6 @@ def test_another_sweep_is_refused_by_name_and_replaced_on_demand(
         refuses(lambda: sweep(store=path), "computed with ziegler_jax", "9.9")
     assert sweep(store=zj.Store(path, overwrite=True), x=X[:-1]).x.size == 7
     assert zj.open_sweep(path).attrs["points_done"] == 35
-
-
-class Opposite(enum.IntEnum):
-    """The names of two codes, exchanged."""
-
-    flutter = int(zj.CODE.stable)
-    stable = int(zj.CODE.flutter)
-
-    @property
-    def sentence(self):
-        return self.name
 
 
 def labelled(units="m", of_axis="s", codes=REGIMES, name="length"):
