@@ -34,11 +34,15 @@ from ziegler_jax import __main__ as job
 KILLS = 20
 
 SWEEP = """
+import logging
 import sys
 import numpy as np
 import ziegler_jax as zj
-from ziegler_jax.sweep import partition
-partition.POINTS_A_BLOCK = 2000  # so that many are committed between two kills
+from ziegler_jax.sweep import grid
+log = logging.getLogger("ziegler_jax.sweep")
+log.setLevel("INFO")
+log.addHandler(logging.FileHandler(sys.argv[2]))
+grid.POINTS_A_BLOCK = 2000  # so that many are committed between two kills
 zj.configure_cpu()
 zj.configure_cache(sys.argv[3])
 
@@ -54,7 +58,7 @@ q, mu = np.linspace(1.5, 3.5, count), np.linspace(0.05, 0.3, 100)
 # what is left to do before the first lane is small then
 zj.sweep(point, q=q[:1], mu=mu[:1], store=sys.argv[1] + ".first", progress=False)
 print("ready", flush=True)
-zj.sweep(point, q=q, mu=mu, store=sys.argv[1], log=sys.argv[2], progress=False)
+zj.sweep(point, q=q, mu=mu, store=sys.argv[1], progress=False)
 """
 
 CHEAP = """

@@ -12,6 +12,7 @@ Prints one JSON line; some two minutes on two cores.
 
 import argparse
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -28,6 +29,7 @@ from measure import interleaved, machine, paired, rounded
 import ziegler_jax as zj
 
 WORKERS = 2
+LOG = logging.getLogger("ziegler_jax.sweep")
 CLUSTER = """
 import sys
 import dask
@@ -41,6 +43,19 @@ if __name__ == "__main__":
         print(cluster.scheduler_address, flush=True)
         sys.stdin.read()  # until the benchmark ends
 """
+
+
+class Kept(logging.Handler):
+    """How long each block took, as the sweep says."""
+
+    def __init__(self):
+        """None yet."""
+        super().__init__()
+        self.seconds = []
+
+    def emit(self, record):
+        """Take one."""
+        self.seconds.append(json.loads(record.getMessage())["seconds"])
 
 
 def point(q, copy):
@@ -101,6 +116,7 @@ def main():
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--profile", action="store_true")
     options = parser.parse_args()
+    LOG.setLevel("INFO")
     zj.configure_cpu()  # before the workers start: they inherit it
     q, copies = np.linspace(1.5, 3.5, 1000), np.arange(options.points // 1000)
     found, seconds, idle = {}, {}, {}
@@ -115,12 +131,12 @@ def main():
         cluster = Cluster(folder, options.profile)
 
         def on_cluster(name, **more):
-            log = Path(folder) / f"{name}.log"
-            log.unlink(missing_ok=True)
+            blocks = Kept()
+            LOG.addHandler(blocks)
             with cluster.client() as client:
-                sweep(name, client=client, log=log, **more)
-            lines = [json.loads(line) for line in log.read_text().splitlines()]
-            busy = sum(line["seconds"] for line in lines) / WORKERS
+                sweep(name, client=client, **more)
+            LOG.removeHandler(blocks)
+            busy = sum(blocks.seconds) / WORKERS
             idle.setdefault(name, []).append(1 - busy / seconds[name][-1])
 
         try:

@@ -1,6 +1,7 @@
 """What all tests share: 64 bits, strict promotion, how XLA compiles, and helpers."""
 
 import gc
+import json
 from importlib.metadata import version
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from hypothesis import HealthCheck, Phase, settings
 from jax._src import compiler
 from tiers import of_the_night, reason_of, turn_of
 
-from ziegler_jax.sweep import partition, program
+from ziegler_jax.sweep import grid, program
 
 pytest_plugins = ["costs"]
 
@@ -130,9 +131,21 @@ def refuses():
 
 
 @pytest.fixture
+def told(caplog):
+    """What sweeps have told their logger of blocks so far."""
+    caplog.set_level("INFO", "ziegler_jax.sweep")
+
+    def blocks():
+        own = (r for r in caplog.records if r.name == "ziegler_jax.sweep")
+        return [json.loads(record.getMessage()) for record in own]
+
+    return blocks
+
+
+@pytest.fixture
 def small_blocks(monkeypatch):
     """Sweeps of a few points then have several blocks."""
-    monkeypatch.setattr(partition, "POINTS_A_BLOCK", 10)
+    monkeypatch.setattr(grid, "POINTS_A_BLOCK", 10)
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 import enum
 import functools
-import json
 
 import jax.numpy as jnp
 import numpy as np
@@ -70,10 +69,6 @@ def same(one, other):
         assert one[name].dtype == other[name].dtype, name
         assert one[name].values.tobytes() == other[name].values.tobytes(), name
     return True
-
-
-def lines(log):
-    return [json.loads(line) for line in log.read_text().splitlines()]
 
 
 class Opposite(enum.IntEnum):

@@ -172,8 +172,8 @@ def test_ctrl_c_gets_one_line_and_exit_code_130(tmp_path):
 IN_SMALL_BLOCKS = """
 import sys
 from ziegler_jax import __main__
-from ziegler_jax.sweep import partition
-partition.POINTS_A_BLOCK = 20
+from ziegler_jax.sweep import grid
+grid.POINTS_A_BLOCK = 20
 sys.exit(__main__.main(sys.argv[1:]))
 """
 

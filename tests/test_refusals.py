@@ -13,7 +13,7 @@ import ziegler_jax as zj
 from ziegler_jax import CODE
 from ziegler_jax.motion.observers import AbstractObserver
 from ziegler_jax.results import AbstractResult, Variable
-from ziegler_jax.sweep.axes import labelled
+from ziegler_jax.sweep.returned import labelled
 
 KICK = zj.State(omega=(0.0, 0.2))
 COLUMN = zj.uniform_rods(2.0)

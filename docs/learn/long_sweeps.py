@@ -30,10 +30,12 @@ q, low, high = (
 #
 # `store` is a folder. Stop the sweep whenever you like: the same call with the same
 # store computes what is missing and nothing else. It keeps a sixteenth of the
-# points at a time (about 256 at least, 16 000 at most), as soon as they are whole.
+# points at a time (about 256 at least, 16 000 at most), as soon as they are whole. The
+# logger `ziegler_jax.sweep` says of each where it lies, what it cost and how its points
+# ended: `logging.basicConfig(filename="low.log", level="INFO")` keeps that.
 
 # %%
-ds = zj.sweep(point, q=q, kappa=low, store="low.zarr", log="low.jsonl")
+ds = zj.sweep(point, q=q, kappa=low, store="low.zarr")
 print(ds.attrs["points_done"], "of", ds.attrs["points"], "points")
 
 # %%

@@ -11,7 +11,7 @@ import pytest
 import ziegler_jax as zj
 from ziegler_jax.__main__ import LATE, point
 from ziegler_jax.__main__ import _with_growth as with_growth
-from ziegler_jax.sweep import partition, store
+from ziegler_jax.sweep import grid, store
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
 
@@ -37,7 +37,7 @@ def test_certificates_are_the_same_from_a_cluster_and_from_a_store(
     tmp_path, monkeypatch
 ):
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(partition, "POINTS_A_BLOCK", 5)
+    monkeypatch.setattr(grid, "POINTS_A_BLOCK", 5)
     axes = {"q": np.linspace(1.2, 3.8, 9), "mu_s": [0.12, 0.25], "mu_k": [0.1]}
     whole = zj.sweep(point, **axes)
     keep = store.SweepStore.write_block

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from stored import same, sweep
 
-from ziegler_jax.sweep import partition
+from ziegler_jax.sweep.grid import Grid
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
 
@@ -12,8 +13,8 @@ pytestmark = pytest.mark.usefixtures("small_blocks")
 @pytest.mark.parametrize("shape", [(1,), (7,), (100,), (5, 3), (2, 40), (3, 4, 5)])
 @pytest.mark.parametrize("points", [1, 7, 16, 1000])
 def test_blocks_part_the_grid(shape, points):
-    grid = {f"a{i}": np.arange(float(n)) for i, n in enumerate(shape)}
-    blocks = partition.Blocks(grid, points_a_block=points)
+    axes = {f"a{i}": np.arange(float(n)) for i, n in enumerate(shape)}
+    blocks = Grid(xr.Dataset(coords=axes), points_a_block=points)
     number = np.full(shape, -1)
     for i in range(blocks.count):
         block = blocks.block(i)
@@ -38,8 +39,8 @@ def test_small_sweeps_are_kept_in_sixteenths_and_long_ones_in_blocks(
 ):
     """A part has 256 points at least and 16 384 at most."""
     monkeypatch.undo()  # of what makes blocks small in the tests beside
-    grid = {"x": np.arange(float(points))}
-    assert partition.Blocks(grid).count == blocks
+    axes = {"x": np.arange(float(points))}
+    assert Grid(xr.Dataset(coords=axes)).count == blocks
 
 
 def test_where_is_asked_a_block_at_a_time_and_must_judge_by_values(path, refuses):

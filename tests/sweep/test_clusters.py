@@ -1,6 +1,5 @@
 """Blocks as tasks of a Dask cluster on this machine, workers that die included."""
 
-import json
 import os
 import signal
 import threading
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import cluster, partition, store
+from ziegler_jax.sweep import cluster, grid, store
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.usefixtures("optimised")  # as the workers compile
@@ -39,7 +38,7 @@ def sweep(scene, **options):
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(partition, "POINTS_A_BLOCK", 40)
+    monkeypatch.setattr(grid, "POINTS_A_BLOCK", 40)
 
 
 @pytest.fixture(scope="module")
@@ -60,21 +59,22 @@ def same(one, other):
     return True
 
 
-def test_results_are_gathered_or_written_by_the_workers(client, tmp_path):
+def test_results_are_gathered_or_written_by_the_workers(client, tmp_path, told):
     whole = sweep(point)
     assert same(sweep(point, client=client, where=lambda x, y: x >= 0), whole)
-    found = sweep(point, client=client, store=tmp_path / "a", log=tmp_path / "log")
+    before = len(told())
+    found = sweep(point, client=client, store=tmp_path / "a")
     assert same(found, whole)
+    written = told()[before:]
     with pytest.MonkeyPatch.context() as patch:  # a large point is sent by itself
         patch.setattr(cluster, "SENT_WITH_A_TASK", 0)
         assert same(sweep(point, client=client), whole)
     assert found.attrs["blocks_done"] == found.attrs["blocks"] == 15
-    written = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     assert sorted(line["block"] for line in written) == list(range(15))
 
 
 def test_a_store_begun_by_threads_is_finished_by_a_cluster(
-    client, tmp_path, monkeypatch
+    client, tmp_path, told, monkeypatch
 ):
     keep = store.SweepStore.write_block
 
@@ -87,9 +87,10 @@ def test_a_store_begun_by_threads_is_finished_by_a_cluster(
         patch.setattr(store.SweepStore, "write_block", interrupted)
         with pytest.raises(KeyboardInterrupt):
             sweep(point, store=tmp_path / "a", lanes=zj.Lanes(8, 1))
-    found = sweep(point, client=client, store=tmp_path / "a", log=tmp_path / "log")
+    before = len(told())
+    found = sweep(point, client=client, store=tmp_path / "a")
+    written = told()[before:]
     assert same(found, sweep(point))
-    written = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     assert sorted(line["block"] for line in written) == list(range(5, 15))
 
 
@@ -149,10 +150,10 @@ def test_a_point_that_cannot_be_sent_is_refused_with_a_cure(client, refuses):
 
 
 @pytest.mark.parametrize("stored", [False, True])
-def test_a_worker_that_is_killed_loses_nothing(client, tmp_path, stored):
+def test_a_worker_that_is_killed_loses_nothing(client, tmp_path, told, stored):
     whole = sweep(slow)
     assert same(sweep(slow, client=client), whole)  # both have compiled
-    killed, log = [], tmp_path / "log"
+    killed, before = [], len(told())
     advance = zj.sweep.__globals__["Progress"].advance
 
     def kill_one(self, *done):
@@ -165,7 +166,7 @@ def test_a_worker_that_is_killed_loses_nothing(client, tmp_path, stored):
     options = {"store": tmp_path / "a"} if stored else {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(zj.sweep.__globals__["Progress"], "advance", kill_one)
-        found = sweep(slow, client=client, log=log, **options)
+        found = sweep(slow, client=client, **options)
     assert killed and same(found, whole)
-    blocks = [json.loads(line)["block"] for line in log.read_text().splitlines()]
+    blocks = [line["block"] for line in told()[before:]]
     assert sorted(blocks) == list(range(15))

@@ -11,7 +11,7 @@ import pytest
 
 import ziegler_jax as zj
 from ziegler_jax.results import CRITICAL_LOADS, ONSETS, ORBITS, OUTCOMES, VERDICTS
-from ziegler_jax.sweep.partition import REMEDIES
+from ziegler_jax.sweep.assembly import REMEDIES
 
 ENDS = float(zj.CODE.step_vanished), float(zj.CODE.complete)
 

@@ -8,10 +8,12 @@ import types
 import jax
 import numpy as np
 import pytest
+import xarray as xr
 
 import ziegler_jax as zj
 from ziegler_jax.results import OUTCOMES
-from ziegler_jax.sweep import partition, progress
+from ziegler_jax.sweep import assembly, progress
+from ziegler_jax.sweep.grid import Grid
 
 # XLA folds so many terms at 20 000 places itself, for two or three seconds
 TERMS = 8001 if jax.__version_info__ >= (0, 11) else 101
@@ -67,12 +69,11 @@ def test_the_bar_is_shown_on_a_terminal_and_in_a_notebook(
 @pytest.mark.parametrize("name, failures", [("obstacle", 0), ("smoothed_outcome", 3)])
 def test_what_a_search_met_on_its_way_is_no_failure_of_the_point(name, failures):
     """An onset that is found names no motion that stood in its way."""
-    variables = {name: zj.Variable(None, "how a motion ended", codes=OUTCOMES)}
-    block = types.SimpleNamespace(region=(slice(0, 3),))
-    arrays = {name: np.full(3, zj.CODE.budget_spent, np.int8)}
-    opened = partition.OpenBlock(block, np.arange(3), arrays)
-    assert opened.tally(variables).failures == failures
+    a_code = jax.ShapeDtypeStruct((), np.int8)
+    variables = {name: zj.Variable(a_code, "how a motion ended", codes=OUTCOMES)}
+    block = Grid(xr.Dataset(coords={"x": [1.0, 2.0, 3.0]})).block(0)
     # what the column does itself is none
-    arrays = {name: np.full(3, zj.CODE.escaped, np.int8)}
-    opened = partition.OpenBlock(block, np.arange(3), arrays)
-    assert opened.tally(variables).failures == 0
+    for code, expected in ((zj.CODE.budget_spent, failures), (zj.CODE.escaped, 0)):
+        opened = assembly.OpenBlock(block, variables)
+        assert opened.put(np.arange(3), [np.full(3, code, np.int8)], np.zeros(3))
+        assert opened.tally().failures == expected

@@ -3,6 +3,7 @@
 import errno
 import functools
 import itertools
+import json
 import os
 import random
 import signal
@@ -13,10 +14,11 @@ import time
 import jax
 import numpy as np
 import pytest
-from stored import X, Y, lines, same, sweep
+import xarray as xr
+from stored import X, Y, same, sweep
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import partition, store
+from ziegler_jax.sweep import assembly, grid, store
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
 
@@ -84,9 +86,9 @@ def test_a_replaced_store_takes_nothing_more_from_its_former_sweep(path, refuses
     """As from a cluster's worker that still computes for a sweep that was stopped."""
     whole = sweep(store=path).load()
     former = store.SweepStore(path)
-    block = partition.Blocks({"x": X, "y": Y}).block(0)
+    block = grid.Grid(xr.Dataset(coords={"x": X, "y": Y})).block(0)
     wrong = {name: np.zeros_like(whole[name][:4]) for name in whole}
-    tally = partition.Tally(10, 0.0, 0, {}, {})
+    tally = assembly.Tally(10, 0.0, 0, {}, {})
     sweep(store=zj.Store(path, overwrite=True))
     refuses(lambda: former.write_block(block, wrong, tally), "`store`", "another")
     assert same(zj.open_sweep(path), whole)
@@ -183,19 +185,23 @@ def test_a_point_that_raises_for_one_batch_names_its_values(path):
 
 
 KILLED = """
+import logging
 import sys
 import numpy as np
 import ziegler_jax as zj
-from ziegler_jax.sweep import partition
+from ziegler_jax.sweep import grid
 
-partition.POINTS_A_BLOCK = 40
+grid.POINTS_A_BLOCK = 40
+log = logging.getLogger("ziegler_jax.sweep")
+log.setLevel("INFO")
+log.addHandler(logging.FileHandler(sys.argv[2]))
 
 def point(x, y):
     return {"sum": x + y, "product": x * y, "half": x / 2}
 
 print("ready", flush=True)
 zj.sweep(point, x=np.linspace(0, 1, 300), y=np.linspace(1, 2, 20), lanes=zj.Lanes(8),
-         store=sys.argv[1], log=sys.argv[2], progress=False)
+         store=sys.argv[1], progress=False)
 """
 
 
@@ -238,7 +244,8 @@ def test_killed_at_any_moment_it_goes_on_where_it_was(tmp_path, path):
     assert kills and 0 < len(before) < 150
     assert killed(arguments, 200.0, path, 0) == 0
     assert before.items() <= committed(path).items()
-    blocks = [line["block"] for line in lines(tmp_path / "log")]
+    told = (tmp_path / "log").read_text().splitlines()
+    blocks = [json.loads(line)["block"] for line in told]
     assert len(set(blocks)) == len(blocks) >= 150 - kills
     found = zj.open_sweep(path)
     x, y = found.x.values[:, None], found.y.values

@@ -17,7 +17,7 @@ from stored import Opposite, X, Y, point, same, settled, sweep
 
 import ziegler_jax as zj
 from ziegler_jax.results import REGIMES
-from ziegler_jax.sweep import partition, program, provenance
+from ziegler_jax.sweep import grid, program, provenance
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
 
@@ -56,7 +56,7 @@ def test_another_sweep_is_refused_by_name_and_replaced_on_demand(
             provenance.metadata, "version",
             lambda name: "9.9" if name == "ziegler_jax" else known(name),
         )  # fmt: skip
-        refuses(lambda: sweep(store=path), "computed with ziegler_jax", "9.9")
+        refuses(lambda: sweep(store=path), "numbers by ziegler_jax", "9.9")
     assert sweep(store=zj.Store(path, overwrite=True), x=X[:-1]).x.size == 7
     assert zj.open_sweep(path).attrs["points_done"] == 35
 
@@ -210,7 +210,7 @@ def test_a_batching_rule_of_the_users_own_is_a_part_of_the_scene():
 
 def test_every_setting_is_refused_by_name():
     settings = {"rtol": 1e-4, "solver": "Tsit5", "max_windows": 4}
-    blocks = partition.Blocks({"x": X, "y": Y})
+    blocks = grid.Grid(xr.Dataset(coords={"x": X, "y": Y}))
     scene = program.traced(point, ("x", "y"), 4)
 
     def of(settings):

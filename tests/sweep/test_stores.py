@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import pytest
 import xarray as xr
 import zarr
-from stored import MU, Q, lines, same, settled, sweep
+from stored import MU, Q, same, settled, sweep
 
 import ziegler_jax as zj
 from ziegler_jax.results import OUTCOMES, AbstractResult, Variable
@@ -27,7 +27,7 @@ def test_a_stored_sweep_is_the_one_in_memory(path):
         assert set(plain.data_vars) == set(found.data_vars)
 
 
-def test_lanes_in_chunks_and_their_outcomes_are_stored(path, tmp_path):
+def test_lanes_in_chunks_and_their_outcomes_are_stored(path, told):
     run = functools.partial(
         zj.sweep,
         settled,
@@ -38,9 +38,10 @@ def test_lanes_in_chunks_and_their_outcomes_are_stored(path, tmp_path):
         progress=False,
     )
     whole = run()
-    assert same(run(store=path, log=tmp_path / "log"), whole)
+    before = len(told())
+    assert same(run(store=path), whole)
     assert zarr.open_group(path, mode="r")["outcome"].chunks == (3, 3)
-    found = lines(tmp_path / "log")
+    found = told()[before:]
     assert sum(line["points"] for line in found) == whole.attrs["points"]
     assert sum(line["steps"] for line in found) == whole.steps.sum()
     for code in OUTCOMES:
@@ -52,9 +53,7 @@ def test_lanes_in_chunks_and_their_outcomes_are_stored(path, tmp_path):
         assert part.q.size == 3 and line["steps"] == part.steps.sum()
 
 
-def test_an_interrupted_sweep_computes_only_what_is_missing(
-    path, tmp_path, monkeypatch
-):
+def test_an_interrupted_sweep_computes_only_what_is_missing(path, told, monkeypatch):
     keep = store.SweepStore.write_block
 
     def interrupted(self, block, *rest):
@@ -71,11 +70,10 @@ def test_an_interrupted_sweep_computes_only_what_is_missing(
     whole = sweep()
     done = whole["sum"].values[:4], part["sum"].values[:4]
     assert (done[0] == done[1]).all() and part["sum"][4:].isnull().all()
-    found = sweep(store=path, log=tmp_path / "log")
-    assert same(found, whole)
-    assert sorted(line["block"] for line in lines(tmp_path / "log")) == [2, 3]
-    assert same(sweep(store=path, log=tmp_path / "again"), whole)
-    assert not (tmp_path / "again").exists()
+    before = len(told())
+    assert same(sweep(store=path), whole)
+    assert sorted(line["block"] for line in told()[before:]) == [2, 3]
+    assert same(sweep(store=path), whole) and len(told()) == before + 2
 
 
 def test_a_reader_sees_what_is_finished(path):
@@ -104,7 +102,8 @@ def test_codes_are_written_last(path):
 
 def test_two_sweeps_do_not_write_to_one_store(path, refuses):
     sweep(store=path)
-    with store.SweepStore(path):
+    with store.SweepStore(path) as one:
+        one.claim()
         refuses(
             lambda: sweep(store=zj.Store(path, overwrite=True)),
             "`store`",

@@ -20,7 +20,7 @@ import zarr
 from stored import same, sweep
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import partition, store
+from ziegler_jax.sweep import grid, store
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
 
@@ -30,7 +30,7 @@ def once(tmp_path_factory):
     """A store that is complete."""
     path = tmp_path_factory.mktemp("once") / "map.zarr"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(partition, "POINTS_A_BLOCK", 10)
+        patch.setattr(grid, "POINTS_A_BLOCK", 10)
         sweep(store=path, lanes=zj.Lanes(4, 1))
     return path
 

@@ -19,7 +19,7 @@ from faults import Killed, cut, flip, stopped_before
 from stored import X, Y, same, sweep
 
 import ziegler_jax as zj
-from ziegler_jax.sweep import partition, store
+from ziegler_jax.sweep import grid, store
 
 pytestmark = [
     pytest.mark.usefixtures("small_blocks", "no_waiting_for_the_disk"),
@@ -150,7 +150,7 @@ def mended(path, truth):
     found = sweep(store=path, lanes=zj.Lanes(4, 1))
     assert same(found, truth) and same(zj.open_sweep(path), truth)
     again = store.SweepStore(path)
-    blocks = partition.Blocks({"x": X, "y": Y})
+    blocks = grid.Grid(xr.Dataset(coords={"x": X, "y": Y}))
     assert again.missing(blocks) == {} and again.damaged() == []
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 import ziegler_jax as zj
 from ziegler_jax.results import AbstractResult
-from ziegler_jax.sweep import partition
+from ziegler_jax.sweep import assembly
 
 WINDOWS = zj.Windows(transient=5.0, length=5.0, max_windows=2)
 SHORT = {"windows": WINDOWS, "method": zj.Method(rtol=1e-4)}
@@ -44,9 +44,9 @@ quiet = functools.partial(zj.sweep, square, progress=False)
         (lambda: quiet(x=[1.0, 2.0, 1.0]), ("`x`", "once", "1 2 times", "unique")),
         (
             lambda: quiet(x=[1.0], batchsize=3),
-            ("`batchsize`", "mean `lanes=zj.Lanes(batch_size=...)`"),
+            ("`batchsize`", "`point`", "takes x"),
         ),
-        (lambda: quiet(x=[1.0], overwrite=True), ("zj.Store(path, overwrite=True)",)),
+        (lambda: quiet(x=[1.0], lane=3), ("`lane`", "`point`", "mean `lanes`")),
         (lambda: quiet(), ("at least one axis",)),
         (lambda: quiet(y=[1.0]), ("`y`", "`point`", "takes x")),
         (lambda: quiet(x=[1.0], y=[1.0]), ("`y`", "`point`", "takes x")),
@@ -228,9 +228,9 @@ def test_what_would_not_fit_into_memory_is_refused_at_once(refuses, monkeypatch)
         "`where`", *parts,
     )  # fmt: skip
     assert time.perf_counter() - start < 5  # before anything is compiled
-    monkeypatch.setattr(partition, "free_memory", lambda: 1000)
+    monkeypatch.setattr(assembly, "free_memory", lambda: 1000)
     refuses(lambda: quiet(x=np.arange(100.0)), "`store`", "800 bytes", "1000 bytes")
-    monkeypatch.setattr(partition, "free_memory", lambda: None)  # not known: go on
+    monkeypatch.setattr(assembly, "free_memory", lambda: None)  # not known: go on
     assert quiet(x=np.arange(100.0)).value[99] == 99.0**2
 
 
@@ -238,7 +238,7 @@ def test_results_count_with_all_their_numbers(refuses, monkeypatch):
     def scene(x):
         return {name: x for name in "abcd"}
 
-    monkeypatch.setattr(partition, "free_memory", lambda: 5000)
+    monkeypatch.setattr(assembly, "free_memory", lambda: 5000)
     refuses(lambda: zj.sweep(scene, x=np.arange(100.0)), "results", "3200 bytes")
 
     def narrow(x):  # held as numbers that can be NaN

@@ -12,7 +12,7 @@ from small_map import MU, Q, point, same, sweep
 
 import ziegler_jax as zj
 from ziegler_jax import CODE
-from ziegler_jax.sweep import partition, pool, program, progress
+from ziegler_jax.sweep import grid, pool, program, progress
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
 
@@ -162,7 +162,7 @@ def test_batch_mates_and_places_change_no_bit(whole):
             found[place] = [r[..., lane].copy() for r in results]
 
     order = np.random.default_rng(3).permutation(Q.size * MU.size)
-    values = partition.Blocks({"q": Q, "mu": MU}).values
+    values = grid.Grid(xr.Dataset(coords={"q": Q, "mu": MU})).box.values
     pool.run_lanes(
         compiled, values, iter([order]), put, threads=2,
         on_batch=lambda *_: None,

@@ -8,10 +8,10 @@ from tqdm import tqdm
 
 from ..numerics.numbers import number, whole_number
 from ..results import labels as attributes_of
-from ..sweep.axes import Returned
 from ..sweep.lanes import Lanes
 from ..sweep.once import Program
 from ..sweep.progress import shown, stream
+from ..sweep.returned import Returned
 from .boundaries import Audit, BoundarySearch
 from .cells import MOST_LEVELS, exponent, labels_of_pair
 from .lines import Lines

@@ -28,64 +28,27 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple
 from uuid import uuid4
 
 import numpy as np
 
 from ..runtime import compiles_whole_loops, configure_cpu
-from .partition import Block, BlockAssembler, Blocks, Tally
-from .pool import Effort, run_lanes, warn_of
+from .assembly import OpenBlock, Tally
+from .grid import Block, Grid
+from .pool import NO_EFFORT, Effort, run_lanes, warn_of
 from .program import Compiled, Scene, compiled, traced
 from .store import SweepStore
+
+if TYPE_CHECKING:  # installed by an extra
+    from distributed import Client, Future
 
 SENT_WITH_A_TASK = 1_000_000  # bytes of a point; a larger one is sent by itself
 _TASKS_A_THREAD = 3  # on their way, so that no worker waits for the next
 
-
 Arrays = dict[str, np.ndarray]  # of a block, by the variables' names
-# what a task gave: its block, the arrays if it did not store them, and what it cost
+# What a task gave: its block, the arrays if it did not store them, and what it cost.
 Ran = tuple[int, Arrays | None, Tally, Effort]
-
-
-class Client(Protocol):
-    """What is asked of a `dask.distributed.Client`."""
-
-    @property
-    def status(self) -> str:
-        """`running` until it is closed."""
-        ...
-
-    def submit(self, *task, **options):
-        """Have a function run by a worker."""
-        ...
-
-    def scatter(self, data: list, broadcast: bool, hash: bool) -> list:
-        """Send data to the workers."""
-        ...
-
-    def nthreads(self) -> Mapping[str, int]:
-        """Each worker's threads."""
-        ...
-
-    def cancel(self, futures: list) -> None:
-        """Give tasks up."""
-        ...
-
-
-class Task(Protocol):
-    """A `dask.distributed.Future` of a task."""
-
-    def result(self) -> Ran:
-        """What it gave."""
-        ...
-
-
-class Means(TypedDict):
-    """How a sweep's blocks are computed and kept."""
-
-    threads: int
-    store: str | None
 
 
 class Recipe(NamedTuple):
@@ -96,12 +59,9 @@ class Recipe(NamedTuple):
     batch_size: int
     digest: str  # of the scene
     whole_loops: bool
-    threads: int
-    store: str | None
-    token: str  # this sweep's: a store may have been replaced since the last
 
     @staticmethod
-    def of(scene: Scene, **parts: Unpack[Means]) -> "Recipe":
+    def of(scene: Scene) -> "Recipe":
         """What there is to know.
 
         **Raises:** `ValueError` if `point` cannot be sent.
@@ -116,18 +76,11 @@ class Recipe(NamedTuple):
                 f"of `client`, but {type(error).__name__}: {error}. What it refers to "
                 "(an open file, a lock, a client) must be made inside it."
             ) from error
-        return Recipe(
-            point,
-            scene.names,
-            scene.batch_size,
-            scene.digest,
-            whole_loops=compiles_whole_loops(),
-            token=uuid4().hex,
-            **parts,
-        )
+        size, loops = scene.batch_size, compiles_whole_loops()
+        return Recipe(point, scene.names, size, scene.digest, loops)
 
 
-def check_client(client: Client) -> None:
+def check_client(client: "Client") -> None:
     """Refuse what is no client, or one that is closed.
 
     **Raises:** `ValueError`.
@@ -145,64 +98,63 @@ def check_client(client: Client) -> None:
 
 
 def run_blocks(
-    client: Client,
-    recipe: Recipe,
-    blocks: Blocks,
+    client: Any,  # a `Client`, whose methods are typed as if they might be awaited
+    scene: Scene,
+    grid: Grid,
     missing: Mapping[int, int],
+    store: Path | None,
+    threads: int,
     write_block: Callable[[Block, Arrays | None, Tally], None],
     on_batch: Callable[[int, float], None],
 ) -> Effort:
     """Compute the missing blocks on the cluster of `client`.
 
-    **Arguments:** `write_block`: given each block, its arrays (None if the worker has
-    written them) and its tally.
+    **Arguments:** `threads`: of a task; `write_block`: given each block, its arrays
+    (None if the worker has written them) and its tally.
     """
     from distributed import as_completed
 
     started = time.perf_counter()
-    recipes = [recipe]
+    recipe = Recipe.of(scene)
+    sent = [recipe]
     if len(recipe.point) > SENT_WITH_A_TASK:
-        recipes = client.scatter(recipes, broadcast=True, hash=False)
-    waiting = iter(missing)
-    flying = as_completed()
-    done = own = ran = checks = mismatches = 0
+        sent = client.scatter(sent, broadcast=True, hash=False)
+    # a store may have been replaced since the last sweep: workers open it once a sweep
+    place = None if store is None else (str(store), uuid4().hex)
+    waiting, flying = iter(missing), as_completed()
+    done, total = 0, NO_EFFORT
 
     def submit() -> None:
         if client.status != "running":
             raise RuntimeError("The client was closed before the sweep's end.")
         room = _TASKS_A_THREAD * max(1, sum(client.nthreads().values()))
         for number in islice(waiting, max(0, room - flying.count())):
-            flying.add(
-                client.submit(_compute, recipes[0], blocks.block(number), pure=False)
-            )
+            task = sent[0], grid.block(number), place, threads
+            flying.add(client.submit(_compute, *task, pure=False))
 
     try:
         submit()
         for future in flying:
             number, arrays, tally, effort = _result(future)
-            write_block(blocks.block(number), arrays, tally)
-            done += 1
-            own, ran = own + effort.own_steps, ran + effort.all_steps
-            checks += effort.canary_checks
-            mismatches += effort.canary_mismatches
-            on_batch(missing[number], own / ran if ran else float("nan"))
+            write_block(grid.block(number), arrays, tally)
+            done, total = done + 1, total.plus(effort)
+            on_batch(missing[number], total.useful_steps)
             submit()
     except Exception as error:
-        where = "nothing is stored" if recipe.store is None else (
-            f"they are in {recipe.store}, and the same sweep goes on from there"
+        where = "nothing is stored" if store is None else (
+            f"they are in {store}, and the same sweep goes on from there"
         )  # fmt: skip
         error.add_note(f"Of {len(missing)} blocks {done} were finished: {where}.")
         raise
     finally:
         if client.status == "running":
             client.cancel(list(flying.futures))
-    if mismatches:
-        warn_of(mismatches, checks)
-    seconds = time.perf_counter() - started
-    return Effort(seconds, own, ran, checks, mismatches)
+    if total.canary_mismatches:
+        warn_of(total.canary_mismatches, total.canary_checks)
+    return total._replace(seconds=time.perf_counter() - started)
 
 
-def _result(future: Task) -> Ran:
+def _result(future: "Future") -> Ran:
     """What a task gave.
 
     **Raises:** `RuntimeError` if it was cancelled or the cluster is gone.
@@ -220,57 +172,48 @@ def _result(future: Task) -> Ran:
         ) from error
 
 
-def _compute(recipe: Recipe, block: Block) -> Ran:
+def _compute(
+    recipe: Recipe, block: Block, place: tuple[str, str] | None, threads: int
+) -> Ran:
     """A task."""
     with _PREPARING:
-        scene, program = _program(*recipe[:5])
-        store = None if recipe.store is None else _store(recipe.store, recipe.token)
+        scene, program = _program(recipe)
+        store = None if place is None else _store(*place)
     if store is not None and store.holds(block):
         # its writer died before it could say so
-        return block.number, None, Tally(0, 0.0, 0, {}, {}), Effort(0.0, 0, 0, 0, 0)
-    whole: list[Any] = []
-    part = Blocks(block.axes, block.chosen, points_a_block=block.chosen.size)
-    assembler = BlockAssembler(
-        part, scene.variables, lambda *fields: whole.extend(fields)
-    )
+        return block.number, None, Tally(0, 0.0, 0, {}, {}), NO_EFFORT
+    opened = OpenBlock(block, scene.variables)
     effort = run_lanes(
         program,
-        part.values,
-        assembler.points_of([part.block(0)]),
-        assembler.put,
-        threads=recipe.threads,
+        block.box.values,
+        iter([opened.points]),
+        opened.put,
+        threads=threads,
         on_batch=lambda *_: None,
     )
-    _, arrays, tally = whole
     if store is None:
-        return block.number, arrays, tally, effort
-    store.write_block(block, arrays, tally)
-    return block.number, None, tally, effort
+        return block.number, opened.arrays, opened.tally(), effort
+    store.write_block(block, opened.arrays, opened.tally())
+    return block.number, None, opened.tally(), effort
 
 
 _PREPARING = threading.Lock()  # a worker's threads compile once
 
 
 @lru_cache(maxsize=8)
-def _program(
-    pickled: bytes,
-    names: tuple[str, ...],
-    batch_size: int,
-    digest: str,
-    whole_loops: bool,
-) -> tuple[Scene, Compiled]:
+def _program(recipe: Recipe) -> tuple[Scene, Compiled]:
     import cloudpickle
 
-    if whole_loops and not compiles_whole_loops():
+    if recipe.whole_loops and not compiles_whole_loops():
         configure_cpu()  # before the point's arrays, if it has any, start JAX
-    point = cloudpickle.loads(pickled)
-    if whole_loops != compiles_whole_loops():
+    point = cloudpickle.loads(recipe.point)
+    if recipe.whole_loops != compiles_whole_loops():
         raise ValueError(
             "Argument `client` must have workers that compile loops as this process "
             "does, but one of them cannot: see `configure_cpu`."
         )
-    scene = traced(point, names, batch_size)
-    if scene.digest != digest:
+    scene = traced(point, recipe.names, recipe.batch_size)
+    if scene.digest != recipe.digest:
         raise ValueError(
             "Argument `client` must have workers with the same scene, but to one of "
             "them `point` is another program: its modules, versions or the numbers "

@@ -10,16 +10,16 @@ not a bound.
 import functools
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
 from ..numerics.numbers import whole_number
-from .axes import Returned, checked_axes, parameters
+from .grid import Grid, axes_of
 from .lanes import Lanes
-from .partition import evaluate_where
+from .returned import Returned
 from .sweep import sweep
 
 REFERENCE = "reference"
@@ -86,14 +86,12 @@ def compare(
     **Raises:** `ValueError` as `sweep`, and for arguments that break a rule.
     """
     calls = _calls(point, variants, reference)
-    grid = checked_axes(
-        calls[REFERENCE], axes, named_axes, inspect.signature(compare).parameters
-    )
+    options = inspect.signature(compare).parameters
+    grid = Grid(axes_of(calls[REFERENCE], axes, named_axes, options))
     for name, call in calls.items():
-        _check_apart(name, call.keywords, parameters(grid))
+        _check_apart(name, call.keywords, grid.names)
     whole_number("repeats", repeats)
-    shape = tuple(values.size for values in grid.values())
-    mask = np.ones(shape, bool) if where is None else evaluate_where(where, grid)
+    mask = np.ones(grid.shape, bool) if where is None else grid.box.chosen(where)
     if sample is not None:
         whole_number("sample", sample)
         mask = drawn(mask, sample)
@@ -153,11 +151,9 @@ def _calls(
     return calls
 
 
-def _check_apart(
-    name: str, given: Mapping[str, object], axes: Mapping[str, np.ndarray]
-) -> None:
+def _check_apart(name: str, given: Mapping[str, object], axes: Collection[str]) -> None:
     """Refuse a variant's arguments that are axes."""
-    twice = given.keys() & axes.keys()
+    twice = given.keys() & axes
     if twice:
         raise ValueError(
             f"Variant `{name}` must leave the axes alone, but names `{twice.pop()}`."

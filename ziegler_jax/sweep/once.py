@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike
 from ..numerics.numbers import instance
 from ..results import Variable
 from ..runtime import all_cores
-from .axes import Returned, check_signature, empty
+from .grid import check_signature
 from .lanes import Lanes
 from .pool import run_lanes
 from .program import Compiled, compiled, traced
+from .returned import Returned, empty
 
 
 class Program:

@@ -42,7 +42,7 @@ _CALLS = itertools.count(1)  # of this process: a cluster's blocks make a few ea
 # the values of the parameters at places of a grid, by their names
 Values = Callable[[np.ndarray], dict[str, np.ndarray]]
 # told of places, their results (lanes behind) and their steps
-Put = Callable[[np.ndarray, list[np.ndarray], np.ndarray], None]
+Put = Callable[[np.ndarray, list[np.ndarray], np.ndarray], object]
 Inputs = TypeVarTuple("Inputs")
 Output = TypeVar("Output")
 
@@ -60,6 +60,16 @@ class Effort(NamedTuple):
     def useful_steps(self) -> float:
         """The share of the lanes' own steps; NaN where no loop was cut."""
         return self.own_steps / self.all_steps if self.all_steps else float("nan")
+
+    def plus(self, other: "Effort") -> "Effort":
+        """The cost of these and of others."""
+        steps = self.own_steps + other.own_steps, self.all_steps + other.all_steps
+        checks = self.canary_checks + other.canary_checks
+        mismatches = self.canary_mismatches + other.canary_mismatches
+        return Effort(self.seconds + other.seconds, *steps, checks, mismatches)
+
+
+NO_EFFORT = Effort(0.0, 0, 0, 0, 0)
 
 
 def run_lanes(

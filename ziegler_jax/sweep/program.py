@@ -43,7 +43,7 @@ from ..runtime import (
     quiet_compiler,
     refuse_forked,
 )
-from .axes import Returned, empty, labelled
+from .returned import Returned, empty, labelled
 from .stages import Stage, needed, stages
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,

@@ -1,7 +1,7 @@
 """What a running sweep tells: a bar for the eye, a line a block for a program."""
 
 import json
-import os
+import logging
 import sys
 import threading
 import time
@@ -15,9 +15,11 @@ import numpy as np
 from tqdm import tqdm
 
 from ..results import Variable
-from .partition import REMEDIES, Block, Tally
+from .assembly import REMEDIES, Tally
+from .grid import Block
 
 TICK = 0.5  # seconds
+_LOG = logging.getLogger("ziegler_jax.sweep")
 
 
 def stream() -> TextIO:
@@ -71,20 +73,15 @@ def tracing(show: bool | None) -> Iterator[None]:
 class Progress:
     """A bar with points per second, useful steps, failures and time left; and a log.
 
-    A line of the log is a JSON object: the block's `number`, the least and the largest
-    value of each axis in `ranges`, `points`, `outcomes`, those that `failed`, `seconds`
-    from its first point to its last (others ran meanwhile), and the `steps` of its
-    lanes, 0 where they follow no motion in chunks. `steps / points` shows a region that
-    is slow by itself.
+    A message of the logger `ziegler_jax.sweep`, of level INFO, is a JSON object: the
+    `block`'s number, the least and the largest value of each axis in `ranges`,
+    `points`, `outcomes`, those that `failed`, `seconds` from its first point to its
+    last (others ran meanwhile), and the `steps` of its lanes, 0 where they follow no
+    motion in chunks. `steps / points` shows a region that is slow by itself.
     """
 
-    def __init__(
-        self, done: int, total: int, show: bool | None, log: str | os.PathLike | None
-    ):
-        """Open both."""
-        self._log: TextIO | None = (
-            None if log is None else open(log, "a", encoding="utf-8")
-        )
+    def __init__(self, done: int, total: int, show: bool | None):
+        """Open the bar."""
         self._lock = threading.Lock()
         self._bar = tqdm(
             file=stream(),
@@ -99,14 +96,12 @@ class Progress:
         self.failed: dict[str, Counter[str]] = {}  # points by variable and code
 
     def __enter__(self) -> "Progress":
-        """Nothing else: both are open."""
+        """Nothing else: the bar is open."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close both."""
+        """Close it."""
         self._bar.close()
-        if self._log is not None:
-            self._log.close()
 
     @contextmanager
     def compiling(self) -> Iterator[None]:
@@ -131,11 +126,9 @@ class Progress:
             self._failures += tally.failures
             for name, codes in tally.failed.items():
                 self.failed.setdefault(name, Counter()).update(codes)
-            if self._log is None:
-                return
+        if _LOG.isEnabledFor(logging.INFO):
             line = {"block": block.number, "ranges": block.ranges(), **tally._asdict()}
-            self._log.write(json.dumps(line) + "\n")
-            self._log.flush()
+            _LOG.info(json.dumps(line))
 
     def warn_of_failures(self, points: int, variables: Mapping[str, Variable]) -> None:
         """Say how many points failed, with which code, and what to do."""

@@ -14,7 +14,7 @@ import hashlib
 import inspect
 import platform
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from importlib import metadata
 from typing import Any, cast
 from uuid import uuid4
@@ -23,37 +23,47 @@ import jax
 import numpy as np
 import xarray as xr
 
-from ..results import AXES, coordinate, labels, unlike_meaning
+from ..results import coordinate, labels, unlike_meaning
 from ..runtime import compiles_whole_loops
-from .axes import check_name, empty, parameters
-from .partition import Blocks
+from .grid import Grid, check_name
 from .program import Scene
+from .returned import empty
 
 NONE = "none"  # the digest of a scene that has none
 _PACKAGES = ("ziegler_jax", "jax", "jaxlib")
 
 
-def identity(scene: Scene, blocks: Blocks) -> dict[str, Any]:
-    """Everything that a sweep's results depend on, the kind of processor apart."""
+def identity(scene: Scene, grid: Grid) -> dict[str, Any]:
+    """Everything that a sweep's results depend on, the kind of processor apart.
+
+    Each by the words with which `difference` tells it: "the store has ...".
+    """
+    versions = {f"numbers by {name}": metadata.version(name) for name in _PACKAGES}
+    columns = grid.box.columns.items()
     return {
-        **{name: metadata.version(name) for name in _PACKAGES},
-        "axes": {
-            name: [values.size, float(values[0]), float(values[-1]), digest_of(values)]
-            for name, values in parameters(blocks.grid).items()
-        },
-        "dimensions": list(blocks.grid),
-        "where": blocks.digest,
-        "block": list(blocks.chunk),
-        "settings": dict(scene.attributes),
+        **versions,
+        "axes": list(grid.names),
+        "dimensions": list(grid.dims),
+        **{f"axis `{name}` of": _known_by(values) for name, (_, values) in columns},
+        "other points (`where`)": grid.digest,
+        "blocks of": list(grid.chunk),
         "batch_size": scene.batch_size,
-        "loops": "whole" if compiles_whole_loops() else "in parts",
-        "results": {
-            name: [cast(jax.ShapeDtypeStruct, v.value).dtype.name, *v.dims]
+        "loops compiled": "whole" if compiles_whole_loops() else "in parts",
+        **scene.attributes,
+        "results": [
+            " ".join([name, cast(jax.ShapeDtypeStruct, v.value).dtype.name, *v.dims])
             for name, v in scene.variables.items()
-        },
+        ],
         # what the host computes is not known again: no two sweeps of it are one
         "scene": f"{NONE} {uuid4().hex}" if scene.known.hosts else scene.digest,
     }
+
+
+def _known_by(values: np.ndarray) -> str:
+    """An axis in words, and to the last bit."""
+    digest = hashlib.sha256(np.ascontiguousarray(values, "<f8").tobytes()).hexdigest()
+    ends = f"{values[0]:.17g} to {values[-1]:.17g}"
+    return f"{values.size} values from {ends}, with those between sha256 {digest}"
 
 
 def warn_of_hosts(scene: Scene) -> None:
@@ -70,55 +80,23 @@ def warn_of_hosts(scene: Scene) -> None:
 
 def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
     """The first difference of two identities as a part of a sentence, or None."""
-    for name in _PACKAGES:
-        if there[name] != here[name]:
-            return f"was computed with {name} {there[name]}, and this is {here[name]}"
-    if list(there["axes"]) != list(here["axes"]):
-        return (
-            f"has the axes {', '.join(there['axes'])}, and this sweep has "
-            f"{', '.join(here['axes'])}"
-        )
-    if list(there["dimensions"]) != list(here["dimensions"]):
-        return (
-            f"has the dimensions {', '.join(there['dimensions'])}, and this sweep has "
-            f"{', '.join(here['dimensions'])}"
-        )
-    for name, old in there["axes"].items():
-        new = here["axes"][name]
-        if old != new:
-            which = "" if old[:3] != new[:3] else ", others between them"
-            return (
-                f"has axis `{name}` with {old[0]} values from {old[1]:.17g} to "
-                f"{old[2]:.17g}, and this sweep {new[0]} from {new[1]:.17g} to "
-                f"{new[2]:.17g}{which}"
-            )
-    if there["where"] != here["where"]:
-        return "has other points: `where` chooses others in this sweep"
-    if there["loops"] != here["loops"]:
-        return (
-            f"was computed with loops compiled {there['loops']}, and this sweep "
-            f"compiles them {here['loops']} (see `configure_cpu`)"
-        )
-    for name in ("block", "batch_size"):
-        if there[name] != here[name]:
-            return f"has {name} {there[name]}, and this sweep {here[name]}"
-    old, new = there["settings"], here["settings"]
-    for name in sorted({*old, *new}):
-        if old.get(name) != new.get(name):
-            return f"has {name} {old.get(name)}, and this sweep {new.get(name)}"
-    if list(there["results"].items()) != list(here["results"].items()):
-        return (
-            f"holds {', '.join(there['results'])}, and this sweep gives "
-            f"{', '.join(here['results'])}, or other types or dimensions of them"
-        )
     if str(there["scene"]).startswith(NONE):
         return (
             "is of a point that has the host compute something (`pure_callback`, "
             "`io_callback`), which cannot be resumed; `open_sweep` reads what is there"
         )
-    if there["scene"] != here["scene"]:
-        return "is of another scene: its program is not that of this `point`"
+    for what in {**here, **there}:
+        old, new = there.get(what), here.get(what)
+        if old == new:
+            continue
+        if what == "scene":
+            return "is of another scene: its program is not that of this `point`"
+        return f"has {what} {_said(old)}, and this sweep {_said(new)}"
     return None
+
+
+def _said(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def difference_of_meaning(
@@ -142,12 +120,7 @@ def difference_of_meaning(
     return None
 
 
-def digest_of(values: np.ndarray) -> str:
-    """A hash of an axis, to the last bit."""
-    return hashlib.sha256(np.ascontiguousarray(values, "<f8").tobytes()).hexdigest()
-
-
-def check_names(scene: Scene, grid: Iterable[str]) -> None:
+def check_names(scene: Scene, grid: Grid) -> None:
     """Refuse results whose names break the rule, or are an axis's or its dimension's.
 
     **Raises:** `ValueError`.
@@ -156,7 +129,7 @@ def check_names(scene: Scene, grid: Iterable[str]) -> None:
     for name, variable in scene.variables.items():
         check_name("Result", name)
         taken |= set(variable.dims)
-    for name in [*scene.names, *grid]:
+    for name in [*grid.names, *grid.dims]:
         if name in taken:
             raise ValueError(
                 f"Axis `{name}` must be named unlike a result or its dimensions, which "
@@ -164,29 +137,16 @@ def check_names(scene: Scene, grid: Iterable[str]) -> None:
             )
 
 
-def template(
-    grid: Mapping[str, np.ndarray],
-    scene: Scene,
-    shape: tuple[int, ...],
-    attributes: Mapping[str, object],
-    own: Mapping[str, Mapping[str, str]],
-) -> xr.Dataset:
-    """The dataset with nothing computed; `own`: what the user says of the axes."""
-    data, used, coords = {}, {}, {}
-    along = {name: dim for dim in grid for name in parameters({dim: grid[dim]})}
+def template(grid: Grid, scene: Scene) -> xr.Dataset:
+    """The dataset with nothing computed."""
+    data, coords = {}, {}
     for name, variable in scene.variables.items():
-        dims, values = tuple(grid) + variable.dims, empty(variable, shape)
-        data[name] = (dims, values, labels(variable))
-        known = scene.coordinates
-        used |= {dim: known[dim] for dim in variable.dims if dim in known}
-    for name, values in {**used, **parameters(grid)}.items():
-        _, *labelled = coordinate(name, values)
-        if name in along:
-            usual = {"long_name": name, "units": "1", "symbol": name}
-            about = labelled[1] if name in AXES else usual
-            labelled = [np.asarray(values), {**about, **own.get(name, {})}]
-        coords[name] = (along.get(name, name), *labelled)
-    return xr.Dataset(data, coords, attributes)
+        dims, values = grid.dims + variable.dims, empty(variable, grid.shape)
+        data[name] = dims, values, labels(variable)
+        known = [dim for dim in variable.dims if dim in scene.coordinates]
+        coords |= {dim: coordinate(dim, scene.coordinates[dim]) for dim in known}
+    ds = xr.Dataset(data, coords, provenance(scene, grid.points))
+    return ds.assign_coords(grid.axes.coords)
 
 
 def provenance(scene: Scene, points: int) -> dict[str, object]:

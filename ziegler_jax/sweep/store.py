@@ -42,8 +42,8 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.storage import MemoryStore
 
 from ..results import coordinate
-from .axes import check_name
-from .partition import Block, Blocks, Tally
+from .assembly import Tally
+from .grid import Block, Grid, check_name
 from .provenance import difference, difference_of_meaning
 
 LAYOUT, WRITTEN_BY = 4, {"1": "0.1", "2": "0.2"}  # of the files, and whose were others
@@ -249,7 +249,7 @@ def locked_store(path: Path) -> int:
 
 
 def record_of(
-    template: xr.Dataset, blocks: Blocks, identity: Mapping[str, Any]
+    template: xr.Dataset, grid: Grid, identity: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What a new store says of its sweep."""
     others = (name for name in template.coords if name not in identity["axes"])
@@ -258,9 +258,9 @@ def record_of(
         "run": uuid4().hex,  # the mark of a stranger's block is none
         "metadata": template.to_dict(data=False),  # dimensions, types, attributes
         "labels": {str(name): template[name].values.tolist() for name in others},
-        "chunk": list(blocks.chunk),
-        "points": int(blocks.sizes.sum()),
-        "blocks": int(np.count_nonzero(blocks.sizes)),
+        "chunk": list(grid.chunk),
+        "points": grid.points,
+        "blocks": int(np.count_nonzero(grid.sizes)),
         "identity": identity,
         "chunks": {},  # of the coordinates: length, checksum, end
     }
@@ -376,7 +376,7 @@ def with_own(theirs: bytes | None, ours: bytes) -> bytes | None:
 def prepared(
     path: str | os.PathLike,
     template: xr.Dataset,
-    blocks: Blocks,
+    grid: Grid,
     identity: Mapping[str, Any],
     overwrite: bool,
 ) -> "SweepStore":
@@ -389,7 +389,7 @@ def prepared(
     path = place(path)
     if overwrite and path.is_dir() and any(path.iterdir()):
         remove(path)
-    record = record_of(template, blocks, identity)
+    record = record_of(template, grid, identity)
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         lock = create(path, template, record)
         if lock is not None:
@@ -545,8 +545,7 @@ class SweepStore:
         self.metadata = {key: text.to_bytes() for key, text in self.files.items()}
 
     def __enter__(self) -> "SweepStore":
-        """Write to it."""
-        self.claim()
+        """Nothing to do: a finished store need not be claimed."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -601,12 +600,12 @@ class SweepStore:
             if sum_of(bytes_of(self.path / key) or b"") != self.sums.get(key)
         ]
 
-    def mend(self, axes: Mapping[str, np.ndarray]) -> None:
+    def mend(self, axes: xr.Dataset) -> None:
         """Write again what is damaged beside blocks, once the store is claimed."""
         damaged, parts = self.damaged(), self.folder / "parts"
         for key in self.damaged_coordinates():
             name = key.split("/")[0]
-            values = axes[name] if name in axes else self.labels[name]
+            values = axes[name] if name in axes.coords else self.labels[name]
             content = self._encoded(key, (), np.asarray(values, np.float64))
             write(self.path / key, content, parts)
             self.sums[key] = sum_of(content)
@@ -615,20 +614,22 @@ class SweepStore:
         for name in RECORDS if damaged else ():
             self._write(self.folder / name, {**self.record, "chunks": self.sums})
 
-    def missing(self, blocks: Blocks) -> dict[int, int]:
+    def missing(self, grid: Grid) -> dict[int, int]:
         """How many points are still to be computed, by block.
 
         Every chunk of every finished block is read and compared with its checksum: of
         10^7 points, 0.8 GB in 5000 files, in some two seconds where they are still in
-        the system's memory (measured 1.8 s).
+        the system's memory (measured 1.8 s). Where there is something to do the store
+        is claimed, and what is damaged beside blocks is mended.
+
+        **Raises:** as `claim`.
         """
         marks = self.marks()
-        sizes = blocks.sizes
-        return {
-            number: int(sizes[number])
-            for number in np.flatnonzero(sizes).tolist()
-            if number not in marks or not self.intact(marks[number])
-        }
+        missing = grid.missing(lambda n: n in marks and self.intact(marks[n]))
+        if missing or self.damaged():
+            self.claim()
+            self.mend(grid.axes)
+        return missing
 
     def holds(self, block: Block) -> bool:
         """Whether the block is finished and undamaged."""

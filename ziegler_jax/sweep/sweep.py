@@ -4,7 +4,7 @@ import inspect
 import math
 import os
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,24 +13,20 @@ from numpy.typing import ArrayLike
 
 from ..numerics.numbers import instance
 from ..runtime import all_cores, refuse_forked
-from .axes import Returned, check_signature, checked_axes, own_labels, parameters
-from .cluster import Arrays, Client, Recipe, check_client, run_blocks
+from .assembly import BlockAssembler, Memory, Tally, check_room
+from .cluster import Arrays, check_client, run_blocks
+from .grid import Block, Grid, axes_of, check_signature
 from .lanes import Lanes
 from .once import Program
-from .partition import (
-    Block,
-    BlockAssembler,
-    Blocks,
-    Memory,
-    Tally,
-    check_room,
-    evaluate_where,
-)
 from .pool import Effort, run_lanes
 from .program import Scene, compiled, refuse_tracers, traced
 from .progress import Progress, tracing
-from .provenance import check_names, identity, provenance, template, warn_of_hosts
+from .provenance import check_names, identity, template, warn_of_hosts
+from .returned import Returned
 from .store import Store, SweepStore, prepared
+
+if TYPE_CHECKING:  # installed by an extra
+    from distributed import Client
 
 
 def sweep(
@@ -39,9 +35,8 @@ def sweep(
     where: Callable[..., ArrayLike] | None = None,
     lanes: Lanes = Lanes(),  # noqa: B008, a value
     store: str | os.PathLike | Store | None = None,
-    client: Client | None = None,
+    client: "Client | None" = None,
     progress: bool | None = None,
-    log: str | os.PathLike | None = None,
     axes: Mapping[str, ArrayLike] | None = None,
     **named_axes: ArrayLike,
 ) -> xr.Dataset:
@@ -105,8 +100,9 @@ def sweep(
         what `point` needs, and to write to `store` where there is one.
     - `progress`: a bar with points per second; None shows it on a terminal and in a
         notebook. While the scene is traced and compiled it says so, with the seconds.
-    - `log`: a file to which a line of JSON is added for every finished block: where
-        it lies, its points, seconds, steps and outcomes.
+        Beside it the logger `ziegler_jax.sweep` of Python's `logging` has a message,
+        of level INFO, for every finished block, an object of JSON: where it lies, its
+        points, seconds, steps and outcomes.
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
         them alike. An axis that is named like an option goes into `axes`. Names are of
         letters, digits and underscores, as those of results are. Parameters that are
@@ -139,48 +135,48 @@ def sweep(
     refuse_tracers(jnp.zeros(()), *jax.tree.leaves((named_axes, axes)))
     program = point if isinstance(point, Program) else None
     function = program.scene.point if program else point
-    grid = checked_axes(function, axes, named_axes, inspect.signature(sweep).parameters)
-    if where is not None:
-        if not callable(where):
-            raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
-        check_signature(where, list(parameters(grid)), "where")
+    places = axes_of(function, axes, named_axes, inspect.signature(sweep).parameters)
+    if where is not None and not callable(where):
+        raise ValueError(f"Argument `where` must be a function, but is {where!r}.")
     instance("lanes", lanes, Lanes)
     if store is not None and not isinstance(store, Store):
         store = Store(store)
     if client is not None:
         check_client(client)
-    size = math.prod(values.size for values in grid.values())
-    if where is not None and store is None:
-        check_room(f"which of {size} points `where` chooses", size)
-        blocks = Blocks(grid, evaluate_where(where, grid))
-    else:
-        if store is None:
-            check_room(f"one number at each of {size} points", 8 * size)
-        blocks = Blocks(grid, where)
+    grid = _grid(places, where, in_memory=store is None)
     if program:
-        program.check(parameters(grid), lanes)
+        program.check(grid.names, lanes)
         scene = program.scene._replace(seconds=0.0)
     else:
-        names = tuple(parameters(grid))
         with tracing(progress):
-            scene = traced(function, names, lanes.batch_size, blocks.points)
+            scene = traced(function, grid.names, lanes.batch_size, grid.points)
     check_names(scene, grid)
     if store is None:
-        check_room(f"the results of {size} points", scene.bytes_a_point * size)
+        room = scene.bytes_a_point * math.prod(grid.shape)
+        check_room(f"the results of {math.prod(grid.shape)} points", room)
+        backend: Memory | SweepStore = Memory(template(grid, scene))
+    else:
+        nothing, known = template(grid, scene), identity(scene, grid)
+        backend = prepared(store.path, nothing, grid, known, store.overwrite)
+        warn_of_hosts(scene)
     # a cluster's worker runs as many blocks as it has threads
     threads = lanes.threads or (all_cores() if client is None else 1)
-    run = _Run(scene, program, blocks, threads, client, store)
-    origin = provenance(scene, blocks.points)
-    own = own_labels({**named_axes, **(axes or {})})
-    nothing = template(grid, scene, blocks.shape, origin, own)
-    if store is None:
-        backend: Memory | SweepStore = Memory(nothing)
-    else:
-        backend = prepared(
-            store.path, nothing, blocks, identity(scene, blocks), store.overwrite
-        )
-        warn_of_hosts(scene)
-    return _filled(run, backend, progress, log)
+    return _filled(_Run(scene, program, grid, threads, client), backend, progress)
+
+
+def _grid(
+    axes: xr.Dataset, where: Callable[..., ArrayLike] | None, in_memory: bool
+) -> Grid:
+    """The points; what would not fit into memory is refused before it is made."""
+    size = math.prod(axes.sizes.values())
+    if where is not None:
+        check_signature(where, [*map(str, axes.coords)], "where")
+        if in_memory:
+            check_room(f"which of {size} points `where` chooses", size)
+            return Grid(axes, Grid(axes).box.chosen(where))
+    elif in_memory:
+        check_room(f"one number at each of {size} points", 8 * size)
+    return Grid(axes, where)
 
 
 class _Run(NamedTuple):
@@ -188,58 +184,50 @@ class _Run(NamedTuple):
 
     scene: Scene
     program: Program | None  # that has been compiled, or is once
-    blocks: Blocks
+    grid: Grid
     threads: int
-    client: Client | None
-    store: Store | None
+    client: "Client | None"
 
 
-def _filled(
-    run: _Run,
-    backend: Memory | SweepStore,
-    show: bool | None,
-    log: str | os.PathLike | None,
-) -> xr.Dataset:
+def _filled(run: _Run, backend: Memory | SweepStore, show: bool | None) -> xr.Dataset:
     """The dataset, after what is missing of it has been computed."""
-    scene, blocks = run.scene, run.blocks
-    try:
-        missing = backend.missing(blocks)
-        if not missing and not backend.damaged():
-            return backend.dataset({})
-    except BaseException:
-        backend.release()  # one that was just made holds its lock
-        raise
-    left = sum(missing.values())
-    seconds = scene.seconds
-    with backend, Progress(blocks.points - left, blocks.points, show, log) as progress:
-
-        def write_block(block: Block, arrays: Arrays | None, tally: Tally) -> None:
-            if arrays is not None:  # else a worker has written them
-                backend.write_block(block, arrays, tally)
-            progress.finished(block, tally)
-
-        backend.mend(parameters(blocks.grid))
+    scene, grid, seconds = run.scene, run.grid, run.scene.seconds
+    with backend:
+        missing = backend.missing(grid)
         if not missing:
             return backend.dataset({})
-        if run.client is None:
-            with progress.compiling():
-                program = run.program.compiled() if run.program else compiled(scene)
-            seconds += program.compile_seconds
-            assembler = BlockAssembler(blocks, scene.variables, write_block)
-            effort = run_lanes(
-                program,
-                blocks.values,
-                assembler.points_of(map(blocks.block, missing)),
-                assembler.put,
-                threads=run.threads,
-                on_batch=progress.advance,
-            )
-        else:
-            place = None if run.store is None else os.path.realpath(run.store.path)
-            recipe = Recipe.of(scene, threads=run.threads, store=place)
-            effort = run_blocks(
-                run.client, recipe, blocks, missing, write_block, progress.advance
-            )
+        left = sum(missing.values())
+        with Progress(grid.points - left, grid.points, show) as progress:
+
+            def write_block(block: Block, arrays: Arrays | None, tally: Tally) -> None:
+                if arrays is not None:  # else a worker has written them
+                    backend.write_block(block, arrays, tally)
+                progress.finished(block, tally)
+
+            if run.client is None:
+                with progress.compiling():
+                    program = run.program.compiled() if run.program else compiled(scene)
+                seconds += program.compile_seconds
+                assembler = BlockAssembler(grid, scene.variables, write_block)
+                effort = run_lanes(
+                    program,
+                    grid.box.values,
+                    assembler.points_of(missing),
+                    assembler.put,
+                    threads=run.threads,
+                    on_batch=progress.advance,
+                )
+            else:
+                effort = run_blocks(
+                    run.client,
+                    scene,
+                    grid,
+                    missing,
+                    backend.path if isinstance(backend, SweepStore) else None,
+                    run.threads,
+                    write_block,
+                    progress.advance,
+                )
         progress.warn_of_failures(left, scene.variables)
         return backend.dataset({**_cost(effort, left, seconds), "threads": run.threads})
 
