@@ -264,9 +264,21 @@ class Run:
         return Effort(seconds, *counts)
 
     def thread(self) -> None:
-        """Lead batches, one after the other, until there are no more."""
+        """Lead batches, one after the other, until there are no more.
+
+        Where lanes cost alike a batch goes on without new ones until few are left in
+        it: beside these they would idle for a whole run.
+        """
         while (batch := self.pool.take()) is not None:
-            number, parts = batch[0], self.lead(*batch)
+            number, lanes, last = batch
+            few, parts = STRAGGLERS * self.program.stages[number].lanes, []
+            while lanes is not None:
+                after = self.lead(number, lanes, last)
+                parts += [(way, part) for way, part in after if way != number]
+                lanes = next((part for way, part in after if way == number), None)
+                if lanes is None or not self.alike[number] or lanes.points.size <= few:
+                    break
+            parts += [] if lanes is None else [(number, lanes)]
             self.pool.give(number, parts, stay_first=not self.alike[number])
 
     def lead(
