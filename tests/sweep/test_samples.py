@@ -86,3 +86,24 @@ def test_a_store_of_samples_goes_on_and_opens(tmp_path):
         assert (ds["sum"].values == sweep()["sum"].values).all()
     with pytest.raises(ValueError, match="dimensions sample, c"):
         zj.sweep(point, q=Q, mu=MU, c=MU, progress=False, store=store)
+
+
+def test_what_an_axis_says_beside_its_labels_stays_out_of_the_sweep(tmp_path):
+    """Else a store would read its values scaled, masked or as another type."""
+    attrs = {"scale_factor": 10.0, "_FillValue": 9.0, "dtype": "bool", "units": "N"}
+    q = xr.DataArray([1.0, 2.0], dims="s", attrs=attrs)
+    ds = zj.sweep(lambda q: {"twice": 2 * q}, q=q, progress=False, store=tmp_path / "a")
+    assert ds.q.attrs == {"long_name": "follower load", "units": "N", "symbol": "$q$"}
+    for read in (ds, zj.open_sweep(tmp_path / "a")):
+        assert read.q.values.tolist() == [1.0, 2.0] and read.q.dtype == np.float64
+
+
+def test_an_axis_without_a_dimension_of_its_own_is_not_paired_with_another():
+    unnamed = xr.DataArray([1.0, 2.0])
+    other = xr.DataArray([10.0, 20.0], dims="q")
+    with pytest.raises(ValueError, match=r"`mu` must not lie along `q`.*rename"):
+        zj.sweep(lambda q, mu: {"sum": q + mu}, q=unnamed, mu=other, progress=False)
+    with pytest.raises(ValueError, match="Dimension None must have a name"):
+        zj.sweep(lambda q: {"q": q}, q=xr.DataArray([1.0], dims=(None,)))
+    with pytest.raises(ValueError, match=r"`q` must have each value once"):
+        zj.sweep(lambda q: {"v": q}, q=xr.DataArray([1.0, 1.0]))

@@ -62,11 +62,12 @@ def axes_of(
         raise ValueError("A sweep must have at least one axis, but has none.")
     check_signature(point, [*given], "point", options)
     axes = {name: _axis(name, values) for name, values in given.items()}
+    _check_dimensions(axes)
     unnamed = [name for name, axis in axes.items() if axis.dims == (UNNAMED,)]
     if len(unnamed) == 1:  # xarray's name of a dimension that the user named not
         name = unnamed[0]
         axes[name] = axes[name].rename({UNNAMED: name})
-    _check_dimensions(axes)
+        _check_unlike(axes)
     return xr.Dataset(coords={name: axis.variable for name, axis in axes.items()})
 
 
@@ -88,7 +89,10 @@ def _axis(name: str, values: ArrayLike) -> xr.DataArray:
                 f"Attribute `{key}` of axis `{name}` must be a text, but is {text!r}."
             )
     own = {key: values.attrs[key] for key in AXIS_LABELS if key in values.attrs}
-    return values.copy(data=numbers).assign_attrs(about | own)
+    (dim,) = values.dims
+    # what else it says of itself is no matter of the sweep, nor of how it is stored
+    places = {dim: values.indexes[dim]} if dim in values.indexes else {}
+    return xr.DataArray(numbers, places, values.dims, attrs=about | own)
 
 
 def _check_dimensions(axes: Mapping[str, xr.DataArray]) -> None:
@@ -103,19 +107,39 @@ def _check_dimensions(axes: Mapping[str, xr.DataArray]) -> None:
                 f"Axis `{name}` must not lie along `{dim}`, which is also the name of "
                 f"an axis along `{dims[dim]}`: rename the dimension."
             )
-        check_name("Dimension", dim)
+        check_name("Dimension", axes[name].dims[0])
     for first, name in combinations(axes, 2):
         if dims[first] != dims[name]:
             continue
         try:
             xr.align(axes[first], axes[name], join="exact")
         except ValueError:
+            one, two = (_places(axes[n], dims[n]) for n in (first, name))
             raise ValueError(
-                f"Axis `{name}` must have the {axes[first].size} places of axis "
-                f"`{first}` along `{dims[name]}`, but has {axes[name].size} of its "
-                f"own: write `xr.align({first}, {name})`."
+                f"Axis `{name}` must have the places of axis `{first}` along "
+                f"`{dims[name]}`, {one}, but has {two}: `xr.align({first}, {name})` "
+                "keeps those that both have."
             ) from None
-    for name in axes.keys() & dims.values():  # could not be chosen by `sel`
+    _check_unlike(axes)
+
+
+def _places(axis: xr.DataArray, dim: str) -> str:
+    """Where the values of an axis lie, for a sentence."""
+    if dim not in axis.indexes:
+        return f"{axis.size} without coordinates"
+    values = axis.indexes[dim].tolist()
+    return f"{values[:3]}{'...' if len(values) > 3 else ''} ({axis.size})"
+
+
+def _check_unlike(axes: Mapping[str, xr.DataArray]) -> None:
+    """Refuse values that come twice along a dimension of their own.
+
+    They could not be chosen by `sel`.
+
+    **Raises:** `ValueError`.
+    """
+    dims = {str(axis.dims[0]) for axis in axes.values()}
+    for name in axes.keys() & dims:
         unlike, counts = np.unique(axes[name], return_counts=True)
         if unlike.size < axes[name].size:
             raise ValueError(
