@@ -191,10 +191,11 @@ def _compute(
         threads=threads,
         on_batch=lambda *_: None,
     )
+    tally = opened.tally()
     if store is None:
-        return block.number, opened.arrays, opened.tally(), effort
-    store.write_block(block, opened.arrays, opened.tally())
-    return block.number, None, opened.tally(), effort
+        return block.number, opened.arrays, tally, effort
+    store.write_block(block, opened.arrays, tally)
+    return block.number, None, tally, effort
 
 
 _PREPARING = threading.Lock()  # a worker's threads compile once

@@ -42,6 +42,7 @@ def identity(scene: Scene, grid: Grid) -> dict[str, Any]:
     columns = grid.box.columns.items()
     return {
         **versions,
+        **scene.attributes,  # in front: one that is named like an entry hides none
         "axes": list(grid.names),
         "dimensions": list(grid.dims),
         **{f"axis `{name}` of": _known_by(values) for name, (_, values) in columns},
@@ -49,7 +50,6 @@ def identity(scene: Scene, grid: Grid) -> dict[str, Any]:
         "blocks of": list(grid.chunk),
         "batch_size": scene.batch_size,
         "loops compiled": "whole" if compiles_whole_loops() else "in parts",
-        **scene.attributes,
         "results": [
             " ".join([name, cast(jax.ShapeDtypeStruct, v.value).dtype.name, *v.dims])
             for name, v in scene.variables.items()
