@@ -68,5 +68,5 @@ def counts(name, found):
     }
 
 
-def dry(tau_s, tau_k=None, release="stick-first"):
-    return zj.SetValuedCoulomb(tau_s, tau_k, pin_radius=1.0, load=UNIT, release=release)
+def dry(tau_s, tau_k=None):
+    return zj.SetValuedCoulomb(tau_s, tau_k, pin_radius=1.0, load=UNIT)

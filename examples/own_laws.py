@@ -26,10 +26,10 @@ class Quadratic(zj.AbstractDamping):  # c |u| u in joint 2
 class PeakRate(zj.AbstractObserver):
     name = "peak_rate"
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         return jnp.maximum(state, abs(step.y1[3] - step.y1[2]))
 
-    def result(self, column, state, span, y):
+    def result(self, system, state, span, y):
         return {"peak_rate": zj.Variable(state, "rate of joint 2", "sqrt(k/(m l^2))")}
 
 

@@ -1,5 +1,6 @@
 """The package as others get it."""
 
+import json
 import re
 import subprocess
 import sys
@@ -39,3 +40,21 @@ def test_it_builds_is_small_and_says_where_it_comes_from(tmp_path):
     assert f"version: {zj.__version__}\n" in (ROOT / "CITATION.cff").read_text()
     links = re.findall(r"\]\(([^)\s]+)\)", text)
     assert len(links) > 10 and all(re.match("https://|#", link) for link in links)
+
+
+def test_a_flat_tuple_is_no_state_to_the_type_checker():
+    """Two lines of a file are refused, each for its argument, and the third is not."""
+    pytest.importorskip("pyright")
+    file = "tests/refused_by_pyright.py"
+    done = subprocess.run(
+        [sys.executable, "-m", "pyright", "--pythonpath", sys.executable]
+        + ["--outputjson", file],
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
+    found = json.loads(done.stdout)["generalDiagnostics"]
+    text = (ROOT / file).read_text().splitlines()
+    lines = [text[f["range"]["start"]["line"]].strip() for f in found]
+    assert [f["rule"] for f in found] == ["reportArgumentType"] * 2
+    assert lines == [
+        "system.field(0.0, (0.1, 0.2, 0.0, 0.0))", "system.energy((0.1, 0.2, 0.0, 0.0))"
+    ]  # fmt: skip

@@ -388,8 +388,8 @@ def test_every_value_is_scaled_by_the_units_of_its_numbers(name):
 
 
 def test_all_values_of_the_library_with_numbers_have_units():
-    """But results, what a sweep is given, and methods, whose numbers are pure."""
-    others = {"SI", "Lanes", "Store", "Program", "StickingSet"}
+    """But results, what a sweep is given, what runs, and methods, of pure numbers."""
+    others = {"SI", "Lanes", "Store", "Program", "StickingSet", "System"}
     others |= {"Rosenbrock", "Taylor", "Explicit"}
     for name in zj.__all__:
         kind = getattr(zj, name)

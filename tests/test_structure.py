@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+import typing
 from pathlib import Path
 
 import diffrax as dfx
@@ -264,7 +265,9 @@ def test_settle_evaluates_the_field_once_a_stage(name):
     assert sines(count(scene, NUMBERS)) == stages + 2
     scene = settle_of(rubbing, method=zj.Method(solver), windows=one)
     program = count(scene, NUMBERS)
-    rest = count(lambda numbers, y: decays(rubbing(**numbers), y, y[0]), NUMBERS, Y)
+    rest = count(
+        lambda numbers, y: decays(rubbing(**numbers).system(), y, y[0]), NUMBERS, Y
+    )
     expected = stages + 1 + sines(rest), 2 * (stages + 1) + rest["tanh2"]
     assert (sines(program), program["tanh2"]) == expected
 
@@ -360,3 +363,11 @@ def test_pictures_are_among_the_public_names_and_types_are_shipped():
     project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text())["project"]
     assert zj.__version__ == project["version"]
     assert (PACKAGE / "py.typed").exists()
+
+
+# of `sweep` the cluster's client is known to the type checker alone
+@pytest.mark.parametrize("name", sorted({*zj.__all__} - {"sweep"}))
+def test_annotations_name_what_exists(name):
+    """Those of modules that keep them as text, which Python reads only when asked."""
+    if callable(getattr(zj, name)):
+        assert typing.get_type_hints(getattr(zj, name)) is not None

@@ -160,7 +160,6 @@ SLOW = {
         "maps/test_refine.py::test_the_bound_of_the_missed_area_holds_on_made_up_maps",
         "motion/test_stick_and_slip.py::test_ten_thousand_random_scenes_end_and_keep",
         "motion/test_stick_and_slip.py::test_legs_change_nothing",
-        "motion/test_stick_and_slip.py::test_the_layer_ends_where_small_steps_end",
         "motion/test_stick_and_slip.py::test_forward_derivatives_pass_through_events",
         "motion/test_stick_and_slip_on_reactions.py::test_the_smoothed_law_on_reactions",
         "motion/test_stick_and_slip_on_reactions.py::test_energy_and_outcomes_of_lanes",
@@ -237,27 +236,12 @@ SLOW = {
         "test_derivatives.py::test_second_derivatives_that_would_be_wrong_are_refused[poincare",
         "test_derivatives.py::test_second_derivatives_that_would_be_wrong_are_refused[trajectory",
         "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew[settle_damped-False",
-        "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Taylor-1e-09-4e-07-6e-08-c18_layerrule",
-        "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events[Tsit5-1e-09-1e-06-2e-07-c18_layerrule",
-        "motion/test_stick_and_slip.py::test_the_energy_balance_holds[stick-first",
         "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[two_settles-2",
         "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[under_vmap-0",
         "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[one_after_the_other-2",
         "analysis/test_verdicts.py::test_each_motion_is_called_what_it_is[stuck",
-        "motion/test_stick_and_slip.py::test_the_energy_balance_holds[stribeck-limit]",
-        "motion/test_stick_and_slip.py::test_random_scenes_all_end[stribeck-limit]",
-        "motion/test_stick_and_slip.py::test_joints_that_pass_and_rest_at_once_go_on"
-        "[stribeck-limit]",
-        "motion/test_stick_and_slip.py::test_a_lane_does_not_depend_on_its_mates"
-        "[stribeck-limit]",
-        "motion/test_stick_and_slip.py::test_the_cycle_that_the_smoothed_law_tends_to"
-        "[stribeck-limit]",
-        "motion/test_stick_and_slip.py::test_what_starts_in_the_sticking_set_stays"
-        "[stribeck-limit]",
         "solvers/test_stiff_method.py::test_one_step_is_that_of_the_method_with_4_by_4"
         "_systems[column1]",
-        "solvers/test_taylor_method.py::test_a_runge_kutta_method_sees_the_same_motion"
-        "_and_events[stribeck-limit]",
         "steady/test_rest.py::test_a_rod_that_turns_back_within_a_step_has_turned_over"
         "[True]",
         "steady/test_tangents_of_the_field.py::test_a_step_in_turns_is_the_step_written"

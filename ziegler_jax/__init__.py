@@ -46,10 +46,12 @@ from .model.friction import (
     AbstractRateFriction,
     SmoothCoulomb,
 )
-from .model.loads import AbstractLoad, ConstantLoad, FollowerLoad, JointReaction
+from .model.loads import AbstractNormalLoad, ConstantLoad, FollowerLoad, JointReaction
 from .model.rods import point_masses, uniform_rods
 from .model.set_valued import SetValuedCoulomb
+from .model.state import PhasePoint
 from .model.sticking_set import StickingSet, sticking_set
+from .model.system import System
 from .motion.observers import (
     AbstractObserver,
     Amplitude,
@@ -68,8 +70,8 @@ from .solvers import Explicit, Rosenbrock, Taylor, tableaus
 from .steady.growth import Growth
 from .steady.settle import Settled, settle
 from .sweep.compare import compare
-from .sweep.lanes import Lanes
 from .sweep.once import Program
+from .sweep.pool import Lanes
 from .sweep.store import Store, open_sweep
 from .sweep.sweep import sweep
 from .units.si import SI
@@ -81,7 +83,7 @@ __all__ = [
     "SI",
     "AbstractDamping",
     "AbstractFriction",
-    "AbstractLoad",
+    "AbstractNormalLoad",
     "AbstractObserver",
     "AbstractRateFriction",
     "Air",
@@ -109,6 +111,7 @@ __all__ = [
     "Onset",
     "Period",
     "PeriodicOrbit",
+    "PhasePoint",
     "PoincareSection",
     "Program",
     "Rosenbrock",
@@ -123,6 +126,7 @@ __all__ = [
     "StickingSet",
     "Store",
     "Sum",
+    "System",
     "Taylor",
     "Trajectory",
     "UpDownSweep",

@@ -1,5 +1,7 @@
 """The process: cores, memory, the settings of XLA, JAX's cache and flags, Ctrl-C."""
 
+from __future__ import annotations
+
 import gc
 import os
 import re

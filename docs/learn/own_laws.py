@@ -99,14 +99,14 @@ print(zj.critical_load(zj.uniform_rods()).q_cr)
 class PeakRate(zj.AbstractObserver):
     name = "peak_rate"
 
-    def init(self, column, t, y):
+    def init(self, system, t, y):
         return abs(y[2]), abs(y[3] - y[2])
 
-    def step(self, column, state, step):
-        w1, w2 = step.y1[2:]
+    def step(self, system, state, step):
+        w1, w2 = step.y1.omega
         return jnp.maximum(state[0], abs(w1)), jnp.maximum(state[1], abs(w2 - w1))
 
-    def result(self, column, state, span, y):
+    def result(self, system, state, span, y):
         rates, unit = jnp.stack(state), "sqrt(k/(m l^2))"
         return {"peak_rate": zj.Variable(rates, "largest joint rate", unit, ("joint",))}
 
@@ -114,34 +114,31 @@ class PeakRate(zj.AbstractObserver):
 # %% [markdown]
 # What is to be integrated along the motion is named by `integrand`; each step then
 # brings its integrals, of the method's own order, as `step.integrals`. Here the power
-# lost in each joint's friction, torque times rate. The torque is the law's lever times
-# the load that it rests on.
+# lost in each joint's friction, torque times rate. `system` is what runs: the column's
+# numbers, worked out once.
 
 
 # %%
 class Losses(zj.AbstractObserver):
     name = "losses"
 
-    def integrand(self, column, y):
-        u1, u2 = y[2], y[3] - y[2]
-        g1, g2 = column.friction.levers(u1, u2)
-        n1, n2 = column.friction.load_law().at_rest(column.q)
-        return g1 * n1 * u1, g2 * n2 * u2
+    def integrand(self, system, y):
+        t1, t2 = system.friction_torques(y)
+        return t1 * y[2], t2 * (y[3] - y[2])
 
-    def init(self, column, t, y):
+    def init(self, system, t, y):
         return 0.0 * y[0], 0.0 * y[0]
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         return state[0] + step.integrals[0], state[1] + step.integrals[1]
 
-    def result(self, column, state, span, y):
+    def result(self, system, state, span, y):
         means, unit = jnp.stack(state) / span, "k sqrt(k/(m l^2))"
         return {"loss": zj.Variable(means, "power lost in the joint", unit, ("joint",))}
 
 
 # %% [markdown]
-# (With the package's own laws an observer sees the constants worked out: their levers
-# are torques already and `load_law()` is None.)
+# There are also `system.power(y)`, `system.energy(y)` and `system.field(t, y)`.
 #
 # ## All of it in a map
 

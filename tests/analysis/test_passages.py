@@ -39,7 +39,8 @@ def test_all_passages_below_the_top_of_an_angle(law, rod):
     """The tops are where the rate falls through zero; rates pass alone.
 
     With friction, at loose tolerances, two programs' roundings become two motions,
-    whose tops differ by the tolerance: then levels next to the top say nothing.
+    whose tops differ by the tolerance: then levels next to the top say nothing, and of
+    the others one passage may lie on the other side of an end of the time.
     """
     at_top = sections(law, f"omega{rod}", falling=True)(
         np.zeros(len(TOLERANCES)), TOLERANCES
@@ -54,11 +55,12 @@ def test_all_passages_below_the_top_of_an_angle(law, rod):
         np.asarray(found.steps).reshape(levels.shape)
         == np.asarray(at_top.steps)[:, None]
     )
-    judged = same | (SHARES <= 0.99) | (TOLERANCES[:, None] < 1e-5)
-    assert law != "viscous" or judged.all()
+    alike = same | (TOLERANCES[:, None] < 1e-5)
+    assert law != "viscous" or alike.all()
     expected = np.array([[len(row)] * len(SHARES) for row in tops])
-    count = np.asarray(found.count).reshape(levels.shape)
-    np.testing.assert_array_equal(count[judged], expected[judged])
+    off = np.abs(np.asarray(found.count).reshape(levels.shape) - expected)
+    assert off[alike].max() == 0
+    assert off[:, SHARES <= 0.99].max() <= 1
 
 
 def test_all_passages_below_the_top_of_a_rate():

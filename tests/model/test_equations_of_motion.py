@@ -161,6 +161,8 @@ ROD = {"a": 4 / 3, "b": 1 / 2, "d": 1 / 3}
         (lambda: zj.State(omega=(0.0, np.nan)), ("`omega[1]`", "nan", "finite")),
         (lambda: zj.Viscous(-0.1, 0.0), ("`c1`", "-0.1", "nonnegative")),
         (lambda: zj.Viscous(0.1, np.nan), ("`c2`", "nan", "nonnegative")),
+        (lambda: zj.energy(zj.Column(1.0, **ROD), (0.1,) * 5), ("`y`", "four", "0.1")),
+        (lambda: zj.vector_field(0.0, (0.2,), zj.Column(1.0, **ROD)), ("`y`", "0.2")),
     ],
 )
 def test_a_wrong_number_is_refused_by_name_value_and_rule(refuses, call, parts):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.model.column import energy_balance
+from ziegler_jax.model.state import PhasePoint
 
 
 def stacked(y):
@@ -96,7 +96,7 @@ def test_what_is_lost_follows_from_the_accelerations_alone(rng, load):
         powers = zj.power(column, y)
         losses = powers.damping + (0.0 if load == "none" else powers.friction)
         accelerations = zj.vector_field(0.0, y, column)[2:]
-        return energy_balance(column, y, accelerations).loss - losses
+        return column.system().energy_rate(PhasePoint(y), accelerations).loss - losses
 
     # measured 4.9e-15
     assert np.abs(difference(*random_scenes(rng))).max() < 5e-14

@@ -1,12 +1,12 @@
 """Set-valued friction on the joints' own reactions: torques and loads at once."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import ziegler_jax as zj
-from ziegler_jax.model.column import joint_balance
+from ziegler_jax.model.chain import joint_angles
+from ziegler_jax.model.state import PhasePoint
 from ziegler_jax.results import CODE
 
 COUNT = 5000
@@ -18,11 +18,10 @@ def law(mu_s, mu_k=None):
     )
 
 
-def joints(column, y, modes):
+def joints(system, y, modes):
     """In given modes: torques, the joints' accelerations, and their reactions' size."""
-    here = eqx.tree_at(lambda c: c.friction, column, column.friction.in_modes(modes))
-    balance = joint_balance(here, y)
-    loaded = here.friction.loaded(balance)
+    balance = system.balance(y)
+    loaded = system.in_modes(modes).law.loaded(balance)
     a1, a2 = loaded.accelerations(balance)
     size = jnp.linalg.norm(jnp.array(balance.reactions.at(a1, a2)), axis=-1)
     return jnp.stack(loaded.torques(balance)), jnp.stack([a1, a2 - a1]), size
@@ -32,15 +31,13 @@ def joints(column, y, modes):
 @jax.vmap
 def chosen(q, mu_s, mu_k, y, rest):
     """The modes that a state starts in, and what follows."""
-    column = zj.uniform_rods(q, friction=law(mu_s, mu_k))
-    column = eqx.tree_at(
-        lambda c: c.friction, column, column.friction.prepared(column.q)
-    )
+    system = zj.uniform_rods(q, friction=law(mu_s, mu_k)).system()
     w1 = jnp.where(rest[0], 0.0, y[2])
     w2 = jnp.where(rest[1], w1, y[3])
-    y = (y[0], y[1], w1, w2)
-    modes = column.friction.begin(joint_balance(column, y), (w1, w2 - w1), rest)
-    return jnp.stack(modes), *joints(column, y, modes)
+    y = PhasePoint((y[0], y[1], w1, w2))
+    u = joint_angles(y.omega)
+    modes = system.coulomb.at_state(system.balance(y), u, rest).modes
+    return jnp.stack(modes), *joints(system, y, modes)
 
 
 def test_modes_and_loads_agree_with_the_law_whatever_the_state(rng):
@@ -137,8 +134,8 @@ def test_the_smoothed_law_on_reactions_tends_to_the_exact_one():
     # the torque that holds a joint never exceeds what its reaction allows
     last = np.searchsorted(np.asarray(events.times[:count]), TS, side="right") - 1
     modes = np.asarray(events.modes, float)[last]
-    column = zj.uniform_rods(Q, friction=law(MU).prepared(Q))
-    held = jax.jit(jax.vmap(lambda y, m: joints(column, tuple(y), tuple(m))))
+    system = zj.uniform_rods(Q, friction=law(MU)).system()
+    held = jax.jit(jax.vmap(lambda y, m: joints(system, PhasePoint(y), tuple(m))))
     torque, _, size = map(np.asarray, held(exact, modes))
     stuck = modes == 0
     assert stuck.sum() > 20 and (~stuck).sum() > 200

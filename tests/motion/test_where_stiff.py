@@ -58,9 +58,12 @@ def test_known_traced_and_batched_numbers_give_one_answer():
     tolerances = np.full(v.size, 1e-6)
     np.testing.assert_array_equal(jax.vmap(ask)(v, mu, tolerances), known)
 
+    pulled = zj.SmoothCoulomb(0.2, pin_radius=0.1, v_smooth=1e-6)  # by the load itself
+
     @jax.jit
     def chosen_in_python(x):
-        return x if zj.is_stiff(column(1e-6), 1e-6) else -x
+        both = column(1e-6), zj.uniform_rods(2.0, friction=pulled)
+        return x if all(zj.is_stiff(c, 1e-6) for c in both) else -x
 
     assert chosen_in_python(1.0) == 1.0
 

@@ -1,24 +1,23 @@
 """Explicit methods converge with their order; the controller ends what cannot go on."""
 
 import diffrax as dfx
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.solvers import (
-    AbstractFold,
-    ControlState,
-    LaneLoop,
-    Observed,
-    StepControl,
-)
+from ziegler_jax.model.state import PhasePoint
+from ziegler_jax.model.system import field
+from ziegler_jax.solvers import AbstractFold, LaneLoop, Observed, Signals, StepControl
+from ziegler_jax.solvers.control import HALTED, MOVES, NO_LIMIT, VANISHED, Verdict
 
 SPAN = 4.0
-START = (0.3, -0.4, 0.5, 0.8)
+START = PhasePoint((0.3, -0.4, 0.5, 0.8))
 COLUMN = zj.uniform_rods(2.6, damping=zj.Viscous(0.05, 0.02))
 TERMS = dfx.ODETerm(zj.vector_field)
+SYSTEM, OF_SYSTEM = COLUMN.system(), dfx.ODETerm(field)
 METHODS = {"Tsit5": dfx.Tsit5, "Dopri8": dfx.Dopri8}
 
 
@@ -35,12 +34,12 @@ def fixed_steps(solver):
             y, slope, works = carry
             t0 = i * h
             y, _, slope, more, *_ = solver.advance(
-                TERMS, t0, t0 + h, y, COLUMN, slope, powers
+                SYSTEM.field, t0, t0 + h, y, slope, powers
             )
             return y, slope, tuple(w + d for w, d in zip(works, more, strict=True))
 
         h = SPAN / n.astype(float)
-        y = tuple(start)
+        y = PhasePoint(start)
         first = zj.vector_field(0.0, y, COLUMN)
         y, _, works = jax.lax.fori_loop(0, n, body, (y, first, (0.0 * h, 0.0 * h)))
         return jnp.stack(y), jnp.stack(works)
@@ -113,9 +112,9 @@ def test_the_works_balance_the_energy(fine):
     ids=lambda x: getattr(x, "__name__", ""),
 )
 def test_one_step_is_diffraxs_own(method, order):
-    y0 = tuple(jnp.asarray(x) for x in START)
+    y0 = PhasePoint(map(jnp.asarray, START))
     ours, theirs = zj.Explicit(method.tableau, order), method()
-    assert ours.order(TERMS) == theirs.order(TERMS)
+    assert ours.order == theirs.order(TERMS)
     t0, t1 = jnp.asarray(0.0), jnp.asarray(0.1)
 
     @jax.jit
@@ -123,10 +122,8 @@ def test_one_step_is_diffraxs_own(method, order):
         return theirs.step(TERMS, t0, t1, y0, COLUMN, solver_state, False)
 
     y_their, error_their, *_ = step(theirs.init(TERMS, t0, t1, y0, COLUMN))
-    first = ours.init(TERMS, t0, t1, y0, COLUMN)
-    y_our, error_our, dense, last, _ = ours.step(
-        TERMS, t0, t1, y0, COLUMN, first, False
-    )
+    first = zj.vector_field(t0, y0, COLUMN)
+    y_our, error_our, last, *_ = ours.advance(SYSTEM.field, t0, t1, y0, first)
     # angles and rates are of order 1
     np.testing.assert_allclose(y_our, y_their, rtol=0, atol=2e-15)
     np.testing.assert_allclose(error_our, error_their, rtol=0, atol=2e-15)
@@ -134,8 +131,6 @@ def test_one_step_is_diffraxs_own(method, order):
     np.testing.assert_allclose(
         last, zj.vector_field(t1, y_our, COLUMN), rtol=0, atol=2e-15
     )
-    inside = ours.interpolation_cls(t0=t0, t1=t1, **dense).evaluate(t1)
-    np.testing.assert_allclose(inside, y_our, rtol=0, atol=2e-15)
 
 
 def test_an_implicit_tableau_is_refused(refuses):
@@ -158,78 +153,88 @@ def test_the_next_step_follows_the_stated_rule(order):
     state = control.start(1.0, 0.1, np.inf)
     for size in [1e-9, 0.01, 0.5, 0.89, 1.01, 3.0, 1e6, np.nan]:
         error = tuple(jnp.asarray(size * s) for s in scales)  # E = size
-        keep, t, t_next, jump, _, result = control.adapt_step_size(
-            jnp.asarray(1.0), jnp.asarray(1.1), tuple(map(jnp.asarray, y0)),
-            tuple(map(jnp.asarray, y1)), None, error, order, state,
-        )  # fmt: skip
+        ends, states = (jnp.asarray(1.0), jnp.asarray(1.1)), (y0, y1)
+        states = [PhasePoint(map(jnp.asarray, y)) for y in states]
+        verdict = control.verdict(*ends, *states, error, order)
+        signals = Signals(verdict, jnp.inf, 0.0)
+        after, halt = control.after(*ends, signals, state)
         factor = np.clip(0.8 * size ** (-1 / order), 0.2, 10)
         factor = 0.2 if np.isnan(size) else factor
-        assert bool(keep) == (size <= 1) and not jump
-        assert float(t) == (1.1 if size <= 1 else 1.0)
-        assert result == dfx.RESULTS.successful
+        assert bool(verdict.accepts) == (size <= 1) and halt == MOVES
+        assert float(after.t) == (1.1 if size <= 1 else 1.0)
         # measured 4e-6: the factor has five digits
-        np.testing.assert_allclose(t_next - t, 0.1 * factor, rtol=1e-5)
+        np.testing.assert_allclose(after.t_next - after.t, 0.1 * factor, rtol=1e-5)
 
 
-def end_of(field, y0, t1=10.0, **options):
-    """Where a lane of four scalars ends under `StepControl`."""
-    solution = dfx.diffeqsolve(
-        dfx.ODETerm(field),
-        zj.Explicit(),
-        jnp.asarray(0.0),
-        jnp.asarray(t1),
-        jnp.asarray(0.01),
-        tuple(jnp.asarray(x) for x in y0),
-        stepsize_controller=StepControl(1e-6, 1e-6),
-        saveat=dfx.SaveAt(t1=True),
-        throw=False,
-        max_steps=4096,
-        **options,
+class Own(eqx.Module):
+    """A right-hand side of one's own in a system's place."""
+
+    function: object = eqx.field(static=True)
+
+    def field(self, t, y):
+        return self.function(t, y)
+
+    right_hand_side = field
+
+
+class Nothing(AbstractFold):
+    """Watches nothing and never ends a motion."""
+
+    def init(self, system, t0, y0):
+        return 0.0 * y0[0]
+
+    def step(self, system, state, step):
+        return state, jnp.inf, False
+
+
+def end_of(function, y0):
+    """Why a lane of four scalars ends before t = 10, and after how many steps."""
+    solver, control = (
+        Observed(zj.Explicit(), Nothing()),
+        StepControl(1e-6, 1e-6, end=10),
     )
-    return solution.result, int(solution.stats["num_steps"])
+    zero, system = jnp.asarray(0.0), Own(function)
+    y0 = PhasePoint(map(jnp.asarray, y0))
+    solution = dfx.diffeqsolve(
+        OF_SYSTEM, solver, 0.0, jnp.inf, 0.01, y0, system, stepsize_controller=control,
+        solver_state=solver.begin(system, zero, y0),
+        controller_state=control.start(zero, 0.01, jnp.inf),
+        saveat=dfx.SaveAt(solver_state=True, controller_state=True),
+        max_steps=None, throw=False, adjoint=LaneLoop(),
+    )  # fmt: skip
+    return solution.result, NO_LIMIT - int(solution.controller_state.left)
 
 
 def test_a_nan_ends_the_lane():
-    def field(t, y, args):
-        return tuple(jnp.where(t > 1.0, jnp.nan, -x) for x in y)
+    def decay(t, y):
+        return PhasePoint.of(y.omega, [jnp.where(t > 1, jnp.nan, -x) for x in y.omega])
 
-    result, steps = end_of(field, START)
+    result, steps = end_of(decay, START)
     assert result == dfx.RESULTS.dt_min_reached
     # measured 109: it halves its way to t = 1 until nothing is left
     assert steps < 300
 
 
 def test_a_vanishing_step_ends_the_lane():
-    """x' = x^2 ends at t = 1 / x(0) in no finite state."""
+    """w' = w^2 ends at t = 1 / w(0) in no finite state."""
 
-    def field(t, y, args):
-        return tuple(x * x for x in y)
+    def blow_up(t, y):
+        return PhasePoint.of(y.omega, [x * x for x in y.omega])
 
-    result, steps = end_of(field, (1.0, 0.5, 0.2, 0.1))
+    result, steps = end_of(blow_up, (0.2, 0.1, 1.0, 0.5))
     assert result == dfx.RESULTS.dt_min_reached
     # measured 257
     assert steps < 800
 
 
-def test_the_first_step_must_be_given(refuses):
-    control = StepControl(1e-6, 1e-6)
-    refuses(
-        lambda: control.init(TERMS, 0.0, 1.0, START, None, COLUMN, None, 5),
-        "`dt0`", "None",
-    )  # fmt: skip
-
-
 class Stops(AbstractFold):
     """Asks for a stop every pi/10 and counts hits, passes and steps."""
 
-    def integrand(self, column):
-        return None
-
-    def init(self, column, t0, y0):
+    def init(self, system, t0, y0):
         zero = 0.0 * y0[0]
         return zero + np.pi / 10, zero, zero, zero
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         stop, hits, passed, steps = state
         hit = step.t1 == stop
         after = (
@@ -241,15 +246,46 @@ class Stops(AbstractFold):
         return after, after[0], after[1] >= 20.0
 
 
+class UnderDiffrax(Observed):
+    """A lane solver as diffrax's own loop can run it, beside `ControlUnderDiffrax`."""
+
+    control: StepControl = StepControl(1e-6, 1e-6)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        def judge(y1, error, reached):
+            return self.control.verdict(t0, t1, y0, y1, error, self.degree, reached)
+
+        after, signals = self.attempt(args, t0, t1, solver_state, judge)
+        between = {"y0": y0, "y1": after.y}
+        return after.y, signals, between, after, dfx.RESULTS.successful
+
+
+class ControlUnderDiffrax(StepControl):
+    """A lane's controller under that loop, which hands it signals for an error."""
+
+    def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, *more):
+        _, state = more
+        signals = Signals(Verdict(*y_error[0]), *y_error[1:])
+        after, halt = self.after(t0, t1, signals, state)
+        results = dfx.RESULTS
+        result = results.where(
+            halt == HALTED, results.event_occurred, results.successful
+        )
+        result = results.where(halt == VANISHED, results.dt_min_reached, result)
+        keep = signals.verdict.accepts > 0
+        return keep, after.t, after.t_next, False, after, result
+
+
 def test_steps_end_on_the_asked_times_and_the_lane_ends_when_done():
-    control = StepControl(1e-6, 1e-6)
-    watching = Observed(zj.Explicit(), Stops())
-    y0 = tuple(jnp.asarray(x) for x in START)
+    """Under diffrax's own loop, which counts what is accepted."""
+    control = ControlUnderDiffrax(1e-6, 1e-6)
+    watching = UnderDiffrax(zj.Explicit(), Stops())
+    y0 = PhasePoint(map(jnp.asarray, START))
     zero = jnp.asarray(0.0)
     solution = dfx.diffeqsolve(
-        TERMS, watching, zero, jnp.asarray(100.0), jnp.asarray(0.01), y0, COLUMN,
+        OF_SYSTEM, watching, zero, jnp.asarray(100.0), jnp.asarray(0.01), y0, SYSTEM,
         stepsize_controller=control,
-        solver_state=watching.init(TERMS, zero, zero, y0, COLUMN),
+        solver_state=watching.begin(SYSTEM, zero, y0),
         controller_state=control.start(zero, 0.01, np.pi / 10),
         saveat=dfx.SaveAt(solver_state=True, controller_state=True),
         max_steps=None, throw=False, adjoint=dfx.ForwardMode(),
@@ -257,7 +293,6 @@ def test_steps_end_on_the_asked_times_and_the_lane_ends_when_done():
     _, hits, passed, steps = solution.solver_state.folded
     assert solution.result == dfx.RESULTS.event_occurred
     assert (float(hits), float(passed)) == (20, 0)
-    assert isinstance(solution.controller_state, ControlState)
     # 20 additions round
     np.testing.assert_allclose(solution.controller_state.t, 2 * np.pi, rtol=1e-14)
     # the fold saw the accepted steps alone, and there were rejected ones
@@ -268,10 +303,10 @@ def test_steps_end_on_the_asked_times_and_the_lane_ends_when_done():
 def solve_from(lane, left, adjoint, rtol=1e-6):
     """After `left` more attempts: the solver's state, the controller's, the result."""
     solver_state, control_state = lane
-    y0 = tuple(jnp.asarray(x) for x in START)
+    y0 = PhasePoint(map(jnp.asarray, START))
     solution = dfx.diffeqsolve(
-        TERMS, Observed(zj.Explicit(), Stops()), 0.0, jnp.inf, 0.01, y0, COLUMN,
-        stepsize_controller=StepControl(rtol, rtol), solver_state=solver_state,
+        OF_SYSTEM, UnderDiffrax(zj.Explicit(), Stops()), 0.0, jnp.inf, 0.01, y0, SYSTEM,
+        stepsize_controller=ControlUnderDiffrax(rtol, rtol), solver_state=solver_state,
         controller_state=control_state._replace(left=jnp.asarray(left, jnp.int32)),
         saveat=dfx.SaveAt(solver_state=True, controller_state=True),
         max_steps=None, throw=False, adjoint=adjoint,
@@ -280,9 +315,9 @@ def solve_from(lane, left, adjoint, rtol=1e-6):
 
 
 def a_begin():
-    y0, zero = tuple(jnp.asarray(x) for x in START), jnp.asarray(0.0)
+    y0, zero = PhasePoint(map(jnp.asarray, START)), jnp.asarray(0.0)
     watching = Observed(zj.Explicit(), Stops())
-    first = watching.init(TERMS, zero, zero, y0, COLUMN)
+    first = watching.begin(SYSTEM, zero, y0)
     return first, StepControl(1e-6, 1e-6).start(zero, 0.01, np.pi / 10)
 
 
@@ -307,24 +342,33 @@ def test_a_lane_ends_whose_step_vanishes_and_its_batch_mates_go_on():
 
 
 @pytest.mark.parametrize(
-    "asked, words",
+    "asked, kind, words",
     [
-        ({"saveat": dfx.SaveAt(t1=True)}, "Argument `saveat` must"),
-        ({"event": dfx.Event(lambda t, *_, **__: t > 1)}, "`event` and `max_steps`"),
-        ({"max_steps": 100}, "are None and 100"),
-        ({"controller_state": None}, "must be given"),
+        ({"saveat": dfx.SaveAt(t1=True)}, ValueError, "Argument `saveat` must"),
+        ({"max_steps": 100}, ValueError, "`max_steps` must be None .* 100"),
+        (
+            {"event": dfx.Event(lambda t, *_, **__: t > 1)},
+            NotImplementedError,
+            "without an `event`",
+        ),
+        (
+            {"controller_state": None},
+            NotImplementedError,
+            "a given .* `controller_state`",
+        ),
     ],
 )
-def test_the_loop_refuses_what_it_would_not_do(asked, words):
+def test_the_loop_refuses_what_it_would_not_do(asked, kind, words):
     solver_state, controller_state = a_begin()
     states = dfx.SaveAt(solver_state=True, controller_state=True)
     asked = {
         "solver_state": solver_state, "controller_state": controller_state,
         "saveat": states, "max_steps": None, **asked,
     }  # fmt: skip
-    with pytest.raises(ValueError, match=words):
+    solver = Observed(zj.Explicit(), Stops())
+    with pytest.raises(kind, match=words):
         dfx.diffeqsolve(
-            TERMS, Observed(zj.Explicit(), Stops()), 0.0, jnp.inf, 0.01, START, COLUMN,
+            OF_SYSTEM, solver, 0.0, jnp.inf, 0.01, START, SYSTEM,
             stepsize_controller=StepControl(1e-6, 1e-6), adjoint=LaneLoop(), **asked,
         )  # fmt: skip
 
@@ -349,3 +393,14 @@ def test_a_loop_ends_where_no_lane_moves_and_goes_on_as_it_left_off():
     times = jax.vmap(solve)(batch, jnp.asarray([7, 18, 22]))[1].t
     # measured: 5e-12; alone, and as the third of three, a lane is rounded otherwise
     np.testing.assert_allclose(times, whole[1].t, rtol=1e-10)
+
+
+def test_diffrax_s_own_loop_is_refused():
+    """Lane solvers leave to `LaneLoop` what it would ask them for."""
+    first, control = a_begin()
+    with pytest.raises(NotImplementedError, match="must be run by `LaneLoop`"):
+        dfx.diffeqsolve(
+            OF_SYSTEM, Observed(zj.Explicit(), Stops()), 0.0, 1.0, 0.01, START, SYSTEM,
+            stepsize_controller=StepControl(1e-6, 1e-6), solver_state=first,
+            controller_state=control,
+        )  # fmt: skip

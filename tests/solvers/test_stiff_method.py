@@ -13,12 +13,12 @@ from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
 from ziegler_jax import CODE
+from ziegler_jax.model.state import PhasePoint
 from ziegler_jax.solvers import rosenbrock
 from ziegler_jax.solvers.control import judge
 
 pytestmark = pytest.mark.usefixtures("optimised")  # long runs, and batches
 
-TERMS = dfx.ODETerm(zj.vector_field)
 STAGES = 8
 
 
@@ -126,7 +126,9 @@ def test_one_step_is_that_of_the_method_with_4_by_4_systems(column, rng):
 
     h, z = 0.05, 1.0
     step = jax.jit(
-        lambda y: zj.Rosenbrock().advance(TERMS, 0.0 * y[0], h, tuple(y), column, None)
+        lambda y: zj.Rosenbrock().advance(
+            column.system().field, 0.0 * y[0], h, PhasePoint(y), ()
+        )
     )
     slope = jax.jit(field)
     jacobian = jax.jit(jax.jacfwd(field))
@@ -170,12 +172,12 @@ def fixed_steps(solver):
             y, slope, works = carry
             t0 = i * h
             y, _, slope, more, *_ = solver.advance(
-                TERMS, t0, t0 + h, y, DAMPED, slope, powers
+                DAMPED.system().field, t0, t0 + h, y, slope, powers
             )
             return y, slope, tuple(w + d for w, d in zip(works, more, strict=True))
 
         h = SPAN / n.astype(float)
-        y = tuple(start)
+        y = PhasePoint(start)
         first = zj.vector_field(0.0, y, DAMPED)
         y, slope, works = jax.lax.fori_loop(0, n, body, (y, first, (0.0 * h, 0.0 * h)))
         field = zj.vector_field(0.0, y, DAMPED)
@@ -259,16 +261,17 @@ def test_a_joint_that_breaks_loose_within_a_step_is_seen():
         def body(i, carry):
             y, _ = carry
             t = i * h / n
-            return zj.Rosenbrock().advance(TERMS, t, t + h / n, y, column, None)[:2]
+            field = column.system().field
+            return zj.Rosenbrock().advance(field, t, t + h / n, y, ())[:2]
 
-        y = tuple(map(jnp.asarray, start))
+        y = PhasePoint(map(jnp.asarray, start))
         return jax.lax.fori_loop(0, n, body, (y, y))
 
     y, error = run(1)
     truth, _ = run(20_000)
     wrong = max(abs(float(a - b)) for a, b in zip(y, truth, strict=True))
     assert wrong > 500 * tol  # measured 2310
-    y0 = tuple(map(jnp.asarray, start))
+    y0 = PhasePoint(map(jnp.asarray, start))
     for layer, passes in ((None, True), (v, False)):
         square, _ = judge(tol, tol, y0, y, error, 5, layer)
         assert (float(square) <= 1) == passes  # measured 0.06 and 22

@@ -112,10 +112,10 @@ class Lopsided(zj.AbstractRateFriction):
 def test_oddness_is_seen_by_evaluating_the_law():
     even = zj.uniform_rods(2.0, friction=Lopsided(0.0))
     uneven = zj.uniform_rods(2.0, friction=Lopsided(0.1))
-    assert is_odd(even) and not is_odd(uneven)
-    assert is_odd(column(2.0)) and is_odd(zj.uniform_rods(2.0))
+    assert is_odd(even.system()) and not is_odd(uneven.system())
+    assert is_odd(column(2.0).system()) and is_odd(zj.uniform_rods(2.0).system())
     law = zj.SetValuedCoulomb(0.01, pin_radius=1)
-    assert is_odd(zj.uniform_rods(2.0, friction=law))
+    assert is_odd(zj.uniform_rods(2.0, friction=law).system())
 
 
 def test_what_grows_from_below_the_cut_is_not_at_rest():

@@ -8,10 +8,8 @@ import pytest
 from jax import lax
 
 import ziegler_jax as zj
-from ziegler_jax.model.column import vector_field
 from ziegler_jax.model.friction import AbstractRateFriction
-from ziegler_jax.model.set_valued import in_modes
-from ziegler_jax.motion.scene import prepared
+from ziegler_jax.model.state import PhasePoint
 from ziegler_jax.motion.tangents import push
 from ziegler_jax.solvers import Explicit
 from ziegler_jax.solvers.tableaus import CALVO7, VERN9
@@ -75,35 +73,35 @@ LAWS = {
 }
 
 
-def column_of(friction):
+def system_of(friction):
     damping = zj.Viscous(0.02, 0.01)
-    return prepared(zj.uniform_rods(2.2, damping=damping, friction=friction))
+    return zj.uniform_rods(2.2, damping=damping, friction=friction).system()
 
 
-def agrees(column):
-    y, zero = tuple(map(jnp.asarray, Y)), jnp.asarray(0.0)
-    field = jax.jit(lambda y: jnp.stack(vector_field(zero, y, column)))
+def agrees(system):
+    y, zero = PhasePoint(map(jnp.asarray, Y)), jnp.asarray(0.0)
+    field = jax.jit(lambda y: jnp.stack(system.field(zero, y)))
     jacobian = np.stack(jax.jacfwd(field)(y), axis=-1)
-    accelerations, slopes = accelerations_and_slopes(zero, y, column)
+    accelerations, slopes = accelerations_and_slopes(zero, y, system)
     np.testing.assert_allclose(accelerations, field(y)[2:], rtol=1e-13)
     # measured 4e-16 of the largest
     np.testing.assert_allclose(slopes, jacobian[2:], rtol=1e-12, atol=1e-13)
     assert np.isfinite(jacobian).all() and np.abs(jacobian[2:]).min() > 1e-4
     vectors = np.random.default_rng(3).normal(size=(3, 4))
     both = (*y, *map(jnp.asarray, vectors.ravel()))
-    images = np.reshape(tangent_field(zero, both, column)[4:], (3, 4))
+    images = np.reshape(tangent_field(zero, both, system)[4:], (3, 4))
     np.testing.assert_allclose(images, vectors @ jacobian.T, rtol=1e-12)
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_the_jacobian_is_that_of_the_field(law):
-    agrees(column_of(LAWS[law]))
+    agrees(system_of(LAWS[law]))
 
 
 @pytest.mark.parametrize("modes", [(1.0, -1.0), (-1.0, 1.0)])
 def test_so_it_is_in_slip_under_dry_friction(modes):
     dry = zj.SetValuedCoulomb(0.02, pin_radius=1, load=zj.ConstantLoad(1.0))
-    agrees(in_modes(column_of(dry), tuple(map(jnp.asarray, modes))))
+    agrees(system_of(dry).in_modes(tuple(map(jnp.asarray, modes))))
 
 
 def test_the_smoothed_curve_has_the_derivatives_of_its_formula():
@@ -116,7 +114,7 @@ def test_the_smoothed_curve_has_the_derivatives_of_its_formula():
             mu_s, mu_k, pin_radius=0.1, v_stribeck=v_stribeck, v_smooth=v_smooth,
             load=load,
         )  # fmt: skip
-        return law.prepared(2.0).levers(u, 0.0 * u)[0]
+        return law.torques(2.0).at((u, 0.0 * u))[0]
 
     def formula(x):
         u, mu_s, mu_k, v_stribeck, v_smooth = x
@@ -147,24 +145,23 @@ def test_a_step_in_turns_is_the_step_written_out(method):
     """Alone and in a batch: end, images, error, slopes and integrals."""
     solver = METHODS[method]
     vectors = np.random.default_rng(4).normal(size=(3, 4))
-    vectors = tuple(tuple(map(jnp.asarray, v)) for v in vectors)
-    t0, t1, y = jnp.asarray(0.0), jnp.asarray(0.3), tuple(map(jnp.asarray, Y))
+    vectors = tuple(PhasePoint(map(jnp.asarray, v)) for v in vectors)
+    t0, t1, y = jnp.asarray(0.0), jnp.asarray(0.3), PhasePoint(map(jnp.asarray, Y))
 
-    def column_at(q):
-        return prepared(zj.uniform_rods(q, friction=smooth()))
+    def system_at(q):
+        return zj.uniform_rods(q, friction=smooth()).system()
 
     def power(y):
         return (y[2] * y[3], y[0] ** 2)
 
     def in_turns(q):
-        return push_along(solver, column_at(q), t0, t1, y, vectors, power)
+        return push_along(solver, system_at(q), t0, t1, y, vectors, power)
 
     def written_out(q):
-        column = column_at(q)
-        first, end, error, last = push(solver, column, t0, t1, y, vectors)
-        terms = dfx.ODETerm(lambda t, y, column: vector_field(t, y, column))
-        *_, integrals, _ = solver.advance(terms, t0, t1, y, column, first[0], power)
-        whole = [sum(images, y) for y, images in (end, last)]
+        system = system_at(q)
+        first, end, error, last = push(solver, system, t0, t1, y, vectors)
+        *_, integrals, _ = solver.advance(system.field, t0, t1, y, first[0], power)
+        whole = [sum(images, tuple(y)) for y, images in (end, last)]
         return whole[0], error[0], whole[1], integrals
 
     loads = jnp.asarray([1.5, 2.2, 3.0])
@@ -183,16 +180,16 @@ def test_a_step_in_turns_is_the_step_written_out(method):
 
 def test_an_integrand_of_an_array_keeps_its_lane():
     """Three numbers of three lanes: no shape tells them apart."""
-    vectors = (tuple(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
-    y = tuple(map(jnp.asarray, Y))
+    vectors = (PhasePoint(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
+    y = PhasePoint(map(jnp.asarray, Y))
 
     def together(y):
         return (jnp.stack(y[1:]),)
 
     def integrals(q):
-        column = prepared(zj.uniform_rods(q, friction=smooth()))
+        system = zj.uniform_rods(q, friction=smooth()).system()
         t0, t1 = 0.0 * q, 0.3 + 0.0 * q
-        step = push_along(Explicit(), column, t0, t1, y, vectors, together)
+        step = push_along(Explicit(), system, t0, t1, y, vectors, together)
         return step[-1]
 
     loads = jnp.asarray([1.5, 2.2, 3.0])
@@ -211,22 +208,22 @@ def test_a_tableau_without_an_error_estimate_finds_none():
         b_error=np.zeros(4),
         c=np.asarray([0.5, 0.5, 1.0]),
     )
-    vectors = (tuple(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
-    y, column = tuple(map(jnp.asarray, Y)), prepared(zj.uniform_rods(2.2))
+    vectors = (PhasePoint(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
+    y, system = PhasePoint(map(jnp.asarray, Y)), zj.uniform_rods(2.2).system()
     step = push_along(
-        Explicit(classic, 4), column, jnp.asarray(0.0), jnp.asarray(0.1), y, vectors
+        Explicit(classic, 4), system, jnp.asarray(0.0), jnp.asarray(0.1), y, vectors
     )
     np.testing.assert_array_equal(step[1], np.zeros(4))
 
 
 def test_a_step_in_turns_has_the_derivative_of_its_numbers():
-    vectors = (tuple(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
-    y = tuple(map(jnp.asarray, Y))
+    vectors = (PhasePoint(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
+    y = PhasePoint(map(jnp.asarray, Y))
 
     @jax.jit
     def tip(q):
-        column_of = prepared(zj.uniform_rods(q, friction=smooth()))
-        both, *_ = push_along(Explicit(), column_of, 0.0 * q, 0.2 + 0.0 * q, y, vectors)
+        system = zj.uniform_rods(q, friction=smooth()).system()
+        both, *_ = push_along(Explicit(), system, 0.0 * q, 0.2 + 0.0 * q, y, vectors)
         return jnp.stack(both)
 
     q, h = jnp.asarray(2.2), 1e-5

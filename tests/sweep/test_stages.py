@@ -15,8 +15,8 @@ from jax.extend.core import jaxpr_as_fun
 
 import ziegler_jax as zj
 from ziegler_jax.numerics import resumable
-from ziegler_jax.numerics.jaxpr_digest import digest_of
 from ziegler_jax.sweep import pool, program
+from ziegler_jax.sweep.jaxpr_digest import digest_of
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.model import friction
+from ziegler_jax.model import torques
 from ziegler_jax.model.damping import AbstractDamping
 from ziegler_jax.model.friction import AbstractRateFriction
 from ziegler_jax.motion.observers import AbstractObserver
@@ -260,9 +260,9 @@ def test_laws_that_read_an_attribute_are_traced_anew(
 def test_a_point_is_traced_anew_and_a_program_once(keep, again, monkeypatch):
     """The law of friction is evaluated in the first sweep alone, or in each."""
     asked = []
-    torque = friction.torque
+    torque = torques.torque
     monkeypatch.setattr(
-        friction, "torque", lambda u, curve: asked.append(None) or torque(u, curve)
+        torques, "torque", lambda u, curve: asked.append(None) or torque(u, curve)
     )
 
     def point(x):

@@ -13,8 +13,8 @@ from jax import lax
 import ziegler_jax as zj
 from ziegler_jax.motion.implicit import moving
 from ziegler_jax.numerics import resumable
-from ziegler_jax.numerics.tables import LARGEST_CONSTANT
 from ziegler_jax.sweep import program
+from ziegler_jax.sweep.tables import LARGEST_CONSTANT
 
 X = np.linspace(0.1, 0.9, 5)
 SIZE = LARGEST_CONSTANT // 8 + 1

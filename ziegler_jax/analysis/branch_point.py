@@ -1,8 +1,10 @@
 """The problem that a branch of cycles poses, and its points: see `continuation`."""
 
+from __future__ import annotations
+
 import abc
 from collections.abc import Callable
-from typing import ClassVar, NamedTuple, cast
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,27 +12,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column
+from ..model.state import PhasePoint
+from ..motion.checks import check_maker, float_state, made, valid_scene
 from ..motion.implicit import fixed, solve
 from ..motion.options import Method
-from ..motion.scene import (
-    check_maker,
-    float_state,
-    made,
-    valid_scene,
-)
-from ..numerics.numbers import (
-    Count,
-    Flag,
-    Pair,
-    Scalar,
-    Traced,
-    Vector4,
-    instance,
-    is_concrete,
-    keeps,
-    number,
-    whole_number,
-)
+from ..numerics.numbers import Count, Flag, Pair, Scalar, is_concrete
+from ..numerics.rules import instance, keeps, number, whole_number
 from ..results import CODE, Codes
 from .periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from .shooting import Shot, blank_shot, newton, shot_motion, shot_of
@@ -127,7 +114,7 @@ class AbstractContinuation(abc.ABC):
     @abc.abstractmethod
     def correct(
         self, x0: Float[Array, " n"], row: Float[Array, " n"], left: Count
-    ) -> "tuple[BranchPoint, Bool[Array, ''], Int[Array, ''], Int[Array, '']]":
+    ) -> tuple[BranchPoint, Bool[Array, ""], Int[Array, ""], Int[Array, ""]]:
         """The point of the curve on the plane through x0 across `row`.
 
         **Returns:** the point, whether it is one, Newton's iterations, and how many
@@ -135,7 +122,7 @@ class AbstractContinuation(abc.ABC):
         """
 
     @abc.abstractmethod
-    def blank(self) -> "BranchPoint":
+    def blank(self) -> BranchPoint:
         """A point of NaNs."""
 
     @abc.abstractmethod
@@ -148,20 +135,20 @@ class AbstractContinuation(abc.ABC):
 
     @abc.abstractmethod
     def real_changes(
-        self, changed: Bool[Array, " k"], before: "BranchPoint", after: "BranchPoint"
+        self, changed: Bool[Array, " k"], before: BranchPoint, after: BranchPoint
     ) -> Bool[Array, " k"]:
         """Changes of the tests' signs without those that mean nothing."""
 
     @abc.abstractmethod
-    def confirms(self, kind: Int[Array, ""], point: "BranchPoint") -> Flag:
+    def confirms(self, kind: Int[Array, ""], point: BranchPoint) -> Flag:
         """Whether a zero of the test `kind`, counted from 1, is a special point."""
 
     @abc.abstractmethod
-    def collapsed(self, point: "BranchPoint", points: "BranchPoint") -> Flag:
+    def collapsed(self, point: BranchPoint, points: BranchPoint) -> Flag:
         """Whether the cycle is none any more; `points`: those before."""
 
     @abc.abstractmethod
-    def left_bounds(self, point: "BranchPoint") -> Flag:
+    def left_bounds(self, point: BranchPoint) -> Flag:
         """Whether it lies beyond the bounds."""
 
 
@@ -201,7 +188,7 @@ class Continuation(AbstractContinuation):
         z = jnp.stack([jnp.asarray(x, dtype) for x in z])
         good = keeps("finite", start) & keeps("positive", arc.step, arc.error)
         good &= keeps("positive", self.method.rtol, self.method.atol)
-        still = cast(Vector4, (0.0 * at,) * 4)
+        still = PhasePoint((0.0 * at,) * 4)
         good &= _hold(arc.bounds, at) & valid_scene(self.make(at), still)
         failure = jnp.where(orbit.outcome == CODE.found, 0, orbit.outcome)
         self.failure = jnp.where(good, failure, CODE.invalid)
@@ -262,8 +249,9 @@ class Continuation(AbstractContinuation):
 
         def motion(x, left):
             z, share = x * self.scale, self.method.at_most(left)
-            make = lambda p: self.make(p[0])  # noqa: E731
-            return shot_motion(make, z[4:], self.section, z[:4], share)
+            return shot_motion(
+                lambda p: self.make(p[0]), z[4:], self.section, z[:4], share
+            )
 
         def equations(x, flow):
             shot = shot_of(self.section, (x * self.scale)[:4], flow)
@@ -283,7 +271,7 @@ class Continuation(AbstractContinuation):
         ends = moved, matrix, tests, shot.flow.modes
         point = BranchPoint(solution.z, tangent, shot.flow.extent, *ends)
         good = solution.converged & jnp.all(jnp.isfinite(tangent))
-        return point, good, solution.count, solution.left
+        return point, good, solution.iterations, solution.left
 
 
 def codes_of(kind: Int[Array, "*n"], tests: Codes) -> Int[Array, "*n"]:
@@ -336,7 +324,7 @@ def _matrix(shot: Shot) -> Float[Array, "4 5"]:
     return jnp.concatenate([shot.jacobian, shot.flow.moved[:, 4:]], axis=1)
 
 
-def characteristic_cubic(moved: Float[Array, "4 4"]) -> tuple[Traced, Traced, Traced]:
+def characteristic_cubic(moved: Float[Array, "4 4"]) -> tuple[Scalar, Scalar, Scalar]:
     """b2, b1, b0 of the cubic whose roots are the multipliers other than 1."""
     square = moved @ moved
     t1, t2, t3 = jnp.trace(moved), jnp.trace(square), jnp.trace(square @ moved)
@@ -353,7 +341,7 @@ def circles(moved: Float[Array, "4 4"]) -> Bool[Array, ""]:
     return jnp.abs(b0 - b2) < 2
 
 
-def products(moved: Float[Array, "4 4"]) -> tuple[Traced, Traced, Traced]:
+def products(moved: Float[Array, "4 4"]) -> tuple[Scalar, Scalar, Scalar]:
     """The products over the multipliers: torus, flip, pitchfork."""
     b2, b1, b0 = characteristic_cubic(moved)
     return b0 * b0 - b2 * b0 + b1 - 1, 1 - b2 + b1 - b0, 1 + b2 + b1 + b0

@@ -6,30 +6,29 @@ do not grow meanwhile, as they do beside an unstable one. And its two largest Ly
 exponents, which tell quasi-periodic motion (both zero) from chaos (one is positive).
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..model.column import Column, State, power
+from ..model.column import Column, State
+from ..motion.checks import check_scene
+from ..motion.ending import ending, nan_where
+from ..motion.method import explicit_method, rate_cut_of
 from ..motion.not_finite import motion
 from ..motion.options import Method, Spans, spans_for
-from ..motion.scene import (
-    check_scene,
-    ending,
-    explicit_method,
-    nan_where,
-    rate_cut_of,
-)
 from ..motion.section import Passage, SectionPlane, passage
 from ..motion.spans import AbstractSpans, SpanState, follow_spans
 from ..motion.tangents import AbstractGrowth
 from ..numerics.materialise import if_any_lane
 from ..numerics.no_number import refused
-from ..numerics.numbers import Flag, Pair, Scalar, keeps, number
+from ..numerics.numbers import Flag, Numbers, Pair, Scalar
+from ..numerics.rules import keeps, number
 from ..results import CODE, TIME, VERDICTS, AbstractMotionResult, quantity
 from ..solvers import Explicit
 from ..steady.rest import Rest, Speeds
@@ -84,11 +83,11 @@ def verdict(
     column: Column,
     start: State,
     *,
-    spans: Spans = Spans(),  # noqa: B008, a value
+    spans: Spans = Spans(),
     rtol_return: Scalar = 1e-5,
     zero_rate: Scalar = 0.01,
     rate_cut: Scalar | None = None,
-    method: Method = Method(),  # noqa: B008
+    method: Method = Method(),
 ) -> Verdict:
     r"""What kind of motion the column ends in from `start`.
 
@@ -150,13 +149,13 @@ def verdict(
     method = explicit_method("verdict", method)
     spans = spans_for("verdict", spans)
     if rate_cut is None:
-        rate_cut = rate_cut_of(column)
+        rate_cut = rate_cut_of(column.system())
     else:
         rate_cut = number("rate_cut", rate_cut, "positive")
     fold = Classifier(
         rtol_return=number("rtol_return", rtol_return, "positive"),
         zero_rate=number("zero_rate", zero_rate, "positive"),
-        rest=Rest(rate_cut, at_once=True, atol=cast(Scalar, method.atol)),
+        rest=Rest(rate_cut, at_once=True, atol=method.tolerances[1]),
         **growth_options(method, spans),
     )
     run = follow_spans(column, start, fold, method, CODE.unsettled)
@@ -183,9 +182,9 @@ def verdict(
 
 def _judged(
     outcome: Int[Array, ""],
-    evidence: "Evidence",
+    evidence: Evidence,
     blocks: Int[Array, ""],
-    fold: "Classifier",
+    fold: Classifier,
 ) -> jax.Array:
     """The verdict, a `CODE`."""
     zero_rate, growth, span = fold.zero_rate, evidence.growth, fold.most * fold.span
@@ -245,7 +244,7 @@ class Evidence(NamedTuple):
     grown: Scalar  # logarithm of the first tangent's growth in the blocks before
     returns: CycleDetector
     speeds: Speeds
-    angles: Pair  # the largest in each half of the blocks
+    angles: Numbers  # the largest in each half of the blocks
     dissipates: Bool[Array, ""]
     bands: tuple[Pair, Pair]  # in each half the least and largest omega1 of a passage
 
@@ -264,12 +263,12 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
         more = self.rtol_return, self.zero_rate, self.rest.rate_cut
         return super().valid() & keeps("positive", *more)
 
-    def begin(self, column, t0, y0):
+    def begin(self, system, t0, y0):
         """No evidence yet."""
         zero, no = 0.0 * y0[0], jnp.zeros((), bool)
         no_band = zero + jnp.inf, zero - jnp.inf
         return Evidence(
-            growth=no_growth(column, y0, 2),
+            growth=no_growth(system, y0, 2),
             grown=zero,
             returns=no_cycle(t0, y0),
             speeds=self.rest.begin(y0),
@@ -282,10 +281,10 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
         """Those of the two largest exponents."""
         return state.watch.growth.tangents
 
-    def watch(self, column, state, step):
+    def watch(self, system, state, step):
         """Take the step into both witnesses."""
         before = state.watch
-        tangents, longest = self.advance_frame(column, state, step)
+        tangents, longest = self.advance_frame(system, state, step)
         measuring = state.spans >= 0
         point = passage(PLANE, step)
         point = point._replace(there=point.there & measuring)
@@ -302,7 +301,7 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
 
         returns = if_any_lane(point.there, with_passage, before.returns)
         dissipates = before.dissipates
-        for loss in power(column, step.y1)[1:]:
+        for loss in system.power(step.y1)[1:]:
             if loss is not None:
                 dissipates |= measuring & (loss > 0)
         angle = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1]))
@@ -316,13 +315,13 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
             grown=before.grown,
             returns=returns,
             speeds=self.rest.watch(before.speeds, step),
-            angles=cast(Pair, tuple(larger)),
+            angles=tuple(larger),
             dissipates=dissipates,
             bands=_wider(before.bands, point, late),
         )
         return evidence, self.rest.sticks(step) | returns.confirmed, longest
 
-    def judge(self, column, state, step, ended):
+    def judge(self, system, state, step, ended):
         """What is decided."""
         evidence = state.watch
         growth, added = with_block(evidence.growth, state.spans, self.span, ended)
@@ -330,8 +329,8 @@ class Classifier(AbstractSpans[Evidence], AbstractGrowth[SpanState[Evidence]]):
         outcome = jnp.where(last, CODE.unsettled, state.outcome)
         repeats = evidence.returns.confirmed & evidence.dissipates
         outcome = jnp.where(repeats, CODE.cycle, outcome)
-        at_rest = self.rest.reached(column, evidence.speeds, step, ended)
-        outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
+        at_rest = self.rest.reached(system, evidence.speeds, step, ended)
+        outcome = jnp.where(at_rest, self.rest.outcome(system), outcome)
         nearest = evidence.returns.nearest
         nearest = jnp.where(ended & ~last, 1.0, nearest)
         evidence = evidence._replace(

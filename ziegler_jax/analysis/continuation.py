@@ -20,8 +20,10 @@ Source: H. B. Keller (1977); Y. A. Kuznetsov, Elements of Applied Bifurcation Th
 (2004), chapter 10.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
-from typing import ClassVar, cast
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -33,7 +35,8 @@ from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
 from ..motion.section import Coordinate
-from ..numerics.numbers import Count, Scalar, is_concrete, whole_number
+from ..numerics.numbers import Scalar, is_concrete
+from ..numerics.rules import whole_number
 from ..results import (
     CODE,
     ORBITS,
@@ -175,9 +178,9 @@ def continue_cycle(
     orbit: PeriodicOrbit,
     parameter: Scalar,
     *,
-    arc: Arc = Arc(),  # noqa: B008, a value
+    arc: Arc = Arc(),
     max_special_points: int = 4,
-    method: Method = Method(),  # noqa: B008
+    method: Method = Method(),
 ) -> Branch:
     r"""Follow a cycle as a parameter moves, through folds, stable or not.
 
@@ -213,9 +216,9 @@ def continue_cycle(
     return Branch(
         points=lost(_points(problem, end.points, ordinary), scene),
         special=lost(_points(problem, end.special, end.kind), scene),
-        count=end.count,
+        count=end.filled,
         outcome=end.outcome.astype(jnp.int8),
-        steps=cast(Count, problem.method.max_steps) - end.left,
+        steps=problem.method.budget - end.left,
         settings=_settings(problem),
     )
 
@@ -226,8 +229,8 @@ def cycle_fold(
     orbit: PeriodicOrbit,
     parameter: Scalar,
     *,
-    arc: Arc = Arc(),  # noqa: B008, a value
-    method: Method = Method(),  # noqa: B008
+    arc: Arc = Arc(),
+    method: Method = Method(),
 ) -> CycleFold:
     r"""The fold at which a cycle, followed as a parameter moves, meets another.
 
@@ -264,7 +267,7 @@ def cycle_fold(
     return CycleFold(
         fold=z[4] * jnp.where(is_fold, 1.0, jnp.nan),
         cycle=_points(problem, there, end.kind),
-        steps=cast(Count, problem.method.max_steps) - end.left,
+        steps=problem.method.budget - end.left,
         outcome=outcome.astype(jnp.int8),
         settings=_settings(problem),
     )
@@ -291,7 +294,10 @@ def _fold_moves(
     p, make = moving(make_column(fixed(z[4])), dtype)
     if not p.size:
         return jnp.zeros(5, dtype)
-    leaves = lambda x: moving(problem.make(x), dtype)[0]  # noqa: E731
+
+    def leaves(x):
+        return moving(problem.make(x), dtype)[0]
+
     line = jax.jvp(leaves, (z[4],), (jnp.ones_like(z[4]),))[1]
 
     def slope(

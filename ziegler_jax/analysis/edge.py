@@ -7,17 +7,15 @@ rest there. Newton's method finds either from where the motion was nearest to it
 Source: J. D. Skufca, J. A. Yorke, B. Eckhardt, Phys. Rev. Lett. 96 (2006) 174101.
 """
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..model.column import Column, State, vector_field
-from ..model.set_valued import in_modes
+from ..model.column import Column, State
+from ..model.state import PhasePoint
 from ..motion.implicit import fixed
-from ..motion.scene import prepared
-from ..numerics.numbers import Pair, Vector4
 from ..results import CODE
 from .periodic_orbit import periodic_orbit
 from .threshold import Middle
@@ -73,12 +71,10 @@ def _equilibrium(
     """The unstable equilibrium near a state, and whether there is one."""
 
     def field(column: Column, y: Float[Array, "4"]) -> Float[Array, "4"]:
-        whole = prepared(column)
-        if column.sticks:
-            whole = in_modes(whole, cast(Pair, (modes[0], modes[1])))
-        zero = jnp.zeros((), y.dtype)
-        four = cast(Vector4, tuple(y[i] for i in range(4)))
-        return jnp.stack(vector_field(zero, four, whole))
+        system = column.system()
+        if system.sticks:
+            system = system.in_modes(tuple(modes))
+        return jnp.stack(system.field(jnp.zeros((), y.dtype), PhasePoint(y)))
 
     def accelerations(column, angles):
         return field(column, jnp.concatenate([angles, jnp.zeros_like(angles)]))[2:]

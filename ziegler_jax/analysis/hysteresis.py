@@ -1,7 +1,9 @@
 """A load that rises and falls slowly: the bifurcation diagram with its hysteresis."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,14 +12,16 @@ import numpy as np
 from jaxtyping import Array, Int, Shaped
 
 from ..model.column import Column, State
+from ..model.state import PhasePoint
+from ..motion.checks import Times, check_maker, check_scene, float_state, made
 from ..motion.implicit import forward_only
 from ..motion.integrate import Run
 from ..motion.observers import AbstractObserver
 from ..motion.options import Method, Windows, recorded
-from ..motion.scene import Times, check_maker, check_scene, float_state, made
 from ..motion.sequence import run_in_sequence
 from ..motion.spans import SpanState
-from ..numerics.numbers import Scalar, Traced4, instance, is_concrete
+from ..numerics.numbers import Scalar, is_concrete
+from ..numerics.rules import instance
 from ..results import CODE, DIMENSIONS, AbstractDescribed, Settings, Variable
 from ..runtime import requires_x64
 from ..steady.settle import settled
@@ -49,7 +53,7 @@ class UpDownState(NamedTuple):
     """Where a column is on its way up and down."""
 
     place: Int[Array, ""]  # the number of the motion: 0 to n - 1 up, n to 2n - 1 down
-    y: Traced4  # the state that it takes along
+    y: PhasePoint  # the state that it takes along
     results: dict[str, Shaped[Array, "..."]]
 
 
@@ -61,9 +65,9 @@ def sweep_up_down(
     kick: State,
     start: State | None = None,
     axis: str = "q",
-    windows: Windows = Windows(),  # noqa: B008, a value
+    windows: Windows = Windows(),
     observers: Sequence[AbstractObserver] = (),
-    method: Method = Method(),  # noqa: B008
+    method: Method = Method(),
 ) -> UpDownSweep:
     r"""Raise the load step by step and lower it again, the last state carried on.
 
@@ -131,7 +135,7 @@ def sweep_up_down(
         now: UpDownState, motion: SettleProblem, run: Run[SpanState[WindowState]]
     ) -> UpDownState:
         failed = run.outcome < CODE.unsettled
-        y = tuple(jnp.where(failed, a, b) for a, b in zip(y0, run.y, strict=True))
+        y = PhasePoint(jnp.where(failed, a, b) for a, b in zip(y0, run.y, strict=True))
 
         def put(
             new: Shaped[Array, "*dims"], old: Shaped[Array, "2 n *dims"]
@@ -140,9 +144,7 @@ def sweep_up_down(
             return jnp.where(here, jnp.asarray(new)[None, None], old)
 
         new = {name: v.value for name, v in settled(motion, run).variables().items()}
-        return UpDownState(
-            now.place + 1, cast(Traced4, y), jax.tree.map(put, new, now.results)
-        )
+        return UpDownState(now.place + 1, y, jax.tree.map(put, new, now.results))
 
     first = UpDownState(jnp.zeros((), jnp.int32), y0, {})
     described: dict[str, Variable] = {}  # what crosses no trace

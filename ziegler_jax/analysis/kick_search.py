@@ -32,7 +32,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..model.column import Column, State
 from ..motion.implicit import fixed
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import Flag, Scalar, Vector4
+from ..numerics.numbers import Flag, Numbers, Scalar
 from ..results import CODE
 from .onset import MOVES, NONE, verdict_of
 
@@ -46,7 +46,7 @@ NOTHING = 1e-6  # of the largest size: a threshold below it is none
 POLLS = 256  # directions in the table of neighbours
 
 Point = Float[Array, " k"]
-Norm = Callable[[Column, Vector4], Scalar]
+Norm = Callable[[Column, Numbers], Scalar]
 CORRECTIONS = 5  # of a size: the energy is a square but for a cosine
 
 

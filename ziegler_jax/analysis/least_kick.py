@@ -13,6 +13,8 @@ Small motions with Coulomb friction are homogeneous in state and torque: $E^* / 
 is a number of the load alone, from which the geometry departs by a share of $\tau^2$.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar, cast
@@ -24,23 +26,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..model.column import Column, State, energy
+from ..motion.checks import check_scene, check_takes
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, Windows, recorded
-from ..motion.scene import check_scene, check_takes
 from ..motion.sequence import run_in_sequence
 from ..numerics.no_number import refused
-from ..numerics.numbers import (
-    Count,
-    Scalar,
-    Two,
-    choice,
-    instance,
-    is_concrete,
-    keeps,
-    number,
-    pair,
-    whole_number,
-)
+from ..numerics.numbers import Scalar, Two, is_concrete
+from ..numerics.rules import choice, instance, keeps, number, pair, whole_number
 from ..results import (
     CODE,
     EDGES,
@@ -208,10 +200,10 @@ def least_kick(
     column: Column,
     bracket: Two,
     *,
-    directions: Directions = Directions(),  # noqa: B008, a value
+    directions: Directions = Directions(),
     norm: Norm = energy,
-    windows: Windows = Windows(),  # noqa: B008
-    method: Method = Method(),  # noqa: B008
+    windows: Windows = Windows(),
+    method: Method = Method(),
 ) -> LeastKick:
     r"""The least kick, over all directions of the start, that starts flutter.
 
@@ -304,7 +296,7 @@ class _Problem:
         self.column, self.directions = column, directions
         self.windows, self.method = fixed((windows, method))
         self.escape = np.pi if windows.escape is None else self.windows.escape
-        self.odd = is_odd(fixed(column))
+        self.odd = is_odd(fixed(column).system())
         self.rays = Rays(column, norm, FREE[directions.free])
 
     def plan(self, bracket: Two) -> Plan:
@@ -399,4 +391,4 @@ def _with_tangents(method: Method) -> Method:
     """A method that can carry tangents, of the same tolerances."""
     solver = method.solver if isinstance(method.solver, Explicit) else Explicit()
     usual = Method(solver, method.rtol, method.atol)
-    return usual.at_most(cast(Count, method.max_steps))
+    return usual.at_most(method.budget)

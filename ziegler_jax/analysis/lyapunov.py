@@ -8,6 +8,8 @@ exponentially: chaos. A motion that does not come to rest has one that is zero, 
 itself; their sum is the mean divergence of the flow.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import NamedTuple, TypedDict, cast
 
@@ -16,20 +18,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..model.column import Column, State
+from ..model.state import PhasePoint
+from ..model.system import System
+from ..motion.checks import check_scene
+from ..motion.ending import ending, nan_where
+from ..motion.method import explicit_method
 from ..motion.not_finite import motion
 from ..motion.options import Method, Spans, recorded, spans_for
-from ..motion.scene import check_scene, ending, explicit_method, nan_where
 from ..motion.spans import AbstractSpans, SpanState, follow_spans
 from ..motion.tangents import AbstractGrowth, TangentFrame, in_logs, unit_tangents
 from ..numerics.no_number import refused
-from ..numerics.numbers import (
-    Flag,
-    Option,
-    Scalar,
-    Traced,
-    Traced4,
-    whole_number,
-)
+from ..numerics.numbers import Flag, Option, Scalar
+from ..numerics.rules import whole_number
 from ..results import CODE, RATE, AbstractMotionResult, Settings, Variable
 from ..solvers import Explicit
 
@@ -66,8 +66,8 @@ def lyapunov_exponents(
     start: State,
     *,
     count: int = 4,
-    spans: Spans = Spans(),  # noqa: B008, a value
-    method: Method = Method(),  # noqa: B008
+    spans: Spans = Spans(),
+    method: Method = Method(),
 ) -> Exponents:
     r"""The first `count` Lyapunov exponents of the motion from `start`.
 
@@ -134,8 +134,8 @@ class GrowthOptions(TypedDict):
 def growth_options(method: Method, spans: Spans) -> GrowthOptions:
     """What folds over spans of growth have in common."""
     return {
-        "solver": cast(Explicit, method.solver),
-        "rtol": cast(Scalar, method.rtol),
+        "solver": method.explicit,
+        "rtol": method.tolerances[0],
         "transient": cast(Scalar, spans.transient),
         "span": cast(Scalar, spans.length),
         "most": cast(int, spans.count),
@@ -159,19 +159,19 @@ class GrowthSums(NamedTuple):
     """Tangents, and the rates at which they grow, from block to block."""
 
     tangents: TangentFrame
-    mean: tuple[Traced, ...]  # of the blocks so far
-    squares: tuple[Traced, ...]  # of the deviations from it, their sums
+    mean: tuple[Scalar, ...]  # of the blocks so far
+    squares: tuple[Scalar, ...]  # of the deviations from it, their sums
 
 
-def no_growth(column: Column, y: Traced4, count: int) -> GrowthSums:
+def no_growth(system: System, y: PhasePoint, count: int) -> GrowthSums:
     """Unit tangents that have not grown."""
     zero = (0.0 * y[0],) * count
-    return GrowthSums(unit_tangents(column, y, count), zero, zero)
+    return GrowthSums(unit_tangents(system, y, count), zero, zero)
 
 
 def with_block(
     growth: GrowthSums, blocks: Int[Array, ""], block: Scalar, ended: Flag
-) -> tuple[GrowthSums, tuple[Traced, ...]]:
+) -> tuple[GrowthSums, tuple[Scalar, ...]]:
     """One block more where it has ended (Welford's update); the transient's is lost.
 
     **Arguments:** `blocks`: how many there are with it; `block`: its length.
@@ -180,7 +180,7 @@ def with_block(
     """
     tangents = in_logs(growth.tangents, ended)
     counted = ended & (blocks > 0)
-    count = blocks.astype(tangents.logs[0].dtype)
+    count = blocks.astype(jnp.result_type(tangents.logs[0]))
     means, squares = [], []
     rows = zip(tangents.logs, growth.mean, growth.squares, strict=True)
     for log, mean, square in rows:
@@ -197,9 +197,9 @@ def with_block(
     return growth, added
 
 
-def standard_errors(growth: GrowthSums, blocks: Int[Array, ""]) -> tuple[Traced, ...]:
+def standard_errors(growth: GrowthSums, blocks: Int[Array, ""]) -> tuple[Scalar, ...]:
     """Those of the means; none (NaN) of fewer than two blocks, 0 of infinity."""
-    n = blocks.astype(growth.mean[0].dtype)
+    n = blocks.astype(jnp.result_type(growth.mean[0]))
     pairs = jnp.where(n > 1, n * (n - 1), jnp.nan)
     return tuple(
         jnp.where(jnp.isinf(mean), 0.0, jnp.sqrt(square / pairs))
@@ -214,23 +214,23 @@ class GrowthRates(AbstractSpans[GrowthSums], AbstractGrowth[SpanState[GrowthSums
     rtol: Scalar
     count: int
 
-    def begin(self, column, t0, y0):
+    def begin(self, system, t0, y0):
         """Unit tangents that have not grown."""
         del t0
-        return no_growth(column, y0, self.count)
+        return no_growth(system, y0, self.count)
 
     def tangents(self, state):
         """Those of the blocks."""
         return state.watch.tangents
 
-    def watch(self, column, state, step):
+    def watch(self, system, state, step):
         """Let the tangents grow."""
-        tangents, longest = self.advance_frame(column, state, step)
+        tangents, longest = self.advance_frame(system, state, step)
         return state.watch._replace(tangents=tangents), False, longest
 
-    def judge(self, column, state, step, ended):
+    def judge(self, system, state, step, ended):
         """Take the block's rates."""
-        del column, step
+        del system, step
         growth, _ = with_block(state.watch, state.spans, self.span, ended)
         last = state.spans >= self.most
         return growth, jnp.where(last, CODE.complete, state.outcome)

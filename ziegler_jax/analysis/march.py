@@ -34,7 +34,7 @@ class ContinuationState(NamedTuple):
     high: End
     tries: Int[Array, ""]
     points: BranchPoint
-    count: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]
+    filled: Int[Array, ""]  # how many of them there are
     special: BranchPoint
     kind: Int[Array, " room"]
     specials: Int[Array, ""]
@@ -51,8 +51,7 @@ class Attempt(NamedTuple):
     s: Float[Array, ""]  # how far from the last one of the branch
     point: BranchPoint
     good: Bool[Array, ""]  # whether it is a point of the branch
-    # Newton's iterations
-    count: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]
+    iterations: Int[Array, ""]  # Newton's
     error: Float[Array, ""]  # of the tangent's prediction, of what it may be
     left: Int[Array, ""]  # of the step budget
     refining: Bool[Array, ""]  # whether a special point is sought
@@ -132,7 +131,7 @@ class Walk:
             high=pair,
             tries=none,
             points=room(self.points),
-            count=none,
+            filled=none,
             special=room(self.room),
             kind=jnp.zeros(self.room, jnp.int32),
             specials=none,
@@ -153,7 +152,7 @@ class Walk:
         kind, tried = self._passed(now, tried)
         begins, walked = kind > 0, tried.good & ~tried.refining & (kind == 0)
         special = self._refined(now, tried)
-        most = jnp.where(tried.count <= 4, 1.5, 1.0)
+        most = jnp.where(tried.iterations <= 4, 1.5, 1.0)
         # the prediction's error goes with the square of the step
         best = 0.9 / jnp.sqrt(jnp.maximum(tried.error, 0.1))
         grown = now.step * jnp.clip(best, 0.4, most)
@@ -181,8 +180,8 @@ class Walk:
             low=jnp.where(begins, ends[0], special.low),
             high=jnp.where(begins, ends[1], special.high),
             tries=jnp.where(tried.refining, now.tries + 1, 0),
-            points=_put(now.points, jnp.where(on, now.count, self.points), here),
-            count=now.count + on.astype(jnp.int32),
+            points=_put(now.points, jnp.where(on, now.filled, self.points), here),
+            filled=now.filled + on.astype(jnp.int32),
             special=_put(now.special, place, special.point),
             kind=now.kind.at[place].set(now.seeks, mode="drop"),
             specials=now.specials + real.astype(jnp.int32),
@@ -194,7 +193,7 @@ class Walk:
 
     def _tried(self, now: ContinuationState) -> Attempt:
         """The next point, along the tangent or within the bracket."""
-        refining, starting = now.seeks > 0, now.count == 0
+        refining, starting = now.seeks > 0, now.filled == 0
         (sa, fa), (sb, fb) = now.low, now.high
         inside = (sa * fb - sb * fa) / jnp.where(fa == fb, 1.0, fb - fa)
         s = jnp.where(refining, inside, jnp.where(starting, 0.0 * sa, now.step))
@@ -253,7 +252,7 @@ class Walk:
     ) -> Int[Array, ""]:
         """Whether the walk has ended, and why; `on`: whether it has gone on."""
         problem, here = self.problem, after.here
-        outcome = jnp.where(after.count >= self.most, CODE.found, after.outcome)
+        outcome = jnp.where(after.filled >= self.most, CODE.found, after.outcome)
         outcome = jnp.where(problem.left_bounds(here), CODE.beyond, outcome)
         collapsed = problem.collapsed(here, after.points)
         outcome = jnp.where(collapsed, CODE.collapsed, outcome)

@@ -20,6 +20,8 @@ first changes. A motion's verdict is
 - none: it neither rested nor moves within its budget, or failed.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -28,20 +30,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
+from ..motion.checks import check_maker, check_scene, made
 from ..motion.implicit import fixed, lost
+from ..motion.method import explicit_method
 from ..motion.options import Method, Windows, recorded
-from ..motion.scene import check_maker, check_scene, explicit_method, has_series, made
 from ..motion.sequence import run_in_sequence
-from ..numerics.numbers import (
-    Flag,
-    Pair,
-    Scalar,
-    Two,
-    instance,
-    is_concrete,
-    pair,
-    whole_number,
-)
+from ..numerics.numbers import Flag, Pair, Scalar, Two, is_concrete
+from ..numerics.rules import instance, pair, whole_number
 from ..results import (
     CODE,
     ONSETS,
@@ -129,9 +124,9 @@ def critical_kick(
     direction: State,
     bracket: Two,
     *,
-    search: Search = Search(),  # noqa: B008, a value
-    windows: Windows = Windows(),  # noqa: B008
-    method: Method = Method(),  # noqa: B008
+    search: Search = Search(),
+    windows: Windows = Windows(),
+    method: Method = Method(),
 ) -> Onset:
     r"""The smallest kick along a direction after which the column does not stick.
 
@@ -175,9 +170,9 @@ def flutter_onset(
     start: State,
     bracket: Two,
     *,
-    search: Search = Search(),  # noqa: B008, a value
-    windows: Windows = Windows(),  # noqa: B008
-    method: Method = Method(),  # noqa: B008
+    search: Search = Search(),
+    windows: Windows = Windows(),
+    method: Method = Method(),
 ) -> Onset:
     r"""The load, or another number of the column, from which a start no longer rests.
 
@@ -242,7 +237,7 @@ class _Problem(NamedTuple):
         column, start = fixed(self.scene(x))
         check_scene(column, start)
         windows, method = fixed((self.windows, self.method))
-        if has_series(column):
+        if column.system().has_series:
             # the derivative is carried along the steps of the same method
             method = explicit_method(self.question, method)
         return CertifiedMotion(column, start, self.question, windows, None, method)

@@ -12,8 +12,10 @@ friction is no jump, their product is $\exp \int_0^T \mathrm{div} f\,dt$. A join
 sticks makes one zero.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
-from typing import ClassVar, NamedTuple, cast
+from typing import ClassVar, NamedTuple
 
 import diffrax as dfx
 import equinox as eqx
@@ -22,23 +24,17 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..model.column import Column, State
+from ..model.state import PhasePoint
+from ..motion.checks import check_scene, float_state, valid_scene
 from ..motion.implicit import fixed, implicit, lost, moving, solve
+from ..motion.method import explicit_method
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
-from ..motion.scene import check_scene, explicit_method, float_state, valid_scene
 from ..motion.section import SectionPlane
 from ..motion.variational import Flow, flow_of, varied_motion
 from ..numerics.eigenvalues import eigenvalues
-from ..numerics.numbers import (
-    Count,
-    Option,
-    Scalar,
-    Traced4,
-    instance,
-    keeps,
-    number,
-    whole_number,
-)
+from ..numerics.numbers import Option, Scalar
+from ..numerics.rules import instance, keeps, number, whole_number
 from ..results import CODE, ORBITS, TIME, AbstractResult, Settings, Variable, quantity
 from ..runtime import own_flags, requires_x64
 from ..solvers import Explicit
@@ -123,11 +119,11 @@ def periodic_orbit(
     guess: State,
     *,
     period: Scalar | None = None,
-    section: SectionPlane = SectionPlane(),  # noqa: B008, a value
+    section: SectionPlane = SectionPlane(),
     returns: int = 1,
     max_time: Scalar = 200.0,
     max_iterations: int = 20,
-    method: Method = Method(),  # noqa: B008
+    method: Method = Method(),
 ) -> PeriodicOrbit:
     r"""The periodic orbit near a guess, stable or not, with its multipliers.
 
@@ -212,8 +208,8 @@ def periodic_orbit(
         joint_amplitude=extent[jnp.array([0, 2])],
         monodromy=(flow.moved + bends) * mark,
         residual=lost(jnp.max(jnp.abs(solution.shot.residual)) * mark, known),
-        iterations=solution.count,
-        steps=cast(Count, method.max_steps) - solution.left,
+        iterations=solution.iterations,
+        steps=method.budget - solution.left,
         outcome=outcome.astype(jnp.int8),
         settings=recorded(
             **method.settings(),
@@ -304,7 +300,7 @@ class Approximation(NamedTuple):
 
 def approximation(
     column: Column,
-    start: Traced4,
+    start: PhasePoint,
     period: Scalar | None,
     section: SectionPlane,
     returns: int,
@@ -312,7 +308,7 @@ def approximation(
     method: Method,
 ) -> Approximation:
     """The first approximation: the guess, or where its motion returns."""
-    dtype = start[0].dtype
+    dtype = jnp.result_type(start[0])
     valid = valid_scene(column, start)
     valid &= keeps("positive", method.rtol, method.atol, period)
     left, failure = jnp.asarray(method.max_steps, jnp.int32), 0
@@ -325,10 +321,10 @@ def approximation(
         valid &= keeps("finite", section.level) & keeps("positive", max_time)
         level = jnp.asarray(section.level, dtype)
         # only as good as Newton's method needs
-        rough = Method(Explicit(), 1e-6, 1e-6).at_most(cast(Count, method.max_steps))
+        rough = Method(Explicit(), 1e-6, 1e-6).at_most(method.budget)
         span = fixed(jnp.where(valid, max_time, 0.0))
         z, back, steps = first_return(
-            column, fixed(start), fixed(section), returns, span, rough
+            fixed(column).system(), fixed(start), fixed(section), returns, span, rough
         )
         left = left - steps
         late = jnp.where(left > 0, CODE.no_return, CODE.not_integrated)

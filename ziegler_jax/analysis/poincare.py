@@ -4,7 +4,9 @@ A periodic motion leaves p points, a quasi-periodic one a closed curve, a chaoti
 set that no curve holds.
 """
 
-from typing import NamedTuple, cast
+from __future__ import annotations
+
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,22 +14,17 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
+from ..model.state import PhasePoint
+from ..motion.checks import check_scene
 from ..motion.implicit import forward_only
+from ..motion.method import explicit_method
 from ..motion.not_finite import motion
 from ..motion.options import Method, recorded
-from ..motion.scene import check_scene, explicit_method
 from ..motion.section import Passage, SectionPlane, passage
 from ..motion.spans import AbstractSpans, follow_spans
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import (
-    Flag,
-    Scalar,
-    Vector4,
-    instance,
-    keeps,
-    number,
-    whole_number,
-)
+from ..numerics.numbers import Flag, Scalar
+from ..numerics.rules import instance, keeps, number, whole_number
 from ..results import CODE, OUTCOMES, RATE, TIME, AbstractResult, Settings, quantity
 
 LONGEST_PERIOD = 16  # passages
@@ -36,10 +33,9 @@ LONGEST_PERIOD = 16  # passages
 class CycleDetector(NamedTuple):
     """Brent's cycle detection on the passages of a section."""
 
-    point: Vector4  # the reference
+    point: PhasePoint  # the reference
     time: Scalar
-    # passages since; -1 before the first
-    count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    since: Scalar  # so many passages; -1 before the first
     most: Scalar  # after so many the reference is renewed
     passages: Scalar  # the period in passages, once there is one; else 0
     period: Scalar
@@ -59,7 +55,7 @@ def detect_cycle(
 
     A motion that lingers by an unstable cycle comes back as well; its tangents grow.
     """
-    count = returns.count + 1.0
+    count = returns.since + 1.0
     apart, size = 0.0 * count, 0.0 * count
     for x, x0 in zip(here.y, returns.point, strict=True):
         apart = jnp.maximum(apart, jnp.abs(x - x0))
@@ -71,7 +67,7 @@ def detect_cycle(
     lingers = growth - returns.growth > zero_rate * (here.time - returns.time)
     repeats = again & back & ~lingers
     # a period that was not confirmed was none
-    renew = cast(Bool[Array, ""], (count == 0) | (again & ~repeats))
+    renew = (count == 0) | (again & jnp.logical_not(repeats))
     renew |= ~first & (returns.passages == 0) & (count >= returns.most)
     doubled = jnp.where(
         returns.most >= LONGEST_PERIOD, 1.0 + 0.0 * count, 2 * returns.most
@@ -79,7 +75,7 @@ def detect_cycle(
     new = CycleDetector(
         point=tree_where(renew, here.y, returns.point),
         time=jnp.where(renew, here.time, returns.time),
-        count=jnp.where(renew, 0.0, count),
+        since=jnp.where(renew, 0.0, count),
         most=jnp.where(renew & (count > 0), doubled, returns.most),
         passages=jnp.where(renew, 0.0, jnp.where(first, count, returns.passages)),
         period=jnp.where(first, here.time - returns.time, returns.period),
@@ -90,7 +86,7 @@ def detect_cycle(
     return tree_where(here.there, new, returns)
 
 
-def no_cycle(t: Scalar, y: Vector4) -> CycleDetector:
+def no_cycle(t: Scalar, y: PhasePoint) -> CycleDetector:
     """Before the first passage."""
     zero, one = 0.0 * y[0], 0.0 * y[0] + 1
     no = jnp.zeros((), bool)
@@ -125,12 +121,12 @@ def poincare(
     column: Column,
     start: State,
     *,
-    section: SectionPlane = SectionPlane(),  # noqa: B008, a value
+    section: SectionPlane = SectionPlane(),
     points: int = 200,
     transient: Scalar = 200.0,
     max_time: Scalar = 5000.0,
     escape: Scalar = np.pi,
-    method: Method = Method(),  # noqa: B008
+    method: Method = Method(),
 ) -> PoincareSection:
     r"""The motion's first passages through a plane after the transient.
 
@@ -177,7 +173,7 @@ def poincare(
         times=log.times,
         phi=log.y[:, :2],
         omega=log.y[:, 2:],
-        count=log.count,
+        count=log.filled,
         steps=run.steps,
         outcome=run.outcome.astype(jnp.int8),
         settings=recorded(
@@ -197,7 +193,7 @@ class SectionState(NamedTuple):
 
     times: Float[Array, " n"]
     y: Float[Array, "n 4"]
-    count: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]
+    filled: Int[Array, ""]
 
 
 class SectionLog(AbstractSpans[SectionState]):
@@ -212,9 +208,9 @@ class SectionLog(AbstractSpans[SectionState]):
         good = keeps("nonnegative", self.first) & keeps("finite", self.plane.level)
         return super().valid() & good & keeps("positive", self.span - self.first)
 
-    def begin(self, column, t0, y0):
+    def begin(self, system, t0, y0):
         """No point yet."""
-        del column, t0
+        del system, t0
         dtype = jnp.result_type(y0[0])
         return SectionState(
             jnp.full(self.size, jnp.nan, dtype),
@@ -222,21 +218,21 @@ class SectionLog(AbstractSpans[SectionState]):
             jnp.zeros((), jnp.int32),
         )
 
-    def watch(self, column, state, step):
+    def watch(self, system, state, step):
         """Log the step's passage, if any."""
-        del column
+        del system
         log, point = state.watch, passage(self.plane, step)
         there = point.there & (point.time >= self.first)
-        row = jnp.where(there, log.count, self.size)  # beyond: dropped
+        row = jnp.where(there, log.filled, self.size)  # beyond: dropped
         log = SectionState(
             log.times.at[row].set(point.time, mode="drop"),
             log.y.at[row].set(jnp.stack(point.y), mode="drop"),
-            log.count + there.astype(jnp.int32),
+            log.filled + there.astype(jnp.int32),
         )
-        return log, log.count >= self.size, None
+        return log, log.filled >= self.size, None
 
-    def judge(self, column, state, step, ended):
+    def judge(self, system, state, step, ended):
         """Done where there is no more room, or no more time."""
-        del column, step
-        full = state.watch.count >= self.size
+        del system, step
+        full = state.watch.filled >= self.size
         return state.watch, jnp.where(full | ended, CODE.complete, state.outcome)

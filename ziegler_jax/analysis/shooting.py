@@ -1,7 +1,7 @@
 r"""Shooting: where a motion returns, and Newton's method."""
 
 from collections.abc import Callable
-from typing import Generic, NamedTuple, Protocol, TypeVar, TypeVarTuple, cast
+from typing import Generic, NamedTuple, Protocol, TypeVar, TypeVarTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,14 +9,15 @@ from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..model.column import Column
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..motion.implicit import solve
 from ..motion.integrate import Motion, Run, follow
 from ..motion.options import Method
 from ..motion.section import SectionPlane, passage
 from ..motion.sequence import Followed, run_in_sequence
 from ..motion.variational import Flow, Make, Parameters, Varied, flow_of, varied_motion
-from ..numerics.numbers import Count, Scalar, Traced, Traced4
+from ..numerics.numbers import Count, Scalar
 from ..results import CODE
 from ..solvers import AbstractFold
 
@@ -26,7 +27,7 @@ SHORTEST = 1e-3  # a period below it is none
 
 
 # how many passages there were, when the first and the last was, and where
-Passed = tuple[Traced, Traced, Traced, Traced4]
+Passed = tuple[Scalar, Scalar, Scalar, PhasePoint]
 Unknowns = Float[Array, " n"]
 Extra = TypeVarTuple("Extra")
 
@@ -37,9 +38,9 @@ class Passages(AbstractFold[Passed]):
     section: SectionPlane
     returns: int
 
-    def init(self, column, t0, y0):
+    def init(self, system, t0, y0):
         """No passage yet: their number, when the first was, when and where the last."""
-        del column
+        del system
         zero = 0.0 * y0[0]
         return zero, t0 + zero, t0 + zero, y0
 
@@ -48,36 +49,35 @@ class Passages(AbstractFold[Passed]):
         over = jnp.where(state[0] > self.returns, CODE.complete, CODE.not_computed)
         return over.astype(jnp.int32)
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Count the step's passage."""
-        del column
+        del system
         count, first, last, where = state
         crossing = passage(self.section, step)
         there = crossing.there
         first = jnp.where(there & (count == 0), crossing.time, first)
         last = jnp.where(there, crossing.time, last)
         pairs = zip(crossing.y, where, strict=True)
-        where = cast(Traced4, tuple(jnp.where(there, a, b) for a, b in pairs))
+        where = PhasePoint(jnp.where(there, a, b) for a, b in pairs)
         count = count + jnp.where(there, 1.0, 0.0)
         return (count, first, last, where), jnp.inf, count > self.returns
 
 
 def first_return(
-    column: Column,
-    start: Traced4,
+    system: System,
+    start: PhasePoint,
     section: SectionPlane,
     returns: int,
     max_time: Scalar,
     method: Method,
 ) -> tuple[Float[Array, "4"], Bool[Array, ""], Int[Array, ""]]:
     """Where a motion from `start` closes roughly: z, whether it does in time, steps."""
-    still = tuple(lax.stop_gradient(jnp.asarray(x)) for x in start)
-    y0 = cast(Traced4, still)
-    span = jnp.asarray(max_time, y0[0].dtype)
-    run = follow(Motion(column, y0, Passages(section, returns), method, end=span))
+    y0 = PhasePoint(lax.stop_gradient(jnp.asarray(x)) for x in start)
+    span = jnp.asarray(max_time, jnp.result_type(y0[0]))
+    run = follow(Motion(system, y0, Passages(section, returns), method, end=span))
     count, first, last, place = run.folded
     z = jnp.stack([*(place[i] for i in section.others), last - first])
-    return z, count > returns, run.steps
+    return z, jnp.asarray(count > returns), run.steps
 
 
 class Counted(Protocol):
@@ -98,7 +98,7 @@ class Found(NamedTuple, Generic[Tried]):
     z: Unknowns
     move: Unknowns  # the last step
     size: Float[Array, ""]  # and its largest component before it was cut
-    count: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]
+    iterations: Int[Array, ""]
     shot: Tried  # the last one
     left: Int[Array, ""]  # of the steps
     residual: Float[Array, ""]  # the largest equation's, before the last step
@@ -139,7 +139,7 @@ def newton(
 
     def goes_on(now: Found[Tried]):
         unsettled = (now.size > TOLERANCE) | (now.residual > closed)  # not for NaN
-        return unsettled & (now.count < max_iterations) & (now.left > 0)
+        return unsettled & (now.iterations < max_iterations) & (now.left > 0)
 
     def improve(now: Found[Tried], motion: Followed, run: Run[Varied]):
         del motion
@@ -148,7 +148,7 @@ def newton(
         size = jnp.max(jnp.abs(move))
         move = move * jnp.minimum(1.0, LARGEST_MOVE / jnp.where(size > 0, size, 1.0))
         left, residual = now.left - shot.steps, jnp.max(jnp.abs(r))
-        return Found(now.z + move, move, size, now.count + 1, shot, left, residual)
+        return Found(now.z + move, move, size, now.iterations + 1, shot, left, residual)
 
     return run_in_sequence(lambda now: shot(now.z, now.left), improve, goes_on, begin)[
         0

@@ -23,22 +23,23 @@ Source: J. Palis, Topology 8 (1969) 385-404, on how differences turn near a sadd
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
+from ..model.state import PhasePoint
+from ..motion.checks import float_state
 from ..motion.implicit import fixed, implicit, moving
 from ..motion.integrate import Motion, follow
 from ..motion.options import Method
-from ..motion.scene import float_state
 from ..motion.variational import Make, Variational, Varied, varied
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import Scalar, Traced4
+from ..numerics.numbers import Scalar
 from ..results import CODE
-from ..solvers import AbstractFold, Explicit
+from ..solvers import AbstractFold
 
 PARTED = 0.1  # of the largest state: the ends of the last interval have parted
 DECADE = 10.0  # of growth from one look at the ratio to the next
@@ -104,15 +105,15 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
     width: Scalar
     window: Scalar
 
-    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+    def advance(self, solver, t0, t1, y0, system, first, state):
         """A step with the Jacobian that these ask for."""
         ends = t0, t1, y0
-        return self.inner.advance(solver, terms, *ends, column, first, state.varied)
+        return self.inner.advance(solver, *ends, system, first, state.varied)
 
-    def init(self, column, t0, y0):
+    def init(self, system, t0, y0):
         """Before the first step."""
-        varied = self.inner.init(column, t0, y0)
-        zero = 0.0 * y0[0]
+        varied = self.inner.init(system, t0, y0)
+        zero = jnp.asarray(0.0 * y0[0])
         blank = Ratio(jnp.zeros_like(self.along), zero)
         look = Look(blank, blank)
         runs = jnp.asarray(CODE.not_computed, jnp.int32)
@@ -121,9 +122,9 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
             varied, look, t0 + zero, look, look, zero, start, runs
         )
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Look at the ratio; at an end where it has grown enough, or grows no more."""
-        varied, *_ = self.inner.step(column, state.varied, step)
+        varied, *_ = self.inner.step(system, state.varied, step)
         flow, moved = jnp.stack(step.f1), jnp.stack(varied.y)
         speed = flow @ flow
         part = (flow @ moved) / jnp.where(speed > 0, speed, 1.0)
@@ -216,13 +217,11 @@ def _slope(
 def _motion(
     make: Make, numbers: Float[Array, " k"], place: Place, method: Method
 ) -> Motion[ManifoldSlopeState]:
-    args, inner = varied(
-        make, numbers[4:], cast(Explicit, method.solver), numbers.size > 4
-    )
+    system, inner = varied(make, numbers[4:], method.explicit, numbers.size > 4)
     fold = ManifoldSlope(inner, place.line, place.width, place.window)
-    y0 = cast(Traced4, tuple(numbers[i] for i in range(4)))
+    y0 = PhasePoint(numbers[i] for i in range(4))
     span = jnp.where(place.known, place.patience, 0.0).astype(numbers.dtype)
-    return Motion(args, y0, fold, method, end=span)
+    return Motion(system, y0, fold, method, end=span)
 
 
 def _certain_row(

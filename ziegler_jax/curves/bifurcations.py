@@ -1,5 +1,7 @@
 """What a curve of bifurcations is: its points, where it is special, how it ends."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import ClassVar
 

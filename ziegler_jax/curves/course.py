@@ -1,5 +1,7 @@
 """How far and how finely a curve is followed."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -8,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..analysis.branch_point import Arc, increasing
-from ..numerics.numbers import Pair, Scalar, is_concrete, number, whole_number
+from ..numerics.numbers import Pair, Scalar, is_concrete
+from ..numerics.rules import number, whole_number
 from .problem import Bounds
 
 Values = Float[Array, " n"] | np.ndarray | Sequence[float]

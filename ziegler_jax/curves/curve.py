@@ -15,6 +15,8 @@ Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), section 
 di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), chapter 8.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import partial
 from typing import cast
@@ -30,10 +32,11 @@ from ..analysis.march import ContinuationState, Walk
 from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from ..analysis.shooting import start_of
 from ..model.column import Column
+from ..motion.checks import check_maker, made
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, recorded
-from ..motion.scene import check_maker, made
-from ..numerics.numbers import Scalar, choice, instance, is_concrete, number
+from ..numerics.numbers import Scalar, is_concrete
+from ..numerics.rules import choice, instance, number
 from ..results import CODE, Settings
 from ..runtime import requires_x64
 from .bifurcations import BifurcationCurve, BifurcationPoints
@@ -68,9 +71,9 @@ def bifurcation_curve(
     *,
     second: Scalar,
     first: Scalar | None = None,
-    course: Course = Course(),  # noqa: B008, a value
-    arc: Arc = Arc(),  # noqa: B008
-    method: Method = Method(),  # noqa: B008
+    course: Course = Course(),
+    arc: Arc = Arc(),
+    method: Method = Method(),
 ) -> BifurcationCurve:
     r"""The curve of a bifurcation of cycles in the plane of two parameters.
 
@@ -164,12 +167,12 @@ def bifurcation_curve(
         points = lost(points, scene)
     points = eqx.tree_at(lambda p: p.residual, points, lost(points.residual, scene))
     ends = jax.vmap(lambda way: _end(problem, way))(ways)
-    special, codes = _specials(ways, jnp.stack([down.count, up.count]), ends)
+    special, codes = _specials(ways, jnp.stack([down.filled, up.filled]), ends)
     there = codes != CODE.ordinary
     none = jnp.zeros(there.shape, jnp.int32)
     residual = jnp.full(there.shape, jnp.nan, dtype)  # they are not corrected again
     notable = Filled(special, there, residual, none)
-    started = jnp.any(ways.count > 0)
+    started = jnp.any(ways.filled > 0)
     failed = jnp.where(cycle.failure > 0, cycle.failure, CODE.not_converged)
     spent = 2 * jnp.asarray(method.max_steps, jnp.int32) - jnp.sum(
         ways.left, dtype=jnp.int32
@@ -178,7 +181,7 @@ def bifurcation_curve(
         points=points,
         special=lost(_points(problem, notable, codes, settings), scene),
         ends=ends.astype(jnp.int8),
-        knots=ways.count,
+        knots=ways.filled,
         outcome=jnp.where(started, CODE.found, failed).astype(jnp.int8),
         steps=begin.steps + shot_steps + spent + jnp.sum(filled.steps, dtype=jnp.int32),
         settings=settings,
@@ -258,12 +261,12 @@ def _knots(way: ContinuationState) -> Knots:
     """
     x, tangent = way.points.x, way.points.tangent
     places = jnp.arange(x.shape[0], dtype=jnp.int32)
-    grazes = (way.points.modes < 0) & (places < way.count)
+    grazes = (way.points.modes < 0) & (places < way.filled)
     first = jnp.argmax(grazes).astype(jnp.int32)
-    count = jnp.where(jnp.any(grazes), first, way.count)
+    count = jnp.where(jnp.any(grazes), first, way.filled)
     edges = way.kind > len(WITHIN)
     which = jnp.argmax(edges)
-    last = jnp.where(jnp.any(edges), jnp.maximum(way.count - 1, 0), x.shape[0])
+    last = jnp.where(jnp.any(edges), jnp.maximum(way.filled - 1, 0), x.shape[0])
     return Knots(
         x.at[last].set(way.special.x[which], mode="drop"),
         tangent.at[last].set(way.special.tangent[which], mode="drop"),
@@ -300,7 +303,7 @@ def _end(problem: CurveProblem, way: ContinuationState) -> Int[Array, ""]:
         # close to it the two vectors nearly agree, and Newton's method loses them
         met |= lost & (jnp.sin(way.here.x[-1]) < MEETS)
         end = jnp.where(met, CODE.resonance, end)
-    return jnp.where(way.count > 0, end, CODE.no_start)
+    return jnp.where(way.filled > 0, end, CODE.no_start)
 
 
 def _points(

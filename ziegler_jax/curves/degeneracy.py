@@ -26,7 +26,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..analysis.branch_point import characteristic_cubic, circles, products
-from ..motion.contact import AbstractContact
+from ..motion.variational import AbstractContact
+from ..numerics.numbers import Scalar
 from ..steady.jets import Jet
 
 Extra = Float[Array, " e"]  # the unknowns beside the cycle's: null vectors, an angle
@@ -236,7 +237,7 @@ class ModesChange(AbstractDegeneracy):
         """The number that the motion watches."""
         del reference
         assert self.contact is not None and jet.contact
-        value, moves = jet.contact
+        value, moves = map(jnp.asarray, jet.contact)
         nothing = jnp.zeros((1, 0), extra.dtype)
         return Block(value[None], (moves @ basis)[None], nothing)
 
@@ -248,7 +249,7 @@ class ModesChange(AbstractDegeneracy):
         return jnp.stack([jnp.ones_like(one), one, minus, pair])
 
 
-def _others(c1: Float[Array, ""], c0: Float[Array, ""]) -> Float[Array, "3"]:
+def _others(c1: Scalar, c0: Scalar) -> Float[Array, "3"]:
     """Of the multipliers with lambda^2 + c1 lambda + c0 = 0: at 1, at -1, a pair."""
     pair = jnp.where(jnp.abs(c1) < 2, c0 - 1, jnp.nan)  # else they are real
     return jnp.stack([1 + c1 + c0, 1 - c1 + c0, pair])

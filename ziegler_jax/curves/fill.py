@@ -29,14 +29,14 @@ class Knots(NamedTuple):
 
     x: Float[Array, "m n"]
     tangent: Float[Array, "m n"]
-    count: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]
+    filled: Int[Array, ""]
     begin: Int[Array, ""]  # where the walk began
 
     @property
     def arc(self) -> Float[Array, " m"]:
         """The length along the chords up to each; beyond the last that of the whole."""
         gaps = jnp.diff(self.x[:, :N], axis=0)
-        inside = jnp.arange(1, self.x.shape[0], dtype=jnp.int32) < self.count
+        inside = jnp.arange(1, self.x.shape[0], dtype=jnp.int32) < self.filled
         lengths = jnp.where(inside, jnp.sqrt(jnp.sum(gaps * gaps, axis=1)), 0.0)
         return jnp.concatenate([jnp.zeros(1, lengths.dtype), jnp.cumsum(lengths)])
 
@@ -54,16 +54,16 @@ def joined(down: Knots, up: Knots) -> Knots:
     """Two walks from one point, the first one turned round."""
     room = down.x.shape[0]
     i = jnp.arange(2 * room - 1, dtype=jnp.int32)
-    before = i < down.count
-    back = jnp.clip(down.count - 1 - i, 0, room - 1)
-    on = jnp.clip(i - down.count + 1, 0, room - 1)
+    before = i < down.filled
+    back = jnp.clip(down.filled - 1 - i, 0, room - 1)
+    on = jnp.clip(i - down.filled + 1, 0, room - 1)
 
     def chosen(a: Float[Array, "m n"], b: Float[Array, "m n"]) -> Float[Array, "k n"]:
         return jnp.where(before[:, None], a[back], b[on])
 
-    count = jnp.maximum(down.count + up.count - 1, 0)
+    count = jnp.maximum(down.filled + up.filled - 1, 0)
     tangent = chosen(-down.tangent, up.tangent)
-    begin = jnp.maximum(down.count - 1, 0)
+    begin = jnp.maximum(down.filled - 1, 0)
     return Knots(chosen(down.x, up.x), tangent, count, begin)
 
 
@@ -73,7 +73,7 @@ def evenly(
     """So many predictions at equal distances along the arc, and the tangents there."""
     arc = knots.arc
     s = jnp.linspace(0.0, 1.0, points, dtype=arc.dtype) * arc[-1]
-    last = jnp.maximum(knots.count - 2, 0)
+    last = jnp.maximum(knots.filled - 2, 0)
     place = jnp.searchsorted(arc, s, side="right").astype(jnp.int32) - 1
     place = jnp.clip(place, 0, last)
     length = arc[place + 1] - arc[place]
@@ -91,7 +91,7 @@ def at_values(
     """
     arc, here = knots.arc, knots.x[:, N - 1]
     places = jnp.arange(here.size - 1, dtype=jnp.int32)
-    inside = places + 1 < knots.count
+    inside = places + 1 < knots.filled
 
     def one(value: Float[Array, ""]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         low, high = here[:-1] - value, here[1:] - value

@@ -213,7 +213,7 @@ class CurveProblem(AbstractContinuation):
         point = BranchPoint(x, tangent, jet.extent, moved, matrix, tests, modes)
         good = solution.converged & (solution.residual <= closed)
         good &= jnp.all(jnp.isfinite(tangent))
-        return point, good, solution.count, solution.left, solution.residual
+        return point, good, solution.iterations, solution.left, solution.residual
 
     def _inside(self, x: Row) -> Float[Array, "4"]:
         """How far the parameters lie within their bounds."""

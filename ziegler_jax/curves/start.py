@@ -1,7 +1,7 @@
 """Where a curve begins: a bifurcation on a branch of cycles, or a point of one."""
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple, cast, get_args
+from typing import Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,6 @@ from ..analysis.march import Walk
 from ..analysis.periodic_orbit import PeriodicOrbit
 from ..analysis.shooting import start_of
 from ..model.column import Column
-from ..motion.contact import Dip, Landing
 from ..motion.implicit import fixed
 from ..motion.options import Method
 from ..motion.section import SectionPlane
@@ -21,6 +20,7 @@ from ..numerics.numbers import Scalar
 from ..results import CODE
 from ..steady.jets import Bundle, Jet, follow_bundle
 from ..steady.oddness import is_odd
+from .contact import Dip, Landing
 from .degeneracy import (
     AbstractDegeneracy,
     Flip,
@@ -75,7 +75,7 @@ def met_on_branch(
     x = end.special.x[0] * branch.scale
     there = codes_of(end.kind[0], TESTS) == CODE[kind]
     failure = jnp.where(there, 0, end.outcome).astype(jnp.int32)
-    steps = cast(int, branch.method.max_steps) - end.left
+    steps = branch.method.budget - end.left
     moved = end.special.moved[0]
     return Beginning(branch.section, x[:4], x[4], moved, failure, steps)
 
@@ -147,7 +147,7 @@ def cycle_of(
     both = jax.vmap(shot)(spans, signs)
     half, whole = (jax.tree.map(lambda a, i=i: a[i], both) for i in (0, 1))
     off = jnp.max(jnp.abs(half.y - y0))
-    symmetric = is_odd(column) & half.arrived
+    symmetric = is_odd(column.system()) & half.arrived
     symmetric &= off < MIRRORED * jnp.maximum(1.0, jnp.max(jnp.abs(y0)))
     failure = begin.failure
     if kind == "pitchfork":

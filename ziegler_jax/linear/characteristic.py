@@ -80,14 +80,12 @@ def inertia(column: Column) -> tuple[Pair, Pair]:
 def stiffness(column: Column) -> tuple[Pair, Pair]:
     """The rows of K: springs and follower load, linear in q."""
     q, kappa, eta = column.q, column.kappa, column.follower
-    assert eta is not None  # no prepared column comes here
     lever = column.l2 * (1 - eta)
     return (kappa + 1 - q, q * eta - 1), (-1.0, 1 - q * lever)
 
 
 def characteristic(column: Column) -> Characteristic:
     """The polynomial of a column without friction. Its `q` enters `valid` alone."""
-    assert column.follower is not None
     a, b, d, kappa, eta, l2 = (
         jnp.asarray(x, dtype=float)
         for x in (

@@ -16,8 +16,10 @@ depends on the damping through ratios and det C alone: damping may be as small a
 smallest normal number, 2.2e-308; below it counts as none.
 """
 
+from __future__ import annotations
+
 from functools import partial
-from typing import Literal, NamedTuple, cast
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,7 +28,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from ..model.column import Column
-from ..numerics.numbers import Flag, Scalar, choice
+from ..numerics.numbers import Flag, Scalar
+from ..numerics.rules import choice
 from ..numerics.series import value
 from ..results import CODE, CRITICAL_LOADS, RATE, AbstractResult, Settings, quantity
 from ..runtime import requires_x64
@@ -272,7 +275,7 @@ def _root(
     """
     f0, f1, f2 = f
     square, product = f1 * f1, 4 * f0 * f2
-    gap = cast(jax.Array, square - product)
+    gap = jnp.asarray(square - product)
     noise = 64 * jnp.finfo(gap.dtype).eps * (square + jnp.abs(product))
     double = (jnp.abs(gap) <= noise) & (f1 * f2 < 0)
     side = jnp.sqrt(jnp.maximum(gap, 0.0))

@@ -1,5 +1,7 @@
 """The designer's table: what each parameter does to the critical load."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 
 import jax
@@ -9,11 +11,11 @@ import xarray as xr
 from jax.core import Tracer
 
 from ..model.column import Column
-from ..model.parameters import Make, as_function
 from ..numerics.numbers import Scalar
 from ..results import CODE
 from ..runtime import requires_x64
 from .critical_load import CriticalLoad, Kind, critical_load
+from .parameters import Make, as_function
 from .spectrum import linearise
 
 

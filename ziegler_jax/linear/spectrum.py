@@ -11,7 +11,9 @@ the column can lose stability oscillating. Joint friction has no linear map (in 
 the joints are rigid): every function here refuses it and names `tangent_column`.
 """
 
-from typing import NamedTuple, cast
+from __future__ import annotations
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +22,8 @@ from jaxtyping import Array, Int
 from ..model.column import Column, refuse_si
 from ..model.damping import Sum, Viscous
 from ..model.friction import AbstractRateFriction, slopes_at_rest
-from ..numerics.numbers import Pair, Scalar, instance
+from ..numerics.numbers import Pair, Scalar
+from ..numerics.rules import instance
 from ..numerics.series import value
 from ..results import CODE
 from ..runtime import requires_x64
@@ -149,7 +152,7 @@ def tangent_column(column: Column) -> Column:
         column.b,
         column.d,
         column.kappa,
-        cast(Scalar, column.follower),
+        column.follower,
         damping if column.damping is None else Sum(column.damping, damping),
         m2=column.m2,
         s1=column.s1,
@@ -228,4 +231,4 @@ def _changes(*chain: Scalar) -> Int[Array, ""]:
         now = jnp.sign(x)
         count = count + (now * before < 0).astype(int)
         before = jnp.where(now == 0, before, now)
-    return cast(jax.Array, count)
+    return jnp.asarray(count)

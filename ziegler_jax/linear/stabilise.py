@@ -1,5 +1,7 @@
 """Raise the critical load: follow its gradient through a box of parameters."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -12,11 +14,11 @@ import xarray as xr
 from jax.core import Tracer
 
 from ..model.column import Column
-from ..model.parameters import Make, as_function
-from ..numerics.numbers import pair
+from ..numerics.rules import pair
 from ..results import CODE
 from ..runtime import requires_x64
 from .critical_load import CriticalLoad, Kind, critical_load
+from .parameters import Make, as_function
 
 
 class Stabilised(NamedTuple):

@@ -1,12 +1,14 @@
 """Sweeps of one scene, made one."""
 
+from __future__ import annotations
+
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 import xarray as xr
 
-from ..numerics.numbers import choice, instance
+from ..numerics.rules import choice, instance
 from ..results import MEANING
 
 # What a run has cost, and how it went: of several runs it is the sum, or nothing.

@@ -1,15 +1,17 @@
 """From a coarse map to its boundaries."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import xarray as xr
 from tqdm import tqdm
 
-from ..numerics.numbers import number, whole_number
+from ..numerics.rules import number, whole_number
 from ..results import labels as attributes_of
-from ..sweep.lanes import Lanes
 from ..sweep.once import Program
+from ..sweep.pool import Lanes
 from ..sweep.progress import shown, stream
 from ..sweep.returned import Returned
 from .boundaries import Audit, BoundarySearch

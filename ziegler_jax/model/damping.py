@@ -1,16 +1,15 @@
 r"""Damping: a matrix C with torques $-C\,\omega$ on the two rods."""
 
+from __future__ import annotations
+
 import abc
-from collections.abc import Mapping
 from typing import ClassVar
 
-import equinox as eqx
-
-from ..numerics.numbers import Flag, Pair, Scalar, checked, keeps_rules
-from ..results import Units
+from ..numerics.numbers import Pair, Scalar
+from ..numerics.rules import AbstractRuled, checked
 
 
-class AbstractDamping(eqx.Module):
+class AbstractDamping(AbstractRuled):
     r"""A damping law: what gives a 2 x 2 matrix, maybe of the rates.
 
     Quadratic damping, torques $c\,|u_i|\,u_i$ against the joints' rates:
@@ -38,9 +37,6 @@ class AbstractDamping(eqx.Module):
     one that it lists, or the powers of m, l and k.
     """
 
-    rules: ClassVar[Mapping[str, str]] = {}
-    units: ClassVar[Units] = {}
-
     @abc.abstractmethod
     def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
         """The rows of C.
@@ -58,10 +54,6 @@ class AbstractDamping(eqx.Module):
         where all acts between the rods.
         """
         return None
-
-    def valid(self) -> Flag:
-        """Whether the numbers keep the law's rules; traced where they are."""
-        return keeps_rules(self.rules, self)
 
 
 class Viscous(AbstractDamping):
@@ -103,7 +95,7 @@ class Air(AbstractDamping):
 
     **Arguments:** `e1`, `e2` in $\sqrt{k m}/l^2$, nonnegative; `l2`: rod 2's length
     in l, positive, the same as the column's: concrete numbers that differ are an
-        error of `Column`; traced ones are not compared.
+        error of `Column`; with traced ones the lane is `invalid`.
     """
 
     rules: ClassVar = {"e1": "nonnegative", "e2": "nonnegative", "l2": "positive"}
@@ -161,10 +153,6 @@ class Sum(AbstractDamping):
             return parts[0] if parts else None
         (a1, a2, a3), (b1, b2, b3) = parts
         return a1 + b1, a2 + b2, a3 + b3
-
-    def valid(self) -> Flag:
-        """Both laws keep their rules."""
-        return self.first.valid() & self.second.valid()
 
 
 def joint_matrix(law: AbstractDamping) -> tuple[Scalar, Scalar, Scalar, Scalar]:

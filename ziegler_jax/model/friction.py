@@ -10,36 +10,35 @@ $k/l$, so that $\tau_i = \mu_i \rho_i N_i$ comes in units of the spring constant
 published friction coefficient means nothing until all three are stated.
 """
 
+from __future__ import annotations
+
 import abc
 import math
-from collections.abc import Mapping
 from typing import ClassVar, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
 from ..numerics.elementary import LOG2_E
 from ..numerics.numbers import (
-    Flag,
     Joints,
+    Numbers,
     OneOrTwo,
-    Option,
     Pair,
     Scalar,
     both,
-    checked,
     equals,
     is_concrete,
-    keeps_rules,
 )
-from ..results import RATE, Units
-from .loads import AbstractLoad, FollowerLoad, normal_load
-from .torque_curve import Curve, torque
+from ..numerics.rules import AbstractRuled, Invariants, checked
+from ..results import RATE
+from .loads import AbstractNormalLoad, FollowerLoad, JointReaction, normal_load
+from .torque_curve import Curve
+from .torques import AbstractRateTorques, AbstractTorques, SmoothTorques
 
 
-class AbstractFriction(eqx.Module):
+class AbstractFriction(AbstractRuled):
     """A joint friction law.
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
@@ -50,21 +49,17 @@ class AbstractFriction(eqx.Module):
     `units` names for each of them its unit, for `SI.scaled` alone: `1`, `rad`, another
     one that it lists, or the powers of m, l and k.
 
+    A law of one's own derives from `AbstractRateFriction`.
+
     `sticks`: whether joints truly stick, so that motions have events: the library's own
     `SetValuedCoulomb` alone.
     """
 
-    rules: ClassVar[Mapping[str, str]] = {}
-    units: ClassVar[Units] = {}
     sticks: ClassVar[bool] = False
 
-    def valid(self) -> Flag:
-        """Whether the numbers keep the law's rules; traced where they are."""
-        return keeps_rules(self.rules, self)
-
     @abc.abstractmethod
-    def load_law(self) -> AbstractLoad | None:
-        """The normal load that the law rests on; None if it is in the torques."""
+    def load_law(self) -> AbstractNormalLoad | None:
+        """The normal load that the law rests on; None: its levers are torques."""
 
     @property
     def on_reactions(self) -> bool:
@@ -72,17 +67,9 @@ class AbstractFriction(eqx.Module):
         load = self.load_law()
         return load is not None and load.of_motion
 
-    def settings(self) -> dict[str, Option]:
-        """What of it belongs into the record of a result."""
-        return {}
-
-    def prepared(self, q: Scalar) -> "AbstractFriction":
-        """The same law for a motion under q, as cheap to evaluate as it can be.
-
-        What it returns may be prepared again, and must not change by it.
-        """
-        del q
-        return self
+    @abc.abstractmethod
+    def torques(self, q: Scalar) -> AbstractTorques:
+        """The law for a motion under q: all worked out that this does not change."""
 
     @abc.abstractmethod
     def rate_cut(self) -> Scalar | None:
@@ -123,9 +110,15 @@ class AbstractRateFriction(AbstractFriction):
     then `tangent_column` is NaN, and so is what is asked of it.
     """
 
-    def load_law(self) -> AbstractLoad | None:
+    def load_law(self) -> AbstractNormalLoad | None:
         """The follower load."""
         return FollowerLoad()
+
+    def torques(self, q: Scalar) -> AbstractRateTorques:
+        """The levers under the load at rest, or the joints' reactions."""
+        rests = self.load_law()
+        normal, load = ((1.0, 1.0), None) if rests is None else rests.split(q)
+        return LawTorques(law=self, normal=normal, load=load)
 
     @abc.abstractmethod
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
@@ -266,7 +259,7 @@ class SmoothCoulomb(AbstractRateFriction):
     pin_radius: OneOrTwo
     v_stribeck: OneOrTwo | None
     v_smooth: Scalar
-    load: AbstractLoad
+    load: AbstractNormalLoad
 
     def __init__(
         self,
@@ -276,7 +269,7 @@ class SmoothCoulomb(AbstractRateFriction):
         pin_radius: Joints,
         v_smooth: Scalar,
         v_stribeck: Joints | None = None,
-        load: AbstractLoad | None = None,
+        load: AbstractNormalLoad | None = None,
     ):
         """Check and keep the law's numbers."""
         if v_stribeck is None and mu_k is not None:
@@ -300,50 +293,37 @@ class SmoothCoulomb(AbstractRateFriction):
             v_stribeck=v_stribeck,
         )
         self.load = normal_load(load)
-        kinetic_at_most_static(self.mu_s, self.mu_k)
+        self.refuse_broken()
 
     def levers(self, u1: Scalar, u2: Scalar) -> Pair:
         """Torque per unit of normal load, both joints."""
-        return self._worked_out((1.0, 1.0)).levers(u1, u2)
+        one, two = self._torques((1.0, 1.0)).at((u1, u2))
+        return one, two
 
-    def prepared(self, q: Scalar) -> AbstractFriction:
-        """The same law with everything worked out that the motion does not change."""
-        if self.load.of_motion:
-            return self._worked_out((1.0, 1.0), self.load)
-        return self._worked_out(self.load.at_rest(q))
+    def torques(self, q: Scalar) -> SmoothTorques:
+        """The curves of both joints."""
+        return self._torques(*self.load.split(q))
 
-    def _worked_out(
-        self, normal: Pair, load: AbstractLoad | None = None
-    ) -> "PreparedCoulomb":
+    def _torques(
+        self, normal: Pair, load: JointReaction | None = None
+    ) -> SmoothTorques:
         lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
-        least = self.mu_s if self.mu_k is None else self.mu_k
-        kinetic = tuple(x * mu for x, mu in zip(lever, both(least), strict=True))
-        drop = falls = None
-        if self.mu_k is not None:
-            assert self.v_stribeck is not None
-            pairs = zip(lever, both(self.mu_s), both(self.mu_k), strict=True)
-            drop = tuple(x * (s - k) for x, s, k in pairs)
-            root = math.sqrt(LOG2_E)
-            falls = (
-                tuple(root / v for v in self.v_stribeck)
-                if isinstance(self.v_stribeck, tuple)
-                else root / self.v_stribeck
-            )
-        return PreparedCoulomb(
-            cast(Pair, kinetic),
-            cast(Pair | None, drop),
-            cast(OneOrTwo | None, falls),
-            2.0 * LOG2_E / self.v_smooth,
-            self.v_smooth,
-            load,
-        )
+        rises, root = 2.0 * LOG2_E / self.v_smooth, math.sqrt(LOG2_E)
+        curves = []
+        for i, (x, mu_s) in enumerate(zip(lever, both(self.mu_s), strict=True)):
+            drop = falls = None
+            mu_k = mu_s if self.mu_k is None else both(self.mu_k)[i]
+            if self.v_stribeck is not None:
+                drop = x * (mu_s - mu_k)
+                falls = root / both(self.v_stribeck)[i]
+            curves.append(Curve(x * mu_k, drop, falls, rises))
+        return SmoothTorques(curves=tuple(curves), cut=self.v_smooth, load=load)
 
-    def valid(self) -> Flag:
-        """Each number's rule, the load's, and mu_k <= mu_s."""
-        good = keeps_rules(self.rules, self) & self.load.valid()
-        return good & falls_to_kinetic(self.mu_s, self.mu_k)
+    def invariants(self) -> Invariants:
+        """That mu_k <= mu_s."""
+        return falls_to_kinetic(self.mu_s, self.mu_k)
 
-    def load_law(self) -> AbstractLoad:
+    def load_law(self) -> AbstractNormalLoad:
         """The normal load."""
         return self.load
 
@@ -352,54 +332,31 @@ class SmoothCoulomb(AbstractRateFriction):
         return self.v_smooth
 
 
-class PreparedCoulomb(AbstractRateFriction):
-    """A smoothed law with its constants worked out: see `torque_curve`."""
+class LawTorques(AbstractRateTorques):
+    """A law of one's own under the load at rest."""
 
-    kinetic: Pair
-    drop: Pair | None  # from static to kinetic
-    falls: OneOrTwo | None  # f: one number, or one a joint
-    rises: Scalar  # g
-    v_smooth: Scalar
-    load: AbstractLoad | None
+    law: AbstractRateFriction
+    normal: Pair
+    load: JointReaction | None = None
 
-    def levers(self, u1: Scalar, u2: Scalar) -> Pair:
-        """The torques; per unit of load where the motion decides that."""
+    def at(self, u: Numbers) -> Numbers:
+        """Its levers, times that load."""
+        levers = self.law.levers(u[0], u[1])
+        return tuple(g * n for g, n in zip(levers, self.normal, strict=True))
 
-        def lever(u, i):
-            drop = falls = None
-            if self.drop is not None:
-                drop, falls = self.drop[i], both(cast(OneOrTwo, self.falls))[i]
-            return torque(u, Curve(self.kinetic[i], drop, falls, self.rises))
-
-        return lever(u1, 0), lever(u2, 1)
-
-    def load_law(self) -> AbstractLoad | None:
-        """None: the load is in the levers; or the joints' reactions."""
-        return self.load
-
-    def rate_cut(self) -> Scalar:
-        """As the law it was made from."""
-        return self.v_smooth
+    def rate_cut(self) -> Scalar | None:
+        """The law's."""
+        return self.law.rate_cut()
 
 
-def falls_to_kinetic(mu_s: OneOrTwo, mu_k: OneOrTwo | None) -> Flag:
-    """Whether mu_k <= mu_s in both joints; None for mu_k is mu_s."""
-    if mu_k is None:
-        return True
-    good: Flag = True
-    for s, k in zip(both(mu_s), both(mu_k), strict=True):
-        good &= jnp.asarray(k) <= s
-    return good
-
-
-def kinetic_at_most_static(mu_s: OneOrTwo, mu_k: OneOrTwo | None) -> None:
-    """Refuse mu_k > mu_s where both are known; None for mu_k is mu_s."""
-    for s, k in zip(both(mu_s), both(mu_s if mu_k is None else mu_k), strict=True):
-        if is_concrete(s) and is_concrete(k) and k > s:
-            raise ValueError(
-                f"Argument `mu_k` must be at most `mu_s`, but is {k:g} with "
-                f"`mu_s` = {s:g}."
-            )
+def falls_to_kinetic(mu_s: OneOrTwo, mu_k: OneOrTwo | None) -> Invariants:
+    """That mu_k <= mu_s in both joints; None for mu_k is mu_s."""
+    sentence = (
+        "Argument `mu_k` must be at most `mu_s`, but is {1:g} with `mu_s` = {0:g}."
+    )
+    if mu_k is not None:
+        for pair in zip(both(mu_s), both(mu_k), strict=True):
+            yield pair, lambda s, k: k <= s, sentence
 
 
 def _same(mu_s: Joints, mu_k: Joints) -> bool:

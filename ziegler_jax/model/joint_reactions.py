@@ -1,90 +1,21 @@
-"""The forces that the joints transmit, and the friction loop that rests on them.
+"""The forces that the joints of two rods transmit, and the loop of loads they close."""
 
-`column` is a `Column`, `forces` what `column.py` computes of one state: its y, the sine
-and cosine of D, the right-hand sides r1, r2 without friction, and `solve`.
-"""
-
-from typing import NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from ..numerics.elementary import sincos
 from ..numerics.materialise import materialise
-from ..numerics.numbers import Pair, Scalar, Vector4
-from .damping import AbstractDamping
+from ..numerics.numbers import Pair, Scalar
 
 
-class Rods(Protocol):
-    """What of a `Column` the reactions rest on."""
+class Bodies(NamedTuple):
+    """What the reactions of two rods rest on."""
 
-    @property
-    def q(self) -> Scalar:
-        """The follower load."""
-        ...
-
-    @property
-    def b(self) -> Scalar:
-        """Rod 2's first moment about the knee."""
-        ...
-
-    @property
-    def m2(self) -> Scalar | None:
-        """Rod 2's mass."""
-        ...
-
-    @property
-    def s1(self) -> Scalar | None:
-        """Rod 1's first moment about the base."""
-        ...
-
-    @property
-    def follower(self) -> Scalar | None:
-        """The follower fraction."""
-        ...
-
-    @property
-    def damping(self) -> AbstractDamping | None:
-        """The damping law."""
-        ...
-
-    @property
-    def tangential(self) -> bool:
-        """Whether the load is known to follow rod 2."""
-        ...
-
-
-class Forces(Protocol):
-    """What `column.py` computes of one state, without friction."""
-
-    @property
-    def y(self) -> Vector4:
-        """The state."""
-        ...
-
-    @property
-    def sin_d(self) -> Scalar:
-        """The sine of D."""
-        ...
-
-    @property
-    def cos_d(self) -> Scalar:
-        """The cosine of D."""
-        ...
-
-    @property
-    def r1(self) -> Scalar:
-        """The right-hand side of rod 1."""
-        ...
-
-    @property
-    def r2(self) -> Scalar:
-        """The right-hand side of rod 2."""
-        ...
-
-    def solve(self, r1: Scalar, r2: Scalar) -> Pair:
-        """Divide by the mass matrix."""
-        ...
+    m2: Scalar  # rod 2's mass
+    s1: Scalar  # rod 1's first moment about the base
+    b: Scalar  # rod 2's first moment about the knee
 
 
 class Reactions(NamedTuple):
@@ -109,47 +40,35 @@ class Reactions(NamedTuple):
         return first, second
 
 
-def joint_reactions(column: Rods, forces: Forces) -> Reactions:
-    """The reactions of one state, still to be told its accelerations."""
-    phi2, w1, w2 = forces.y[1], forces.y[2], forces.y[3]
-    s, c = forces.sin_d, forces.cos_d
-    assert column.m2 is not None and column.s1 is not None  # the callers saw to it
+def reactions_of(
+    bodies: Bodies,
+    rates: Sequence[Scalar],
+    turned: Pair,
+    pull: tuple[Scalar, Scalar | None],
+    drag: tuple[Scalar, Scalar, Scalar] | None,
+) -> Reactions:
+    """The reactions of one state, still to be told its accelerations.
+
+    **Arguments:** `turned`: sine and cosine of D; `pull`: the load along rod 2 and
+    across it; `drag`: of the damping law.
+    """
+    (m2, s1, b), (w1, w2), (s, c) = bodies, rates, turned
     # towards the centres of the rods' circles; rod 1 lies at D, rod 2 at 0
     along1, across1 = -w1 * w1 * c, -w1 * w1 * s
-    along = column.m2 * along1 - column.b * w2 * w2
-    across = column.m2 * across1
-    if column.tangential:
-        along = along + column.q
-    else:
-        assert column.follower is not None
-        sin_f, cos_f = sincos((1 - column.follower) * phi2)
-        along, across = along + column.q * cos_f, across - column.q * sin_f
-    joint1 = along + column.s1 * along1, across + column.s1 * across1
-    drag = None if column.damping is None else column.damping.drag()
+    along, across = m2 * along1 - b * w2 * w2 + pull[0], m2 * across1
+    if pull[1] is not None:
+        across = across + pull[1]
+    joint1 = along + s1 * along1, across + s1 * across1
     if drag is not None:  # the joints hold the rods against it
         f1, f2, f3 = drag[0] * w1, drag[1] * w1, drag[2] * w2
         joint1 = joint1[0] - s * (f1 + f2), joint1[1] + c * (f1 + f2) + f3
         along, across = along - s * f2, across + c * f2 + f3
-    moments = column.m2 + column.s1, column.m2
-    return Reactions((joint1, (along, across)), (s, c), moments, column.b)
-
-
-def reaction_loads(
-    column: Rods, forces: Forces, g1: Scalar, g2: Scalar, steps: int
-) -> Pair:
-    """N_i = |R_i(N)| under friction torques g_i N_i (see `JointReaction`)."""
-    reactions = joint_reactions(column, forces)
-    # accelerations without friction, and per unit of N1 and of N2
-    free = forces.solve(forces.r1, forces.r2)
-    by1, by2 = forces.solve(-g1, 0.0 * g1), forces.solve(g2, -g2)
-    slopes = reactions.slope(*by1), reactions.slope(*by2)
-    return solve_loads(reactions.at(*free), *slopes, steps)
+    return Reactions((joint1, (along, across)), (s, c), (m2 + s1, m2), b)
 
 
 def solve_loads(
     base: tuple[Pair, Pair],
-    p1: tuple[Pair, Pair],
-    p2: tuple[Pair, Pair],
+    slopes: Sequence[tuple[Pair, Pair]],
     steps: int,
     unique: bool = False,
 ) -> Pair:
@@ -159,6 +78,7 @@ def solve_loads(
     be more solutions: where the matrix of the lengths |pj_i| has an eigenvalue of one
     and more.
     """
+    p1, p2 = slopes
     tiny = 1e-30  # a reaction of exactly zero has no direction: let its slope be zero
 
     def magnitude(i, n1, n2):

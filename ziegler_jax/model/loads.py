@@ -1,53 +1,36 @@
 """The normal load that a joint's friction rests on."""
 
+from __future__ import annotations
+
 import abc
-from collections.abc import Mapping
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..numerics.numbers import (
-    Flag,
-    Joints,
-    OneOrTwo,
-    Pair,
-    Scalar,
-    both,
-    checked,
-    keeps_rules,
-    whole_number,
-)
-from ..results import Units
-from .joint_reactions import Forces, Rods, reaction_loads
+from ..numerics.numbers import Joints, OneOrTwo, Pair, Scalar, both
+from ..numerics.rules import AbstractRuled, checked, whole_number
 
 
-class AbstractLoad(eqx.Module):
+class AbstractNormalLoad(AbstractRuled):
     """Where a joint's normal load comes from.
 
     `of_motion`: whether the accelerations decide it, as of `JointReaction` alone; else
     it is that at rest.
     """
 
-    rules: ClassVar[Mapping[str, str]] = {}
-    units: ClassVar[Units] = {}
     of_motion: ClassVar[bool] = False
 
     @abc.abstractmethod
     def at_rest(self, q: Scalar) -> Pair:
         """The normal loads of joints 1 and 2 at rest."""
 
-    def valid(self) -> Flag:
-        """Whether the numbers keep the load's rules; traced where they are."""
-        return keeps_rules(self.rules, self)
-
-    def normal(self, column: Rods, forces: Forces, g1: Scalar, g2: Scalar) -> Pair:
-        """The normal loads in a motion, under the torques g1 and g2 a unit of them."""
-        del forces, g1, g2
-        return self.at_rest(column.q)
+    def split(self, q: Scalar) -> tuple[Pair, JointReaction | None]:
+        """The loads known beforehand; 1 where the joints' reactions are to be found."""
+        return self.at_rest(q), None
 
 
-class FollowerLoad(AbstractLoad):
+class FollowerLoad(AbstractNormalLoad):
     """$N_1 = N_2 = |q|$: the follower force, which both pins carry at rest."""
 
     def at_rest(self, q: Scalar) -> Pair:
@@ -55,7 +38,7 @@ class FollowerLoad(AbstractLoad):
         return jnp.abs(q), jnp.abs(q)
 
 
-class ConstantLoad(AbstractLoad):
+class ConstantLoad(AbstractNormalLoad):
     """$N_1, N_2$ constant, e.g. a preload of the pins, in units of k/l."""
 
     rules: ClassVar = {"n": "nonnegative; two"}
@@ -73,7 +56,7 @@ class ConstantLoad(AbstractLoad):
         return both(self.n)
 
 
-class JointReaction(AbstractLoad):
+class JointReaction(AbstractNormalLoad):
     r"""$N_i = |R_i|$: the magnitude of the reaction that the joint transmits.
 
     The reaction depends on the accelerations, and these on the friction torque. With
@@ -101,15 +84,16 @@ class JointReaction(AbstractLoad):
         """Return |q| for both joints: the reactions balance the load alone."""
         return jnp.abs(q), jnp.abs(q)
 
-    def normal(self, column: Rods, forces: Forces, g1: Scalar, g2: Scalar) -> Pair:
-        """The magnitudes of the reactions."""
-        return reaction_loads(column, forces, g1, g2, self.newton_steps)
+    def split(self, q: Scalar) -> tuple[Pair, JointReaction | None]:
+        """Itself."""
+        del q
+        return (1.0, 1.0), self
 
 
-def normal_load(load: AbstractLoad | None) -> AbstractLoad:
+def normal_load(load: AbstractNormalLoad | None) -> AbstractNormalLoad:
     """The load of a friction law; None is `FollowerLoad()`."""
     load = FollowerLoad() if load is None else load
-    if not isinstance(load, AbstractLoad):
+    if not isinstance(load, AbstractNormalLoad):
         raise ValueError(
             "Argument `load` must be `FollowerLoad()`, `ConstantLoad(n)` or "
             f"`JointReaction()`, but is {load!r}."

@@ -1,8 +1,11 @@
 """Columns of two uniform rods, and of two point masses."""
 
+from __future__ import annotations
+
 from typing import NamedTuple, TypedDict, Unpack
 
-from ..numerics.numbers import Scalar, check_options, positive
+from ..numerics.numbers import Scalar
+from ..numerics.rules import check_options, positive
 from .column import Column
 from .damping import AbstractDamping
 from .friction import AbstractFriction

@@ -1,124 +1,112 @@
-"""Which joints stick, and which slip where: the modes that agree with the forces."""
+r"""Which joints stick, and which slip where: the modes that agree with the forces.
 
+Of all modes that agree with the law, with $\tau_s$ to be overcome, else with $\tau_k$,
+the one in which fewest joints slip; of those the one whose slipping joints are the most
+overloaded, and of such as are overloaded alike the first from the base on. Modes agree
+where each joint at rest that sticks is held by no more than $\tau_s$, and each that is
+to slip would have to be held by more than the least.
+
+There always are some, as for any positive definite inertia; with loads that the modes
+decide, as long as the loads' equations have one solution each.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby, product
 from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from ..numerics.numbers import Flags, Pair, Scalar
-from .joint_reactions import Reactions
+from ..numerics.numbers import Flag, Numbers, Scalar
+from ..numerics.series import sum_of
+
+Modes = tuple[int, ...]  # 1, 0 or -1 for each joint, known now
 
 
-class Dynamics(NamedTuple):
-    """The mass matrix [[a, h], [h, d]] and the forces r1, r2 without friction."""
+class Holding(NamedTuple):
+    """In some modes: the torques that hold the joints which stick, and the most."""
 
-    a: Scalar
-    h: Scalar
-    d: Scalar
-    r1: Scalar
-    r2: Scalar
-    reactions: Reactions | None = None  # where they load the joints
-
-    def holding_torque1(self, t2: Scalar) -> Scalar:
-        """The torque that holds joint 1 while joint 2 slips under t2."""
-        return self.r1 + t2 - self.h * (self.r2 - t2) / self.d
-
-    def holding_torque2(self, t1: Scalar) -> Scalar:
-        """The torque that holds joint 2 while joint 1 slips under t1."""
-        whole = self.a + 2 * self.h + self.d
-        return self.r2 - (self.h + self.d) * (self.r1 + self.r2 - t1) / whole
-
-    def holding_torques(self) -> Pair:
-        """The torques that hold both joints."""
-        return self.r1 + self.r2, self.r2
+    torques: Numbers
+    static: Numbers
+    kinetic: Numbers
 
 
-class ConstraintTorques(NamedTuple):
-    """The torques that hold each joint, and the most that hold it at rest, in slip."""
-
-    torque: Pair
-    static: Pair
-    kinetic: Pair
+def with_one_held(n: int) -> list[Modes]:
+    """All modes of n joints in which one sticks at least."""
+    return [modes for modes in product((0, 1, -1), repeat=n) if 0 in modes]
 
 
-def stick_first(
-    f: Dynamics, kinetic: Pair, thresholds: Pair, given: Pair, rest: Flags
-) -> Pair:
-    """`choose_modes` for torques that the modes do not change."""
-    k1, k2 = kinetic
-    torques = (
-        f.holding_torques(),
-        (f.holding_torque1(k2), f.holding_torque2(k1)),
-        (f.holding_torque1(-k2), f.holding_torque2(-k1)),
-    )
-    still, up, down = (
-        ConstraintTorques(torque, thresholds, kinetic) for torque in torques
-    )
-    return choose_modes((still, up, down), given, rest)
+def modes_number(modes: Sequence[Scalar]) -> Scalar:
+    """Modes in one number, that they are not chosen once for each joint: in base 3."""
+    number = modes[0]
+    for m in modes[1:]:
+        number = 3.0 * number + m
+    return number
 
 
-def choose_modes(
-    holding: tuple[ConstraintTorques, ConstraintTorques, ConstraintTorques],
-    given: Pair,
-    rest: Flags,
+def modes_of(number: Scalar, n: int) -> Numbers:
+    """The modes of n joints from their number."""
+    modes = []
+    for _ in range(n - 1):
+        more = jnp.round(number / 3)
+        modes.append(number - 3 * more)
+        number = more
+    return (*reversed([*modes, number]),)
+
+
+def agreeing(
+    holding: Mapping[Modes, Holding],
+    given: Sequence[Scalar],
+    rest: Sequence[Flag],
     otherwise: float = 0.0,
-) -> Pair:
-    r"""Modes in which every joint at rest sticks exactly if its torque fits.
+) -> Scalar:
+    """The number of the modes that the sentence above chooses.
 
-    A joint at rest slips in the direction of its constraint torque, taken for the
-    other joint's final mode, if that passes the threshold. Where no pair of modes does
-    so (possible only with $\mu_s > \mu_k$), one is taken in which what slips is
-    accelerated in its direction: one torque above $\tau_k$ is enough. There always is
-    one, as for any positive definite inertia; with loads that the modes decide, as long
-    as the loads' equations have one solution each.
-
-    **Arguments:** `holding`: what holds a joint while the other one rests, slips
-    forwards, slips backwards; `given`, `rest`: see `FrozenCoulomb.chosen`;
-    `otherwise`: the modes where there are none.
+    **Arguments:** `holding`: of each of `with_one_held`; `given`: the modes of joints
+    that are not at rest; `rest`: which joints are; `otherwise`: the modes of those
+    where none agree, as rounding alone can have it.
     """
-    still, up, down = holding
-    (hold1, hold2), (up1, up2), (down1, down2) = (x.torque for x in holding)
-    first, second = _direction(hold1), _direction(hold2)
+    n = len(given)
+    still = holding[(0,) * n]
+    overload = [
+        jnp.where(r, abs(t) - most, 0.0)
+        for r, t, most in zip(rest, still.torques, still.static, strict=True)
+    ]
 
-    def fits(i, forwards):
-        """Whether joint i sticks while the other one slips, and its direction."""
-        torque = jnp.where(forwards, up.torque[i], down.torque[i])
-        most = up.static[i]
-        if most is not down.static[i]:
-            most = jnp.where(forwards, most, down.static[i])
-        return jnp.abs(torque) <= most, _direction(torque)
+    def agrees(modes: Modes, level: str) -> Flag:
+        every: Flag = True
+        for i, m in enumerate(modes):
+            beside = holding[*modes[:i], 0, *modes[i + 1 :]]
+            torque = beside.torques[i]
+            if m == 0:
+                fits = rest[i] & (abs(torque) <= beside.static[i])
+            else:
+                slips = m * torque > getattr(beside, level)[i]
+                fits = jnp.where(rest[i], slips, given[i] == m)
+            every = every & fits
+        return every
 
-    def alone(i, forwards):
-        sticks, direction = fits(i, forwards)
-        return jnp.where(sticks, 0.0, direction)
-
-    alone1, alone2 = alone(0, given[1] > 0), alone(1, given[0] > 0)
-    one = jnp.ones_like(first)
-    zero = 0.0 * one
-    fits1, fits2 = fits(0, second > 0)[0], fits(1, first > 0)[0]
-    most1, most2 = still.static
-    # where either joint could be the one that gives way, the more loaded one does
-    over = jnp.abs(hold1) - most1 >= jnp.abs(hold2) - most2
-    choices = [((jnp.abs(hold1) <= most1) & (jnp.abs(hold2) <= most2), zero, zero)]
-    for least in ("static", "kinetic"):
-        (rest1, rest2), (a1, a2), (b1, b2) = (getattr(x, least) for x in holding)
-        slips1 = (jnp.abs(hold1) > rest1) & fits2
-        slips2 = (jnp.abs(hold2) > rest2) & fits1
-        choices += [
-            (slips1 & (over | ~slips2), first, zero),
-            (slips2, zero, second),
-            ((up1 > a1) & (up2 > a2), one, one),
-            ((down1 > b1) & (-up2 > a2), one, -one),
-            ((-up1 > a1) & (down2 > b2), -one, one),
-            ((-down1 > b1) & (-down2 > b2), -one, -one),
-        ]
-    m1, m2 = zero + otherwise, zero + otherwise
-    for agrees, one1, one2 in reversed(choices):
-        m1, m2 = jnp.where(agrees, one1, m1), jnp.where(agrees, one2, m2)
-    m1 = jnp.where(rest[0], jnp.where(rest[1], m1, alone1), given[0])
-    m2 = jnp.where(rest[1], jnp.where(rest[0], m2, alone2), given[1])
-    return m1, m2
+    begin = [jnp.where(r, otherwise, g) for r, g in zip(rest, given, strict=True)]
+    chosen = modes_number(begin) + 0.0 * sum_of(overload)
+    several = sorted(product((0, 1, -1), repeat=n), key=_in_turn)
+    still_open: Flag = True
+    for level in ("static", "kinetic"):
+        for _, alike in groupby(several, key=_slipping):
+            unmet, most = still_open, -jnp.inf
+            for modes in alike:
+                over = sum_of(
+                    [0.0, *(x for x, m in zip(overload, modes, strict=True) if m)]
+                )
+                better = agrees(modes, level) & unmet & (over > most)
+                chosen = jnp.where(better, float(modes_number(modes)), chosen)
+                most = jnp.where(better, over, most)
+                still_open &= jnp.logical_not(better)
+    return chosen
 
 
-def _direction(torque: Scalar) -> Scalar:
-    """Where a torque that nothing holds turns: even one of zero must have a side."""
-    return jnp.where(torque == 0, 1.0, jnp.sign(torque))  # NaN stays NaN
+def _slipping(modes: Modes) -> int:
+    return len(modes) - modes.count(0)
+
+
+def _in_turn(modes: Modes) -> tuple[int, list[bool]]:
+    """Few that slip first, then those near the base."""
+    return _slipping(modes), [m == 0 for m in modes]

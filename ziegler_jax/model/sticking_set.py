@@ -12,7 +12,7 @@ $|D| \le \tau_{s,2}$, $|\kappa\phi_1 - q \sin D| \le \tau_{s,1}$, of the area
 $4\tau_{s,1}\tau_{s,2}/\kappa$ at every q.
 """
 
-from typing import cast
+from __future__ import annotations
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,8 +20,9 @@ from jaxtyping import Array, Bool, Float
 
 from ..numerics.numbers import Pair, Scalar
 from ..runtime import requires_x64
-from .column import Column, joint_balance, refuse_si
-from .set_valued import SetValuedCoulomb
+from .chain import holding_torques
+from .column import Column, refuse_si
+from .state import PhasePoint
 
 Angle = Float[Array, "..."] | float  # many at once, or one
 
@@ -34,18 +35,18 @@ class StickingSet(eqx.Module):
     @property
     def static(self) -> Pair:
         """The static torques of both joints."""
-        friction = cast(SetValuedCoulomb, self.column.friction)
-        law = friction.prepared(self.column.q)
-        if law.load is None:
-            return law.static
-        normal = law.load.at_rest(self.column.q)
+        law, normal = self.column.system().coulomb, (1.0, 1.0)
+        if law.load is not None:
+            normal = law.load.at_rest(self.column.q)
         one, two = (s * n for s, n in zip(law.static, normal, strict=True))
         return one, two
 
     def torques(self, phi1: Angle, phi2: Angle) -> Pair:
         """The torques that hold both joints at these angles."""
         zero = jnp.zeros_like(jnp.asarray(phi1, jnp.result_type(float)))
-        return joint_balance(self.column, (phi1, phi2, zero, zero)).holding_torques()
+        balance = self.column.system().balance(PhasePoint((phi1, phi2, zero, zero)))
+        one, two = holding_torques(balance.mass, balance.right, (zero, zero))
+        return one, two
 
     def contains(self, phi1: Angle, phi2: Angle) -> Bool[Array, "..."]:
         """Whether the column rests at these angles; arrays of one shape."""

@@ -11,8 +11,9 @@ import diffrax as dfx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ..model.column import Column
-from ..numerics.numbers import Count, Flag, Scalar, Traced4, Vector4
+from ..model.state import PhasePoint
+from ..model.system import System, field
+from ..numerics.numbers import Count, Flag, Numbers, Scalar
 from ..numerics.resumable import Phase, place_of, resumable
 from ..results import CODE
 from ..solvers import (
@@ -21,17 +22,18 @@ from ..solvers import (
     Explicit,
     LaneLoop,
     Observed,
-    Reached,
     StepControl,
     StickSlip,
     StickSlipState,
     Taylor,
     TaylorSlip,
+    TaylorStepControl,
 )
-from ..solvers.fold import AbstractObserved, ObservedState
+from ..solvers.fold import AbstractLaneSolver, ObservedState
 from ..solvers.taylor import TaylorState
+from .ending import outcome_of
+from .method import layer_of
 from .options import Method
-from .scene import field, layer_of, outcome_of, prepared
 
 FIRST_STEP = 0.01
 
@@ -50,7 +52,7 @@ class Run(NamedTuple, Generic[Folded]):
     outcome: Int[Array, ""]  # `not_computed` while it runs
 
     @property
-    def y(self) -> Vector4:
+    def y(self) -> PhasePoint:
         """The state."""
         return self.solver.y
 
@@ -86,11 +88,11 @@ class Run(NamedTuple, Generic[Folded]):
 
 
 class Motion(Generic[Folded]):
-    """A column, a fold over its steps that may end it, and the machine that this needs.
+    """A system, a fold over its steps that may end it, and the machine that this needs.
 
     **Arguments:**
 
-    - `column`, `y0`: the scene; the column may be prepared already.
+    - `system`, `y0`: what runs, from where.
     - `fold`: says by its `outcome` whether it has ended the motion.
     - `method`: the method and its budget.
     - `end`: the time at which the motion ends with the outcome `at_end`, unless the
@@ -102,8 +104,8 @@ class Motion(Generic[Folded]):
 
     def __init__(
         self,
-        column: Column,
-        y0: Traced4,
+        system: System,
+        y0: PhasePoint,
         fold: AbstractFold[Folded],
         method: Method,
         *,
@@ -115,19 +117,17 @@ class Motion(Generic[Folded]):
         first_stop: Scalar = jnp.inf,
     ):
         """Choose the machine."""
-        self.column, self.y0, self.fold, self.method = column, y0, fold, method
+        self.system, self.y0, self.fold, self.method = system, y0, fold, method
         self.end, self.at_end, self.valid = end, at_end, valid
         self.start, self.first_step, self.first_stop = start, first_step, first_stop
-        self.args = prepared(column)
-        self.solver, self.control = machine(self.args, fold, method, end)
-        self.terms = dfx.ODETerm(cast(Callable[..., Vector4], field))
+        self.solver, self.control = machine(system, fold, method, end)
 
     def begin(self) -> Run[Folded]:
         """The motion before its first step."""
-        t0 = jnp.zeros((), self.y0[0].dtype) + self.start
+        t0 = jnp.zeros((), jnp.result_type(self.y0[0])) + self.start
         invalid = jnp.where(self.valid, CODE.not_computed, CODE.invalid)
         return Run(
-            solver=self.solver.init(self.terms, t0, t0, self.y0, self.args),
+            solver=self.solver.begin(self.system, t0, self.y0),
             control=self.control.start(t0, self.first_step, self.first_stop),
             steps=jnp.zeros((), jnp.int32),
             outcome=invalid.astype(jnp.int32),
@@ -140,19 +140,19 @@ class Motion(Generic[Folded]):
 
     def advance(self, run: Run[Folded], max_steps: Count | None = None) -> Run[Folded]:
         """The motion after at most `max_steps` more steps; None: at its end."""
-        left = cast(Count, self.method.max_steps) - run.steps
+        left = self.method.budget - run.steps
         left = left if max_steps is None else jnp.minimum(left, max_steps)
         left = left.astype(jnp.int32)
         # a motion that has ended does not move
         left = jnp.where(run.running & (run.control.t < self.end), left, 0)
         solution = dfx.diffeqsolve(
-            self.terms,
+            dfx.ODETerm(cast(Callable[..., Numbers], field)),
             self.solver,
             t0=0.0,  # each lane has its own times, in its control's state
             t1=jnp.inf,
             dt0=FIRST_STEP,  # of Python's: a traced one is checked on the host
             y0=run.solver.y,
-            args=self.args,
+            args=self.system,
             stepsize_controller=self.control,
             solver_state=run.solver,
             controller_state=run.control._replace(left=left),
@@ -167,9 +167,7 @@ class Motion(Generic[Folded]):
         ended = self.fold.outcome(after.folded)
         over = (ended == CODE.not_computed) & (where.t >= self.end)
         ended = jnp.where(over, self.at_end, ended)
-        spent = (ended == CODE.not_computed) & (
-            steps >= cast(Count, self.method.max_steps)
-        )
+        spent = (ended == CODE.not_computed) & (steps >= self.method.budget)
         ended = jnp.where(spent, CODE.budget_spent, ended)
         ended = jnp.where(self.solver.chatters(after), CODE.chattering, ended)
         vanished = solution.result == dfx.RESULTS.dt_min_reached
@@ -184,16 +182,16 @@ def follow(motion: Motion[Folded]) -> Run[Folded]:
 
 
 def machine(
-    column: Column, fold: AbstractFold, method: Method, end: Scalar
-) -> tuple[AbstractObserved, StepControl]:
+    system: System, fold: AbstractFold, method: Method, end: Scalar
+) -> tuple[AbstractLaneSolver, StepControl]:
     """The observing solver and the controller that the friction law needs."""
     solver = method.solver
-    rtol, atol = cast(Scalar, method.rtol), cast(Scalar, method.atol)
+    rtol, atol = method.tolerances
     if isinstance(solver, Taylor):
-        control = Reached(rtol, atol, end=end)  # pyright: ignore[reportCallIssue]
+        control = TaylorStepControl(rtol, atol, end=end)
         return TaylorSlip(solver, fold, rtol, atol), control
-    control = StepControl(rtol, atol, layer_of(column, solver), end)  # pyright: ignore
-    if column.sticks:
+    control = StepControl(rtol, atol, layer_of(system, solver), end)
+    if system.sticks:
         assert isinstance(solver, Explicit)  # `method_of` saw to it
         if solver.bend is None:
             raise ValueError(

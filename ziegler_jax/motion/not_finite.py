@@ -15,13 +15,15 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from ..model.column import Column, State, vector_field
+from ..model.column import Column, State
+from ..model.state import PhasePoint
 from ..results import CODE, AbstractMotionResult
 from ..runtime import Arguments, own_flags, requires_x64
 from ..solvers import AbstractFold
+from .checks import float_state
 from .integrate import Motion, follow
+from .method import method_of, usual_method
 from .options import Method
-from .scene import float_state, method_of, prepared, usual_method
 
 Result = TypeVar("Result")
 
@@ -43,14 +45,14 @@ BEYOND = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
 class Unwatched(AbstractFold[tuple[()]]):
     """A motion for its end alone."""
 
-    def init(self, column, t0, y0):
+    def init(self, system, t0, y0):
         """Nothing."""
-        del column, t0, y0
+        del system, t0, y0
         return ()
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Nothing."""
-        del column, step
+        del system, step
         return state, jnp.inf, False
 
     def outcome(self, state):
@@ -108,8 +110,9 @@ def _last(
     """The last time and state: the result's own, or found by following it once more."""
     if hasattr(result, "final"):
         return float(result.time), [float(x) for x in result.final.y]
-    method = method_of("settle", Method(), column, usual_method(column))
-    again = Motion(column, float_state(start), Unwatched(), method, end=LONG)
+    system = column.system()
+    method = method_of("settle", Method(), system, usual_method(system))
+    again = Motion(system, float_state(start), Unwatched(), method, end=LONG)
     with own_flags():
         run = follow(again)
     timed = cast(Timed, result)
@@ -119,12 +122,12 @@ def _last(
 
 def _raised(column: Column, t: float, y: list[float]) -> FloatingPointError | None:
     """What the field raises at this state, or on the way on from it."""
-    whole, slope = prepared(column), [0.0] * 4
+    system, slope = column.system(), [0.0] * 4
     with jax.debug_nans(True), jax.disable_jit():
         for h in BEYOND:
             try:
-                ahead = tuple(x + h * f for x, f in zip(y, slope, strict=True))
-                now = vector_field(t + h, ahead, whole)  # pyright: ignore
+                pairs = zip(y, slope, strict=True)
+                now = system.field(t + h, PhasePoint(x + h * f for x, f in pairs))
             except FloatingPointError as error:
                 return error
             slope = slope if h else [float(f) for f in now]

@@ -4,6 +4,8 @@ An observer keeps a few running numbers from the start of a window on and turns 
 into a result at its end. One that is not asked for is not in the program.
 """
 
+from __future__ import annotations
+
 import abc
 from typing import ClassVar, Generic, TypeVar, cast
 
@@ -11,22 +13,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, energy, power
+from ..model.chain import joint_angles
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..numerics.elementary import larger, smaller
 from ..numerics.hermite import HermiteQuartic
-from ..numerics.numbers import (
-    Flag,
-    Joints,
-    Numbers,
-    OneOrTwo,
-    Pair,
-    Scalar,
-    Vector4,
-    both,
-    keeps,
-    number_or_pair,
-)
+from ..numerics.numbers import Flag, Joints, Numbers, OneOrTwo, Pair, Scalar, both
 from ..numerics.passages import share_within
+from ..numerics.rules import keeps, number_or_pair
 from ..results import RATE, TIME, Units, Variable
 from ..solvers import Step
 from .section import SectionPlane, angles, passage
@@ -46,14 +40,14 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     class PeakRate(zj.AbstractObserver):
         name = "peak_rate"
 
-        def init(self, column, t, y):
+        def init(self, system, t, y):
             return abs(y[2]), abs(y[3] - y[2])
 
-        def step(self, column, state, step):
-            w1, w2 = step.y1[2:]
+        def step(self, system, state, step):
+            w1, w2 = step.y1.omega
             return jnp.maximum(state[0], abs(w1)), jnp.maximum(state[1], abs(w2 - w1))
 
-        def result(self, column, state, span, y):
+        def result(self, system, state, span, y):
             rates, unit = jnp.stack(state), "sqrt(k/(m l^2))"
             return {"peak_rate": zj.Variable(rates, "peak rate", unit, ("joint",))}
 
@@ -70,10 +64,9 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     steps are. (`Amplitude` finds the angles' peaks within steps.)
 
     A mean is an integral over the window by its `span`: `integrand` names what is
-    integrated, `step.integrals` are its integrals over a step, see `Step`. `column` is
-    the one that the motion runs with: the constants of this library's friction laws are
-    worked out, `levers` are then torques and `load_law()` is None, except with
-    `JointReaction()`. `zj.power` knows of all that.
+    integrated, `step.integrals` are its integrals over a step, see `Step`. `system` is
+    what runs, the column's numbers worked out once: `system.power(y)`,
+    `system.energy(y)`, `system.friction_torques(y)` and `system.field(t, y)`.
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers as it was when first traced: within one point of a
@@ -85,37 +78,34 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     # whether half of a cycle that is its own mirror image tells as much as the whole
     mirrored: ClassVar[bool] = False
 
-    def check(self, column: Column) -> None:
+    def check(self, system: System) -> None:
         """Refuse a column that lacks what is to be observed (ValueError)."""
-        del column
+        del system
 
     def valid(self) -> Flag:
         """Whether the observer's numbers keep their rules; traced where they are."""
         return True
 
-    def integrand(self, column: Column, y: Vector4) -> Numbers:
-        """A tuple of functions of the state, integrated over each step to its order.
-
-        What the column's parts make of a state is in `power`, `reactions` and `energy`.
-        """
-        del column, y
+    def integrand(self, system: System, y: PhasePoint) -> Numbers:
+        """A tuple of functions of the state, integrated over each step to its order."""
+        del system, y
         return ()
 
-    def init(self, column: Column, t: Scalar, y: Vector4) -> Watched:
+    def init(self, system: System, t: Scalar, y: PhasePoint) -> Watched:
         """The running numbers at a window's start, any tree of numbers; else a zero.
 
         Each keeps its type and shape: write `0.0 * y[0]` for a zero.
         """
-        del column, t
+        del system, t
         return cast(Watched, 0.0 * y[0])
 
     @abc.abstractmethod
-    def step(self, column: Column, state: Watched, step: Step) -> Watched:
+    def step(self, system: System, state: Watched, step: Step) -> Watched:
         """The running numbers after an accepted step, a `Step`."""
 
     @abc.abstractmethod
     def result(
-        self, column: Column, state: Watched, span: Scalar, y: Vector4
+        self, system: System, state: Watched, span: Scalar, y: PhasePoint
     ) -> dict[str, Variable]:
         """What the window of length `span`, which ended at y, amounts to, by name."""
 
@@ -137,15 +127,15 @@ class Amplitude(AbstractObserver):
     name: ClassVar[str] = "amplitude"
     mirrored: ClassVar[bool] = True
 
-    def init(self, column, t, y):
+    def init(self, system, t, y):
         """The start itself: of each angle the smallest and the largest value."""
-        del column, t
+        del system, t
         phi1, phi2 = y[0], y[1]
         return tuple((x, x) for x in (phi1, phi2, phi2 - phi1))
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """The wider of what was and the step's extrema."""
-        del column
+        del system
         after = []
         for (low, high), path in zip(state, angles(step), strict=True):
             least, most = path.extent()
@@ -158,9 +148,9 @@ class Amplitude(AbstractObserver):
         (low1, high1), _, (low2, high2) = state
         return high1 - low1, high2 - low2
 
-    def result(self, column, state, span, y):
+    def result(self, system, state, span, y):
         """`rod_amplitude(rod)` and `joint_amplitude(joint)`."""
-        del column, span, y
+        del system, span, y
         phi1, phi2, knee = (larger(-low, high) for low, high in state)
         rod, joint = jnp.stack([phi1, phi2]), jnp.stack([phi1, knee])
         return {
@@ -177,21 +167,21 @@ class Mean(AbstractObserver):
 
     name: ClassVar[str] = "mean"
 
-    def init(self, column, t, y):
+    def init(self, system, t, y):
         """No area yet."""
-        del column, t
+        del system, t
         return 0.0 * y[0], 0.0 * y[1]
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Add the integral of the step's quintic."""
-        del column
+        del system
         h = step.t1 - step.t0
         pairs = zip(state, angles(step)[:2], strict=True)
         return tuple(total + h * path.mean() for total, path in pairs)
 
-    def result(self, column, state, span, y):
+    def result(self, system, state, span, y):
         """`mean_angle(rod)`: area over time."""
-        del column, y
+        del system, y
         mean = jnp.stack(state) / span
         return {"mean_angle": Variable(mean, "mean angle of the rod", "rad", ("rod",))}
 
@@ -206,15 +196,15 @@ class Period(AbstractObserver):
 
     name: ClassVar[str] = "period"
 
-    def init(self, column, t, y):
+    def init(self, system, t, y):
         """No passage yet: their number, the first and the last."""
-        del column
+        del system
         zero = 0.0 * y[0]
         return zero, t + zero, t + zero
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Count the step's passage."""
-        del column
+        del system
         count, first, last = state
         crossing = passage(SectionPlane(), step)
         return (
@@ -223,9 +213,9 @@ class Period(AbstractObserver):
             jnp.where(crossing.there, crossing.time, last),
         )
 
-    def result(self, column, state, span, y):
+    def result(self, system, state, span, y):
         """`period`: time between first and last, by the number of returns."""
-        del column, span, y
+        del system, span, y
         count, first, last = state
         returns = jnp.where(count >= 2, count - 1, 1.0)
         period = jnp.where(count >= 2, (last - first) / returns, jnp.nan)
@@ -266,40 +256,39 @@ class StickFraction(AbstractObserver):
             return True
         return keeps("positive", *both(self.rate_cut))
 
-    def check(self, column):
+    def check(self, system):
         """Without friction nothing sticks, unless the cut is named."""
-        if column.friction is None and self.rate_cut is None:
+        if system.friction is None and self.rate_cut is None:
             raise ValueError(
                 "Argument `rate_cut` of `StickFraction` must be given for a column "
                 "without friction, but is None."
             )
 
-    def init(self, column, t, y):
+    def init(self, system, t, y):
         """No time yet."""
-        del column, t
+        del system, t
         return 0.0 * y[0], 0.0 * y[0]
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Add the step's time below the cut."""
         cut = self.rate_cut
         if cut is None:
-            assert column.friction is not None  # `check` saw to it
-            cut = column.friction.rate_cut()
+            cut = system.rate_cut
         h = step.t1 - step.t0
         if cut is None:
             return tuple(
                 time + jnp.where(m == 0, h, 0.0)
                 for time, m in zip(state, step.modes, strict=True)
             )
-        ends = (joint_rates(y) for y in (step.y0, step.y1, step.f0, step.f1))
+        ends = (joint_angles(y[2:]) for y in (step.y0, step.y1, step.f0, step.f1))
         return tuple(
             time + h * share_within(HermiteQuartic(u0, u1, h * a0, h * a1, 0.0 * h), c)
             for time, u0, u1, a0, a1, c in zip(state, *ends, both(cut), strict=True)
         )
 
-    def result(self, column, state, span, y):
+    def result(self, system, state, span, y):
         """`stick_fraction(joint)`: time over time."""
-        del column, y
+        del system, y
         meaning = "share of time in which the joint sticks"
         share = Variable(jnp.stack(state) / span, meaning, "1", ("joint",))
         return {"stick_fraction": share}
@@ -316,41 +305,36 @@ class EnergyBalance(AbstractObserver):
     name: ClassVar[str] = "power"
     mirrored: ClassVar[bool] = True
 
-    def integrand(self, column, y):
+    def integrand(self, system, y):
         """The powers that the column has."""
-        return tuple(p for p in power(column, y) if p is not None)
+        return tuple(p for p in system.power(y) if p is not None)
 
-    def init(self, column, t, y):
+    def init(self, system, t, y):
         """The energy at the start, and no work yet."""
         del t
-        works = jax.eval_shape(lambda: self.integrand(column, y))
-        return energy(column, y), tuple(0.0 * y[0] for _ in works)
+        works = jax.eval_shape(lambda: self.integrand(system, y))
+        return system.energy(y), tuple(0.0 * y[0] for _ in works)
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Add the step's work."""
-        del column
+        del system
         start, works = state
         return start, tuple(w + dw for w, dw in zip(works, step.integrals, strict=True))
 
-    def result(self, column, state, span, y):
+    def result(self, system, state, span, y):
         """`follower_power`, `damping_power`, `friction_power`, `energy_imbalance`."""
         start, works = state
         means = iter(w / span for w in works)
         powers = {"follower_power": (next(means), "mean power of the follower load")}
-        if column.damping is not None:
+        if system.damping is not None:
             powers["damping_power"] = next(means), "mean power lost in damping"
-        if column.friction is not None:
+        if system.friction is not None:
             powers["friction_power"] = next(means), "mean power lost in joint friction"
         gain, *losses = (power for power, _ in powers.values())
-        change = (energy(column, y) - start) / span
+        change = (system.energy(y) - start) / span
         error = change - gain + sum(losses)
         powers["energy_imbalance"] = error, "energy error per unit time"
         return {
             name: Variable(value, meaning, POWER)
             for name, (value, meaning) in powers.items()
         }
-
-
-def joint_rates(y: Vector4) -> tuple[Scalar, Scalar]:
-    """u1 = omega1 and u2 = omega2 - omega1."""
-    return y[2], y[3] - y[2]

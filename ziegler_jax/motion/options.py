@@ -4,6 +4,8 @@ None in a value is the default of the question that it is given to. All of these
 in the tables of this file, and what was used in the attributes of a result.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar, Self, cast
@@ -13,14 +15,8 @@ import equinox as eqx
 import numpy as np
 
 from ..numerics.no_number import refused
-from ..numerics.numbers import (
-    Count,
-    Option,
-    Scalar,
-    instance,
-    number,
-    whole_number,
-)
+from ..numerics.numbers import Count, Option, Scalar
+from ..numerics.rules import instance, number, whole_number
 from ..results import RATE, TIME, Settings
 from ..solvers import Explicit, Rosenbrock, Taylor
 
@@ -144,7 +140,25 @@ class Method(AbstractOptions):
             max_steps = whole_number("max_steps", cast(int, max_steps))
         self.max_steps = max_steps
 
-    def at_most(self, steps: Count) -> "Method":
+    @property
+    def tolerances(self) -> tuple[Scalar, Scalar]:
+        """Relative and absolute, of a method that is complete."""
+        assert self.rtol is not None and self.atol is not None
+        return self.rtol, self.atol
+
+    @property
+    def budget(self) -> Count:
+        """Steps, of a method that is complete."""
+        assert self.max_steps is not None
+        return self.max_steps
+
+    @property
+    def explicit(self) -> Explicit:
+        """The solver of a method that carries tangents along."""
+        assert isinstance(self.solver, Explicit)
+        return self.solver
+
+    def at_most(self, steps: Count) -> Method:
         """The same within another budget, which may be traced."""
         return eqx.tree_at(
             lambda m: m.max_steps, self, steps, is_leaf=lambda x: x is None
@@ -203,6 +217,19 @@ class Windows(AbstractOptions):
     agreement: Scalar | None = _option(number, "agreement", "positive")
     escape: Scalar | None = _option(number, "escape", "positive")
     rate_cut: Scalar | None = _option(number, "rate_cut", "positive")
+
+    @property
+    def spans(self) -> tuple[Scalar, Scalar, int]:
+        """Transient, length and how many, of complete ones."""
+        transient, length, most = self.transient, self.length, self.max_windows
+        assert transient is not None and length is not None and most is not None
+        return transient, length, most
+
+    @property
+    def bound(self) -> Scalar:
+        """The angle beyond which a rod has turned over, of complete ones."""
+        assert self.escape is not None
+        return self.escape
 
     def settings(self) -> dict[str, Option]:
         """Complete ones for the record, but for the cut, which may be by modes."""

@@ -17,49 +17,46 @@ Dynamics and Bifurcations of Non-smooth Mechanical Systems (2004), chapter 7.
 """
 
 from collections.abc import Callable
-from typing import cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, joint_balance, vector_field
-from ..model.set_valued import FrozenCoulomb, in_modes
-from ..numerics.numbers import Traced4
+from ..model.chain import joint_angles
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..solvers import Step
-from .observers import joint_rates
 
 
 def leaves(
-    column: Column, dp: Column | None
-) -> tuple[Column, Callable[[Column], Column]]:
-    """Those numbers of a column that differ, and the column of such numbers.
+    system: System, dp: System | None
+) -> tuple[System, System | None, Callable[[System], System]]:
+    """Those numbers of a system that differ, by how much, and the system of such.
 
-    **Arguments:** `dp`: the differences in the column's own structure, None for what
-    does not differ; None alone: nothing does.
+    **Arguments:** `system`: in the modes of the step; `dp`: the differences, of a
+    system without modes, None for what does not differ; None alone: nothing does.
     """
+    if dp is not None and system.sticks:  # modes do not differ a little
+        dp = dp.in_modes((None,) * len(system.law.modes))  # pyright: ignore
     none = {"is_leaf": lambda x: x is None}
-    numbers = jax.tree.map(lambda d, x: d if d is None else x, dp, column, **none)
-    return numbers, lambda numbers: eqx.combine(numbers, column)
+    numbers = jax.tree.map(lambda d, x: d if d is None else x, dp, system, **none)
+    return numbers, dp, lambda numbers: eqx.combine(numbers, system)
 
 
 def saltation(
-    column: Column, step: Step, dp: Column | None = None
-) -> Callable[[Traced4], Traced4]:
+    system: System, step: Step, dp: System | None = None
+) -> Callable[[PhasePoint], PhasePoint]:
     """What the event on which the step ended makes of a difference dy.
 
-    **Arguments:** `column`: in the modes of the step; `dp`: how its numbers differ.
+    **Arguments:** `system`: in the modes of the step; `dp`: how its numbers differ.
     """
     assert step.event
-    (joint, modes), (numbers, column_of) = step.event, leaves(column, dp)
+    (joint, modes), (numbers, dp, system_of) = step.event, leaves(system, dp)
 
     def guard(y, numbers):
-        here = column_of(numbers)
-        law = cast(FrozenCoulomb, here.friction)
-        assert law.modes is not None
-        each = zip(
-            law.modes, law.guard(joint_balance(here, y)), joint_rates(y), strict=True
-        )
+        here = system_of(numbers)
+        guards, rates = here.law.guard(here.balance(y)), joint_angles(y.omega)
+        each = zip(here.law.modes, guards, rates, strict=True)
         one, two = (jnp.where(m == 0, left, u) for m, left, u in each)
         # both at once is not generic: then one is as good as the other
         return jnp.where(joint == 2, two, one)
@@ -67,11 +64,11 @@ def saltation(
     _, towards = jax.linearize(guard, step.y1, numbers)
     speed = towards(step.f1, jax.tree.map(jnp.zeros_like, numbers))
     speed = jnp.where(speed == 0, jnp.inf, speed)  # one that grazes does not jump
-    after = vector_field(step.t1, step.y1, in_modes(column, modes))
+    after = system.in_modes(modes).field(step.t1, step.y1)
 
-    def jump(dy: Traced4) -> Traced4:
+    def jump(dy: PhasePoint) -> PhasePoint:
         late = towards(dy, dp) / speed
         parts = zip(dy, step.f1, after, strict=True)
-        return cast(Traced4, tuple(d + late * (b - a) for d, a, b in parts))
+        return PhasePoint(d + late * (b - a) for d, a, b in parts)
 
     return jump

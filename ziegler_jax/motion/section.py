@@ -1,5 +1,7 @@
 """Where a step passes a plane of phase space: the one watch over sections."""
 
+from __future__ import annotations
+
 from typing import Literal, NamedTuple, get_args
 
 import equinox as eqx
@@ -7,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
+from ..model.state import PhasePoint
 from ..numerics.elementary import smaller
 from ..numerics.hermite import (
     Quintic,
@@ -15,8 +18,9 @@ from ..numerics.hermite import (
     place,
 )
 from ..numerics.materialise import if_any_lane, materialise
-from ..numerics.numbers import Option, Scalar, Vector4, choice, number
+from ..numerics.numbers import Option, Scalar
 from ..numerics.passages import first_fall
+from ..numerics.rules import choice, number
 from ..results import RATE, Units
 from ..solvers import Step
 
@@ -84,7 +88,7 @@ class Passage(NamedTuple):
 
     there: Bool[Array, ""]
     time: Scalar
-    y: Vector4
+    y: PhasePoint
 
 
 def passage(plane: SectionPlane, step: Step) -> Passage:
@@ -117,8 +121,8 @@ def passage(plane: SectionPlane, step: Step) -> Passage:
             return there, place(guard, 0.0, about, left, right)
 
         there, x = materialise(step.t0, where)  # once for all numbers
-        y = tuple(path(x) for path in (*turned, *rates))
-        return Passage(may & there, step.t0 + x * h, y)  # type: ignore[arg-type]
+        y = PhasePoint(path(x) for path in (*turned, *rates))
+        return Passage(jnp.asarray(may & there), step.t0 + x * h, y)
 
     return if_any_lane(may, locate, Passage(jnp.zeros_like(may), step.t1, step.y1))
 

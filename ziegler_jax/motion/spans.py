@@ -11,21 +11,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..model.column import Column, State
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane, replaced, tree_where
-from ..numerics.numbers import (
-    Flag,
-    Scalar,
-    Traced,
-    Traced4,
-    is_concrete,
-    keeps,
-)
+from ..numerics.numbers import Flag, Scalar, is_concrete
+from ..numerics.rules import keeps
 from ..results import CODE
-from ..solvers import AbstractFold, Step, Verdict
+from ..solvers import ACCEPTED, AbstractFold, Step, Verdict
+from .checks import float_state, valid_scene
 from .integrate import Motion, Run, follow
 from .options import Method
-from .scene import float_state, valid_scene
 from .section import angles
 
 APART = 16  # units of rounding at the end: a shorter span is none
@@ -57,12 +53,12 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
     escape: Scalar
 
     @abc.abstractmethod
-    def begin(self, column: Column, t0: Traced, y0: Traced4) -> Watch:
+    def begin(self, system: System, t0: Scalar, y0: PhasePoint) -> Watch:
         """What is watched, before the first step."""
 
     @abc.abstractmethod
     def watch(
-        self, column: Column, state: SpanState[Watch], step: Step
+        self, system: System, state: SpanState[Watch], step: Step
     ) -> tuple[Watch, Flag, Scalar | None]:
         """What is watched after a step, whether to judge, how long the next may be.
 
@@ -72,7 +68,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
     @abc.abstractmethod
     def judge(
         self,
-        column: Column,
+        system: System,
         state: SpanState[Watch],
         step: Step,
         ended: Bool[Array, ""],
@@ -110,50 +106,48 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
         """A time before which all spans are over, but for their rounding."""
         return self.transient + self.span * (self.most + 1)
 
-    def init(self, column: Column, t0: Traced, y0: Traced4) -> SpanState[Watch]:
+    def init(self, system: System, t0: Scalar, y0: PhasePoint) -> SpanState[Watch]:
         """Before the first step."""
         before = jnp.asarray(self.transient) > 0
         return SpanState(
-            self.begin(column, t0, y0),
+            self.begin(system, t0, y0),
             self.first_stop() + 0.0 * y0[0],
             jnp.where(before, -1, 0).astype(jnp.int32),
             jnp.asarray(CODE.not_computed, jnp.int32),
         )
 
     def step(
-        self, column: Column, state: SpanState[Watch], step: Step
+        self, system: System, state: SpanState[Watch], step: Step
     ) -> tuple[SpanState[Watch], Scalar, Flag]:
         """Watch a step; where a span ends, or is asked to, judge and begin the next."""
-        return self.accepted(column, state, step, None)
+        return self.accepted(system, state, step, ACCEPTED)
 
     def accepted(
         self,
-        column: Column,
+        system: System,
         state: SpanState[Watch],
         step: Step,
-        verdict: Verdict | None,
+        verdict: Verdict,
     ) -> tuple[SpanState[Watch], Scalar, Flag]:
         """The same where the step is accepted.
 
         Numbers that only `judge` changes are masked there, which is rare.
         """
-        watch, asked, longest = self.watch(column, state, step)
-        if verdict is not None:
-            watch = tree_where(verdict.accepts > 0, watch, state.watch)
-        ended = step.t1 >= state.end
+        watch, asked, longest = self.watch(system, state, step)
+        watch = tree_where(verdict.accepts > 0, watch, state.watch)
+        ended = jnp.asarray(step.t1 >= state.end)
         near = may_turn_over(step, self.escape)
 
         def judge(before):
             over = turns_over(step, self.escape)
             state = before._replace(spans=before.spans + ended.astype(jnp.int32))
-            watch, outcome = self.judge(column, state, step, ended)
+            watch, outcome = self.judge(system, state, step, ended)
             outcome = jnp.where(over, CODE.escaped, outcome).astype(jnp.int32)
             end = jnp.where(ended, step.t1 + self.span, state.end)
             return replaced(asked, SpanState(watch, end, state.spans, outcome), before)
 
         asked = ended | near | asked
-        if verdict is not None:
-            asked &= verdict.accepts > 0
+        asked &= verdict.accepts > 0
         after = if_any_lane(asked, judge, state._replace(watch=watch))
         stop = after.end
         if longest is not None:
@@ -172,7 +166,7 @@ def follow_spans(
     y0 = float_state(start)
     good = keeps("positive", method.rtol, method.atol)
     motion = Motion(
-        column,
+        column.system(),
         y0,
         fold,
         method,

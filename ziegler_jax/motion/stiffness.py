@@ -9,13 +9,20 @@ shorter,
 $$\lambda\, rtol^{1/5} > \omega.$$
 """
 
+from __future__ import annotations
+
 from contextlib import ExitStack
 
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, refuse_si, vector_field
-from ..numerics.numbers import Pair, Scalar, Vector4, instance, is_concrete, number
+from ..model.column import Column, refuse_si
+from ..model.jacobian import accelerations_and_slopes
+from ..model.state import PhasePoint
+from ..model.system import System
+from ..numerics.numbers import Scalar, is_concrete
+from ..numerics.rules import instance, number
+from ..numerics.series import sum_of
 from ..runtime import refuse_forked
 
 
@@ -57,8 +64,8 @@ def is_stiff(column: Column, rtol: Scalar) -> jax.Array:
     **Raises:** `ValueError` for what is no `Column`, and for a concrete `rtol` that is
     not positive.
     """
-    refuse_forked()
     instance("column", column, Column)
+    refuse_forked()
     refuse_si(column)
     rtol = number("rtol", rtol, "positive")
     with ExitStack() as known:
@@ -67,22 +74,13 @@ def is_stiff(column: Column, rtol: Scalar) -> jax.Array:
             known.enter_context(jax.enable_x64(True))
         if column.sticks:
             return jnp.zeros((), bool)
-        return _decays_fast(column, rtol)
+        return _decays_fast(column.system(), rtol)
 
 
-def _decays_fast(column: Column, rtol: Scalar) -> jax.Array:
+def _decays_fast(system: System, rtol: Scalar) -> jax.Array:
     zero = jnp.zeros((), jnp.result_type(float))
 
-    def accelerations(y: Vector4) -> Pair:
-        return vector_field(0.0, y, column)[2:]
-
-    _, along = jax.linearize(accelerations, (zero,) * 4)
-    one = jnp.ones_like(zero)
-    columns = [
-        along(tuple(one if j == i else zero for j in range(4))) for i in range(4)
-    ]
-    square = zero
-    for change in columns[:2]:
-        square += change[0] ** 2 + change[1] ** 2
-    decay = -(columns[2][0] + columns[3][1])
+    _, (first, second) = accelerations_and_slopes(zero, PhasePoint((zero,) * 4), system)
+    square = sum_of([x**2 for row in (first, second) for x in row[:2]])
+    decay = -(first[2] + second[3])
     return decay * jnp.asarray(rtol, zero.dtype) ** 0.2 > square**0.25

@@ -13,22 +13,23 @@ with it goes an exponent to minus infinity.
 
 import abc
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
-import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, vector_field
-from ..model.set_valued import FrozenCoulomb
+from ..model.coulomb_torques import CoulombInModes
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..numerics.materialise import if_any_lane, materialise
-from ..numerics.numbers import Flag, Numbers, Scalar, Traced, Traced4
+from ..numerics.numbers import Flag, Numbers, Scalar
+from ..numerics.series import sum_of
 from ..solvers import AbstractFold, Explicit, Step
 from ..solvers.fold import State
 from .saltation import leaves, saltation
 
-Vectors = tuple[Traced4, ...]
+Vectors = tuple[PhasePoint, ...]
 
 # of the motion's tolerance: looser, so that it seldom shortens a step
 TANGENT_SHARE = 1000.0
@@ -48,44 +49,49 @@ HADAMARD = (
 
 def push(
     solver: Explicit,
-    column: Column,
-    t0: Traced,
-    t1: Traced,
-    y0: Traced4,
-    vectors: Sequence[Traced4],
-    dp: Column | None = None,
-) -> list[tuple[Traced4, Vectors]]:
+    system: System,
+    t0: Scalar,
+    t1: Scalar,
+    y0: PhasePoint,
+    vectors: Sequence[PhasePoint],
+    dp: System | None = None,
+) -> list[tuple[PhasePoint, Vectors]]:
     """A step from y0, and its derivative along each vector, its length frozen.
 
-    **Arguments:** `column`: in the modes of the step, where friction is set-valued;
+    **Arguments:** `system`: in the modes of the step, where friction is set-valued;
     `dp`: how its numbers differ with the vectors, see `leaves`.
 
     **Returns:** the first slope, y1, the error estimate and the last slope, each with
     its differences.
     """
 
-    def field(t, both, column):
-        numbers, column_of = leaves(column, dp)
+    def field(t, both):
+        numbers, change, system_of = leaves(system, dp)
         y, vectors = apart(both)
         slope, along = jax.linearize(
-            lambda y, numbers: vector_field(t, y, column_of(numbers)), y, numbers
+            lambda y, numbers: system_of(numbers).field(t, y), y, numbers
         )
-        return cast(Numbers, sum((along(v, dp) for v in vectors), slope))
+        return joined(slope, [along(v, change) for v in vectors])
 
-    terms, both = dfx.ODETerm(field), cast(Numbers, sum(vectors, y0))
-    first = materialise(t0, field, t0, both, column)
-    y1, error, last, *_ = solver.advance(terms, t0, t1, both, column, first)
+    both = joined(y0, vectors)
+    first = materialise(t0, field, t0, both)
+    y1, error, last, *_ = solver.advance(field, t0, t1, both, first)
     return [apart(x) for x in (first, y1, error, last)]
 
 
-def apart(both: Numbers) -> tuple[Traced4, Vectors]:
+def joined(y: PhasePoint, vectors: Sequence[PhasePoint]) -> Numbers:
+    """A state with vectors behind it, in a row."""
+    return tuple(x for each in (y, *vectors) for x in each)
+
+
+def apart(both: Numbers) -> tuple[PhasePoint, Vectors]:
     """A state, and the vectors that stand behind it."""
-    y, *vectors = (both[i : i + 4] for i in range(0, len(both), 4))
-    return cast(Traced4, y), cast(Vectors, tuple(vectors))
+    y, *vectors = (PhasePoint(both[i : i + 4]) for i in range(0, len(both), 4))
+    return y, tuple(vectors)
 
 
 def past(
-    column: Column, step: Step, vectors: Vectors, dp: Column | None = None
+    system: System, step: Step, vectors: Vectors, dp: System | None = None
 ) -> Vectors:
     """The vectors past the event on which a step may have ended, in the modes there."""
     if not step.modes:
@@ -94,17 +100,17 @@ def past(
     event = step.event[0] > 0
 
     def across(before):
-        after = tuple(map(saltation(column, step, dp), before))
+        after = tuple(map(saltation(system, step, dp), before))
         return jax.tree.map(lambda a, b: jnp.where(event, a, b), after, before)
 
     after = if_any_lane(event, across, vectors)
-    law = cast(FrozenCoulomb, column.friction).in_modes(step.event[1])
+    law = system.coulomb.in_modes(step.event[1])
     return tuple(_without_stuck(law, v) for v in after)
 
 
-def _without_stuck(law: FrozenCoulomb, v: Traced4) -> Traced4:
+def _without_stuck(law: CoulombInModes, v: PhasePoint) -> PhasePoint:
     """A tangent without the rates of joints that stick."""
-    return cast(Traced4, (v[0], v[1], *law.hold(v[2], v[3])))
+    return PhasePoint.of(v.phi, law.hold(v.omega))
 
 
 # ---- growth
@@ -114,8 +120,8 @@ class TangentFrame(NamedTuple):
     """Orthonormal tangents and how much they have grown."""
 
     vectors: Vectors
-    factors: tuple[Traced, ...]  # products of lengths since the last logarithm
-    logs: tuple[Traced, ...]
+    factors: tuple[Scalar, ...]  # products of lengths since the last logarithm
+    logs: tuple[Scalar, ...]
 
 
 class AbstractGrowth(AbstractFold[State]):
@@ -132,39 +138,39 @@ class AbstractGrowth(AbstractFold[State]):
     def tangents(self, state: State) -> "TangentFrame":
         """Where the fold's state has them."""
 
-    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+    def advance(self, solver, t0, t1, y0, system, first, state):
         """A step, and the images of the tangents with their errors."""
-        del terms, first
+        del first
         _, (y1, images), (error, errors), (last, _) = push(
-            solver, column, t0, t1, y0, self.tangents(state).vectors
+            solver, system, t0, t1, y0, self.tangents(state).vectors
         )
         return y1, error, last, (images, errors), None
 
     def advance_frame(
-        self, column: Column, state: State, step: Step
+        self, system: System, state: State, step: Step
     ) -> tuple[TangentFrame, Scalar]:
         """The tangents after a step, orthonormal again, and how long the next may be.
 
-        **Arguments:** `column`: in the modes of the step.
+        **Arguments:** `system`: in the modes of the step.
         """
         frame = self.tangents(state)
         if step.modes:  # it may have been cut
             ends = step.t0, step.t1, step.y0
             _, (_, images), (_, errors), _ = push(
-                self.solver, column, *ends, frame.vectors
+                self.solver, system, *ends, frame.vectors
             )
         else:
             images, errors = step.integrals
 
         def allowed():
-            square = sum((_dot(e, e) for e in errors), 0.0 * step.t0)
+            square = sum((dot(e, e) for e in errors), 0.0 * step.t0)
             square = square / (len(errors) * (TANGENT_SHARE * self.rtol) ** 2)
             clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
-            factor = 0.9 * jnp.exp(-0.5 / self.solver.method_order * jnp.log(clipped))
-            return (step.t1 - step.t0) * factor.astype(square.dtype)
+            factor = 0.9 * jnp.exp(-0.5 / self.solver.order * jnp.log(clipped))
+            return (step.t1 - step.t0) * factor.astype(jnp.result_type(square))
 
         longest = materialise(step.t0, allowed)
-        images = past(column, step, images)
+        images = past(system, step, images)
         vectors, lengths = materialise(step.t0, orthonormal, images)
         factors = tuple(f * x for f, x in zip(frame.factors, lengths, strict=True))
         extreme = jnp.zeros_like(step.t0, bool)
@@ -174,18 +180,16 @@ class AbstractGrowth(AbstractFold[State]):
         return if_any_lane(extreme, lambda g: in_logs(g, extreme), grown), longest
 
 
-def unit_tangents(column: Column, y: Traced4, count: int) -> TangentFrame:
+def unit_tangents(system: System, y: PhasePoint, count: int) -> TangentFrame:
     """`count` orthonormal vectors, without the rates of joints that stick.
 
     Hadamard's: where joints stick, the last ones are those that are lost.
     """
     zero = 0.0 * y[0]
-    rows = tuple(tuple(zero + x for x in row) for row in HADAMARD[:count])
-    vectors = cast(Vectors, rows)
-    if column.sticks:
-        vectors = tuple(
-            _without_stuck(cast(FrozenCoulomb, column.friction), v) for v in vectors
-        )
+    rows = tuple(PhasePoint(zero + x for x in row) for row in HADAMARD[:count])
+    vectors = rows
+    if system.sticks:
+        vectors = tuple(_without_stuck(system.law, v) for v in vectors)
     vectors, _ = orthonormal(vectors)
     return TangentFrame(vectors, (zero + 1.0,) * count, (zero,) * count)
 
@@ -198,26 +202,27 @@ def in_logs(frame: TangentFrame, when: Flag) -> TangentFrame:
     return TangentFrame(vectors, tuple(jnp.where(when, 1.0, f) for f in factors), logs)
 
 
-def orthonormal(vectors: Vectors) -> tuple[Vectors, tuple[Traced, ...]]:
+def orthonormal(vectors: Vectors) -> tuple[Vectors, tuple[Scalar, ...]]:
     """Gram-Schmidt (modified), written out: the vectors, and their lengths before.
 
     One that depends on those before it becomes zero, of length zero.
     """
     done, lengths = [], []
     for v in vectors:
-        whole = _dot(v, v)
+        whole = dot(v, v)
         for e in done:
-            share = _dot(v, e)
-            v = tuple(x - share * y for x, y in zip(v, e, strict=True))
-        square = _dot(v, v)
-        least = (LOST * jnp.finfo(square.dtype).eps) ** 2
+            share = dot(v, e)
+            v = PhasePoint(x - share * y for x, y in zip(v, e, strict=True))
+        square = dot(v, v)
+        least = (LOST * jnp.finfo(jnp.result_type(square)).eps) ** 2
         length = jnp.where(square > least * whole, jnp.sqrt(square), 0.0)
         # a vector that is no number stays one: the motion's own end says why
         inverse = jnp.where(length == 0, 0.0, 1 / jnp.where(length == 0, 1.0, length))
-        done.append(tuple(x * inverse for x in v))
+        done.append(PhasePoint(x * inverse for x in v))
         lengths.append(length)
     return tuple(done), tuple(lengths)
 
 
-def _dot(v: Traced4, e: Traced4) -> Traced:
-    return v[0] * e[0] + v[1] * e[1] + v[2] * e[2] + v[3] * e[3]
+def dot(v: Numbers, e: Numbers) -> Scalar:
+    """The sum of products."""
+    return sum_of([x * y for x, y in zip(v, e, strict=True)])

@@ -3,8 +3,10 @@
 Nothing is interpolated between steps, which end on both.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import diffrax as dfx
 import equinox as eqx
@@ -14,16 +16,8 @@ import xarray as xr
 from jaxtyping import Array, Float, Int
 
 from ..model.column import Column, State
-from ..model.set_valued import FrozenCoulomb
-from ..numerics.numbers import (
-    Count,
-    Flag,
-    Pair,
-    Scalar,
-    is_concrete,
-    keeps,
-    whole_number,
-)
+from ..numerics.numbers import Count, Flag, Numbers, Scalar, is_concrete
+from ..numerics.rules import keeps, whole_number
 from ..results import (
     CODE,
     OUTCOMES,
@@ -37,19 +31,12 @@ from ..results import (
 )
 from ..solvers import AbstractFold, Explicit
 from . import not_finite
+from .checks import Times, check_scene, float_state, increasing_times, valid_scene
+from .ending import nan_where
 from .implicit import forward_only
 from .integrate import FIRST_STEP, Motion, follow
+from .method import method_of, usual_method
 from .options import Method, recorded
-from .scene import (
-    Times,
-    check_scene,
-    float_state,
-    increasing_times,
-    method_of,
-    nan_where,
-    usual_method,
-    valid_scene,
-)
 
 
 class Events(eqx.Module):
@@ -57,15 +44,13 @@ class Events(eqx.Module):
 
     `times` (n,), NaN where there is no event; `joints` (n,): 1 or 2, 3 for both at
     once, 0 for the start; `modes` (n, 2) after the event: 1 and -1 slip, 0 sticks;
-    `count`: how many there were, which may be more than there is room for; `release`:
-    the rule that chose the modes.
+    `count`: how many there were, which may be more than there is room for.
     """
 
     times: Float[Array, "*lanes n"]
     joints: Int[Array, "*lanes n"]
     modes: Int[Array, "*lanes n 2"]
     count: Int[Array, "*lanes"]
-    release: str = eqx.field(static=True)
 
     def variables(self) -> dict[str, Variable]:
         """`event_times(event)`, `event_joints`, `event_modes`, `event_count`."""
@@ -97,27 +82,25 @@ class Record(AbstractFold[Recorded]):
     ts: Float[Array, " n"]
     size: int
 
-    def init(self, column, t0, y0):
+    def init(self, system, t0, y0):
         """The start, with the modes that it begins in."""
         n, dtype, events = self.size, jnp.result_type(y0[0]), None
-        if column.sticks:
-            law = cast(FrozenCoulomb, column.friction)
+        if system.sticks:
             none = Events(
                 jnp.full(n, jnp.nan, dtype),
                 jnp.zeros(n, jnp.int32),
                 jnp.zeros((n, 2), jnp.int32),
                 jnp.zeros((), jnp.int32),
-                law.release,
             )
-            events = _with(none, True, t0, 0, cast(Pair, law.modes))
+            events = _with(none, True, t0, 0, system.law.modes)
         ys = jnp.full((4, self.ts.shape[0]), jnp.nan, dtype)
         ys = ys.at[:, 0].set(jnp.stack(y0))
         none = jnp.asarray(CODE.not_computed, jnp.int32)
         return Recorded(events, ys, jnp.array(1, jnp.int32), none)
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Add the event on which the step ended, and the state if it was waited for."""
-        del column
+        del system
         events = state.events
         if step.modes:
             assert events is not None and step.event
@@ -134,7 +117,9 @@ class Record(AbstractFold[Recorded]):
         return Recorded(events, ys, recorded_count, outcome), following, over
 
 
-def _with(log: Events, happened: Flag, t: Scalar, joint: Count, modes: Pair) -> Events:
+def _with(
+    log: Events, happened: Flag, t: Scalar, joint: Count, modes: Numbers
+) -> Events:
     place = jnp.where(happened, log.count, log.times.shape[0])  # beyond: dropped
     row = jnp.stack(modes).astype(jnp.int32)
     return Events(
@@ -142,7 +127,6 @@ def _with(log: Events, happened: Flag, t: Scalar, joint: Count, modes: Pair) -> 
         log.joints.at[place].set(joint, mode="drop"),
         log.modes.at[place].set(row, mode="drop"),
         log.count + jnp.where(happened, 1, 0),
-        log.release,
     )
 
 
@@ -239,7 +223,7 @@ def trajectory(
     ts: Times,
     *,
     max_events: int = 1000,
-    method: Method = Method(),  # noqa: B008, a value
+    method: Method = Method(),
 ) -> Trajectory:
     r"""The motion at given times.
 
@@ -260,10 +244,11 @@ def trajectory(
     **Raises:** `ValueError` as `settle`, and for times that do not increase.
     """
     check_scene(column, start)
-    usual = usual_method(column) if column.sticks else Explicit(dfx.Dopri8.tableau)
-    method = method_of("trajectory", method, column, usual)
+    system = column.system()
+    usual = usual_method(system) if system.sticks else Explicit(dfx.Dopri8.tableau)
+    method = method_of("trajectory", method, system, usual)
     y0 = float_state(start)
-    given, ts = ts, increasing_times(ts, y0[0].dtype)
+    given, ts = ts, increasing_times(ts, jnp.result_type(y0[0]))
     times = tuple(np.asarray(given, float).tolist()) if is_concrete(given) else None
     good = valid_scene(column, y0) & keeps("positive", method.rtol, method.atol)
     good &= jnp.all(jnp.diff(ts) > 0) & jnp.all(jnp.isfinite(ts))
@@ -272,7 +257,7 @@ def trajectory(
     y0 = nan_where(~good, y0)
     run = follow(
         Motion(
-            column,
+            system,
             y0,
             Record(ts, whole_number("max_events", max_events)),
             method,
@@ -294,4 +279,4 @@ def trajectory(
         events=run.folded.events,
         times=times,
     )
-    return forward_only("trajectory", history, once=column.sticks)
+    return forward_only("trajectory", history, once=system.sticks)

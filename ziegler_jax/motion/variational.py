@@ -5,6 +5,7 @@ is taken, so that what comes out is the exact derivative of the discrete flow. I
 counts with the step's: a cycle however small has multipliers of size one.
 """
 
+import abc
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple, cast
@@ -14,15 +15,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..model.column import Column, joint_balance
-from ..model.set_valued import FrozenCoulomb
-from ..numerics.numbers import Numbers, Pair, Scalar, Traced, Traced4, Vector4
+from ..model.chain import accelerated, moved
+from ..model.column import Column
+from ..model.state import PhasePoint
+from ..model.system import System
+from ..numerics.numbers import Numbers, Scalar
+from ..numerics.series import sum_of
 from ..results import CODE
 from ..solvers import AbstractFold, Explicit, Step
-from .contact import AbstractContact, Dip, Nearest, nearer
 from .integrate import Motion, Run
 from .options import Method
-from .scene import prepared
 from .section import angles
 from .tangents import past, push
 
@@ -30,6 +32,46 @@ Parameters = Float[Array, " n"]
 Make = Callable[[Parameters], Column]  # a column of parameters
 Row = Float[Array, " k"]  # derivatives along k directions
 Rows = tuple[Row, ...]
+
+
+NONE = 1e3  # of a motion in which nothing was watched for
+# the number, and its derivatives along k directions
+Nearest = tuple[Scalar, Scalar | Row]
+
+
+class AbstractContact(eqx.Module):
+    """A number that is watched at instants of a motion; the nearest to zero counts."""
+
+    def begin(self, zero: Scalar, k: int) -> Nearest:
+        """There was none yet."""
+        return zero + NONE, jnp.zeros(k, jnp.result_type(zero))
+
+    @abc.abstractmethod
+    def lands(self, step: Step) -> Array:
+        """Whether there is one at the step's end."""
+
+    @abc.abstractmethod
+    def landing(
+        self, system: System, step: Step, dy: PhasePoint, dp: System | None
+    ) -> tuple[Scalar, Scalar]:
+        """The number there, and how it differs.
+
+        **Arguments:** `system`: in the modes of the step; `dy`: a difference at its
+        end, before the event; `dp`: how the system's numbers differ.
+        """
+
+    def turn(self, step: Step) -> tuple[Scalar, Array] | None:
+        """Where within the step there is one, as a share of it, and whether; or None.
+
+        `least` is the number there, which has no slope in time.
+        """
+        del step
+        return None
+
+    def least(self, step: Step, y: PhasePoint) -> Scalar:
+        """The number of a state within the step, or its difference."""
+        del step, y
+        raise NotImplementedError
 
 
 class Flow(NamedTuple):
@@ -63,10 +105,10 @@ def varied_motion(
     **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them;
     `contact`: what to watch besides.
     """
-    args, fold = varied(make, parameters, cast(Explicit, method.solver), vary)
+    system, fold = varied(make, parameters, method.explicit, vary)
     fold = Variational(fold.solver, fold.k, fold.moves, contact)
-    start = tuple(y0[i] for i in range(4))
-    return Motion(args, cast(Traced4, start), fold, method, end=span)
+    start = PhasePoint(y0[i] for i in range(4))
+    return Motion(system, start, fold, method, end=span)
 
 
 def flow_of(run: "Run[Varied]") -> Flow:
@@ -80,31 +122,31 @@ def flow_of(run: "Run[Varied]") -> Flow:
         jnp.stack(run.folded.extent_moves),
         run.outcome == CODE.complete,
         run.steps,
-        0.0 * jnp.asarray(run.y[0]) if isinstance(modes, tuple) else modes,
+        jnp.asarray(0.0 * run.y[0] if isinstance(modes, tuple) else modes),
         run.folded.contact,
     )
 
 
 def varied(
     make: Make, parameters: Parameters, solver: Explicit, vary: bool = True
-) -> tuple[Column, "Variational"]:
-    """The prepared column, and the fold that varies its motion."""
-    column, moves = prepared(make(parameters)), None
+) -> tuple[System, "Variational"]:
+    """The system, and the fold that varies its motion."""
+    system, moves = make(parameters).system(), None
     if vary:
         zero = jnp.zeros(4, parameters.dtype)
-        arrays = jax.tree.map(lambda x: isinstance(x, jax.Array), column)
-        slopes = jax.jacfwd(lambda p: eqx.filter(prepared(make(p)), arrays))(parameters)
+        arrays = jax.tree.map(lambda x: isinstance(x, jax.Array), system)
+        slopes = jax.jacfwd(lambda p: eqx.filter(make(p).system(), arrays))(parameters)
         moves = jax.tree.map(lambda s: jnp.concatenate([zero, s]), slopes)
-    return column, Variational(solver, 4 + (parameters.size if vary else 0), moves)
+    return system, Variational(solver, 4 + (parameters.size if vary else 0), moves)
 
 
 class Varied(NamedTuple):
     """Variations of the state, and the largest angles with theirs; k directions."""
 
-    y: Rows  # four
+    y: PhasePoint  # of rows
     extent: Numbers  # three
     extent_moves: Rows  # three
-    modes: Traced | tuple[()]  # set-valued friction: a number of the events so far
+    modes: Scalar | tuple[()]  # set-valued friction: a number of the events so far
     contact: Nearest | tuple[()] = ()
 
 
@@ -112,20 +154,20 @@ class Variational(AbstractFold[Varied]):
     """The variational equations along a motion, with its largest angles.
 
     **Arguments:** `solver`; `k`: the directions, 4 + n; `moves`: the derivatives of the
-    prepared column's numbers along them, (k,) each, None where they do not move.
+    system's numbers along them, (k,) each, None where they do not move.
     """
 
     solver: Explicit
     k: int = eqx.field(static=True)
-    moves: Column | None
+    moves: System | None
     contact: AbstractContact | None = None
 
-    def init(self, column, t0, y0):
+    def init(self, system, t0, y0):
         """Unit vectors, and the start's own angles."""
         del t0
         rows = self.unit(y0)
-        if column.sticks:
-            rows = (*rows[:2], *_stopped(column, y0, rows[2], rows[3]))
+        if system.sticks:
+            rows = PhasePoint.of(rows.phi, _stopped(system, y0, rows.omega))
         angles = y0[0], y0[1], y0[1] - y0[0]
         signs = [jnp.where(x < 0, -1.0, 1.0) for x in angles]
         turned = rows[0], rows[1], rows[1] - rows[0]
@@ -133,7 +175,7 @@ class Variational(AbstractFold[Varied]):
             rows,
             tuple(jnp.abs(x) for x in angles),
             tuple(s * row for s, row in zip(signs, turned, strict=True)),
-            0.0 * y0[0] if column.sticks else (),
+            0.0 * y0[0] if system.sticks else (),
             () if self.contact is None else self.contact.begin(0.0 * y0[0], self.k),
         )
 
@@ -142,18 +184,18 @@ class Variational(AbstractFold[Varied]):
         del state
         return jnp.asarray(CODE.not_computed, jnp.int32)
 
-    def unit(self, y0: Traced4) -> Rows:
+    def unit(self, y0: PhasePoint) -> PhasePoint:
         """The state's unit vectors among the k directions."""
-        rows = jnp.eye(4, self.k, dtype=y0[0].dtype)
-        return tuple(rows[i] for i in range(4))
+        rows = jnp.eye(4, self.k, dtype=jnp.result_type(y0[0]))
+        return PhasePoint(rows[i] for i in range(4))
 
-    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+    def advance(self, solver, t0, t1, y0, system, first, state):
         """A step, and (peaks, their and its own rows of k derivatives)."""
-        del terms, first, state
+        del first, state
 
         def along(v, dp):
             (f0, [df0]), (y1, [dy]), (error, [de]), (f1, [df1]) = push(
-                solver, column, t0, t1, y0, [v], dp
+                solver, system, t0, t1, y0, [v], dp
             )
             turns, ends = partial(_peaks, t1 - t0), (y0, f0, y1, f1)
             peaks, dpeaks = jax.jvp(turns, ends, (v, df0, dy, df1))
@@ -162,37 +204,38 @@ class Variational(AbstractFold[Varied]):
         step = jax.vmap(along, out_axes=(None, 0))
         (y1, error, f1, peaks), (dy, errors, dpeaks) = step(self.unit(y0), self.moves)
         # the state's columns alone: steps do not depend on what is differentiated
-        worst = tuple(
+        worst = PhasePoint(
             jnp.maximum(jnp.abs(e), jnp.max(jnp.abs(row[:4])))
             for e, row in zip(error, cast(Rows, errors), strict=True)
         )
         return y1, worst, f1, (peaks, dy, dpeaks), None
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Carry the variations over the step, and over the event at its end."""
         jacobians = step.integrals
         if step.modes:  # it may have been cut
             ends = step.t0, step.t1, step.y0
-            *_, jacobians, _ = self.advance(
-                self.solver, None, *ends, column, step.f0, state
-            )
+            *_, jacobians, _ = self.advance(self.solver, *ends, system, step.f0, state)
         peaks, *jacobians = jacobians
 
         def carry(row):  # the step's Jacobian times what was, and the parameters' own
-            before = cast(jax.Array, sum(row[i] * state.y[i] for i in range(4)))
-            return before.at[4:].add(row[4:])
+            before = sum_of([row[i] * state.y[i] for i in range(4)])
+            return jnp.asarray(before).at[4:].add(row[4:])
 
-        dy, dpeaks = (tuple(map(carry, rows)) for rows in jacobians)
+        dy, dpeaks = (
+            PhasePoint(map(carry, jacobians[0])),
+            (*map(carry, jacobians[1]),),
+        )
 
         def beyond(v, dp):
-            return past(column, step, (v,), dp)[0]
+            return past(system, step, (v,), dp)[0]
 
-        contact = self._contact(column, state, step, dy)
-        if isinstance(self.contact, Dip):
-            contact = self._dip(
-                self.contact, column, state, step, carry, cast(Nearest, contact)
-            )
-        dy = cast(Rows, jax.vmap(beyond)(dy, self.moves))
+        contact = self._contact(system, state, step, dy)
+        turn = self.contact and self.contact.turn(step)
+        if self.contact and turn:
+            there = self.contact, *turn
+            contact = self._within(there, system, state, step, carry, contact)
+        dy = jax.vmap(beyond)(dy, self.moves)
         extent, moves = [], []
         for old, dold, new, dnew in zip(
             state.extent, state.extent_moves, peaks, dpeaks, strict=True
@@ -204,7 +247,7 @@ class Variational(AbstractFold[Varied]):
         return Varied(dy, tuple(extent), tuple(moves), modes, contact), jnp.inf, False
 
     def _contact(
-        self, column: Column, state: Varied, step: Step, dy: Rows
+        self, system: System, state: Varied, step: Step, dy: PhasePoint
     ) -> Nearest | tuple[()]:
         """What is watched, after the step; `dy`: its differences before the event."""
         watch = self.contact
@@ -212,32 +255,38 @@ class Variational(AbstractFold[Varied]):
             return ()
 
         def landing(dy, dp):
-            return watch.landing(column, step, dy, dp)
+            return watch.landing(system, step, dy, dp)
 
         new = jax.vmap(landing, out_axes=(None, 0))(dy, self.moves)
         return nearer(new, cast(Nearest, state.contact), watch.lands(step))
 
-    def _dip(
+    def _within(
         self,
-        watch: Dip,
-        column: Column,
+        there: tuple[AbstractContact, Scalar, Array],
+        system: System,
         state: Varied,
         step: Step,
         carry: Callable[[Row], Row],
-        before: Nearest,
+        before: Nearest | tuple[()],
     ) -> Nearest:
-        """Where slip turns within the step: the same step, only as far as there."""
-        share, turns = watch.turn(step)
+        """At an instant within the step: the same step, only as far as there."""
+        watch, share, turns = there
         ends = step.t0, step.t0 + share * (step.t1 - step.t0), step.y0
         y, *_, (_, rows, _), _ = self.advance(
-            self.solver, None, *ends, column, step.f0, state
+            self.solver, *ends, system, step.f0, state
         )
         # it stands still there: that it turns earlier or later changes nothing
-        moved = watch.least(step, cast(Traced4, tuple(map(carry, rows))))
-        return nearer((watch.least(step, y), moved), before, turns)
+        moved = watch.least(step, PhasePoint(map(carry, cast(Rows, rows))))
+        return nearer((watch.least(step, y), moved), cast(Nearest, before), turns)
 
 
-def events_number(modes: Traced | tuple[()], step: Step) -> Traced | tuple[()]:
+def nearer(new: Nearest, old: Nearest, there: Array) -> Nearest:
+    """The one of two that is nearer to zero; `there`: whether the new one is one."""
+    closer = there & (jnp.abs(new[0]) < jnp.abs(old[0]))
+    return jnp.where(closer, new[0], old[0]), jnp.where(closer, new[1], old[1])
+
+
+def events_number(modes: Scalar | tuple[()], step: Step) -> Scalar | tuple[()]:
     """A number of the sequence of modes after a step; of another one it is another.
 
     But by rare chance; () where no joint sticks.
@@ -250,23 +299,20 @@ def events_number(modes: Traced | tuple[()], step: Step) -> Traced | tuple[()]:
     return jnp.where(joint > 0, met, modes)
 
 
-def _stopped(column: Column, y: Vector4, dw1: Row, dw2: Row) -> tuple[Row, Row]:
+def _stopped(system: System, y: PhasePoint, rates: Numbers) -> Numbers:
     """Variations of the rates where joints stick at the start.
 
     A joint that is set off a little is stopped at once, by an impulse of its friction:
     the momenta across it are kept.
     """
-    f = joint_balance(column, y)
-    modes = cast(Pair, cast(FrozenCoulomb, column.friction).modes)
-    stuck1, stuck2 = (m == 0 for m in modes)
-    both = ((f.a + f.h) * dw1 + (f.h + f.d) * dw2) / (f.a + 2 * f.h + f.d)
-    second = jnp.where(stuck1, dw2 + f.h / f.d * dw1, dw2)
-    still = stuck1 & stuck2
-    first = jnp.where(stuck1, 0.0, jnp.where(stuck2, both, dw1))
-    return first, jnp.where(still, 0.0, jnp.where(stuck2, both, second))
+    law, balance = system.law, system.balance(y)
+    momenta = moved(balance.mass, rates)
+    return accelerated(law.factored(balance.mass), momenta, law.stuck)
 
 
-def _peaks(h: Traced, y0: Traced4, f0: Traced4, y1: Traced4, f1: Traced4) -> Numbers:
+def _peaks(
+    h: Scalar, y0: PhasePoint, f0: PhasePoint, y1: PhasePoint, f1: PhasePoint
+) -> Numbers:
     """Where phi1, phi2, phi2 - phi1 turn within a step, else at its end."""
     step = Step(0.0 * h, h, y0, y1, f0, f1, ())
     return tuple(path.extremum() for path in angles(step))

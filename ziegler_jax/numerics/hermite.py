@@ -6,7 +6,8 @@ is seen.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, cast
+from itertools import pairwise
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -264,8 +265,8 @@ def bezier_verdict(course: HermiteQuartic, tol: Scalar) -> Flags:
     b1, b3 = course.g0 + course.v0 / 4, course.g1 - course.v1 / 4
     b2 = (course.g0 + course.g1) / 2 + (course.v0 - course.v1 + course.bend) / 6
     low = [b < -tol for b in (b1, b2, b3, course.g1)]
-    plain = (~low[0] | low[1]) & (~low[1] | low[2]) & (~low[2] | low[3])
-    return cast(Flag, plain), low[3]
+    rises = [jnp.logical_not(a) | b for a, b in pairwise(low)]
+    return rises[0] & rises[1] & rises[2], low[3]
 
 
 def chord_root(course: Course, left: Scalar, right: Scalar) -> Scalar:

@@ -17,8 +17,8 @@ import numpy as np
 from jax import lax
 from jax.core import eval_jaxpr
 from jax.custom_batching import custom_vmap
-from jax.extend.core import Literal
 
+from .jaxprs import Literal
 from .numbers import Flag, Scalar
 
 Inputs = TypeVarTuple("Inputs")

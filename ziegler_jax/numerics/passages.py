@@ -4,8 +4,6 @@ The first looks for what leaves a level and comes back to it; for how long is a 
 of a step's halves, in which an excursion that returns does not count.
 """
 
-from typing import cast
-
 import jax.numpy as jnp
 
 from .elementary import larger
@@ -34,7 +32,7 @@ def first_fall(course: Quintic | QuinticRate) -> tuple[Flag, Scalar, Scalar]:
     signs = [x > 0 for x in course.polygon()]
     changes = [a != b for a, b in zip(signs, signs[1:], strict=False)]
     winds = sum(jnp.asarray(x, jnp.int32) for x in changes) > 1
-    plain = cast(Flag, signs[0] & ~signs[-1]), zero, one
+    plain = signs[0] & jnp.logical_not(signs[-1]), zero, one
 
     def turning():
         slopes, middle = course.slopes(), 0.5 * one
@@ -50,7 +48,7 @@ def first_fall(course: Quintic | QuinticRate) -> tuple[Flag, Scalar, Scalar]:
             falls = winds & above[i] & ~above[i + 1]
             left = jnp.where(falls, places[i], left)
             right = jnp.where(falls, places[i + 1], right)
-            there = cast(Flag, there | falls)
+            there = there | falls
         return there, left, right
 
     return if_any_lane(winds, search, plain)

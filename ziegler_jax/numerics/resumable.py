@@ -17,16 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.core import AbstractValue, eval_jaxpr
-from jax.extend.core import (
-    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
-    Jaxpr,
-    JaxprEqn,
-    Literal,
-    Primitive,
-)
+from jax.extend.core import Jaxpr, Primitive
 from jax.interpreters import ad, batching, mlir, partial_eval
 from jaxtyping import Array, Bool, Int, Shaped
 
+from .jaxprs import ClosedJaxpr, JaxprEqn, Literal
 from .materialise import if_any_lane, replaced
 
 State = TypeVar("State")

@@ -193,4 +193,4 @@ def value_and_slope(coefficients: Sequence[Scalar], x: Scalar) -> tuple[Scalar, 
     for c in reversed(coefficients[:-1]):
         slope = result if slope is None else result + x * slope
         result = c + x * result
-    return result, cast(Scalar, slope)
+    return result, 0.0 if slope is None else slope

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ..model.column import Column
 from ..motion.trajectory import Trajectory
-from ..numerics.numbers import instance, number
+from ..numerics.rules import instance, number
 from .style import BLUE, PHI1, PHI2, VERMILLION
 
 ARROW = 0.35  # the load's arrow, in l

@@ -6,7 +6,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from ..analysis.continuation import Branch
-from ..numerics.numbers import choice
+from ..numerics.rules import choice
 from ..results import CODE
 from .style import in_lines, label_of
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..motion.trajectory import Trajectory
-from ..numerics.numbers import instance
+from ..numerics.rules import instance
 from ..results import CODE
 from ..units.si import SI
 from .style import PHI1, PHI2, unit_label

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from ..motion.trajectory import Trajectory
 from ..numerics.hermite import HermiteQuartic
-from ..numerics.numbers import instance, whole_number
+from ..numerics.rules import instance, whole_number
 from ..results import CODE
 from .animation import ARROW, load_of
 from .branches import of_dims, select_joint_2

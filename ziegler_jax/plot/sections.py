@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 from ..analysis.poincare import PoincareSection
 from ..motion.trajectory import Trajectory
-from ..numerics.numbers import instance
+from ..numerics.rules import instance
 from .style import LINE_COLOURS, PHI1, PHI2, unit_label
 
 SYMBOLS = {"phi": r"\varphi", "omega": r"\dot\varphi"}

@@ -1,20 +1,21 @@
-"""Lane solvers: diffrax solvers that run fast for thousands of lanes under vmap."""
+"""Methods, and the lane solvers that run them for thousands of lanes under vmap."""
 
-from .control import ControlState, Signals, StepControl, Verdict
+from .control import ACCEPTED, ControlState, Signals, StepControl, Verdict
 from .explicit import Explicit
 from .fold import AbstractFold, Observed, Step
 from .loop import LaneLoop
 from .rosenbrock import Rosenbrock
 from .stickslip import StickSlip, StickSlipState
-from .taylor import Reached, Taylor, TaylorSlip
+from .taylor import Taylor, TaylorSlip, TaylorStepControl
 
 __all__ = [
+    "ACCEPTED",
     "AbstractFold",
     "ControlState",
     "Explicit",
     "LaneLoop",
     "Observed",
-    "Reached",
+    "TaylorStepControl",
     "Rosenbrock",
     "Signals",
     "Step",

@@ -5,18 +5,17 @@ E^2 = \tfrac14 \sum_i \Bigl(\frac{e_i}{atol + rtol \max(|y_{0,i}|, |y_{1,i}|)}
 \Bigr)^2$$
 """
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import diffrax as dfx
-import equinox as eqx
 import jax.numpy as jnp
-import optimistix as optx
 from jax import lax
 
-from ..model.column import Column
+from ..model.chain import joint_angles
+from ..model.state import PhasePoint
 from ..numerics.elementary import larger, short_power, smaller
 from ..numerics.materialise import materialise
-from ..numerics.numbers import Count, Flag, Numbers, Pair, Scalar, Vector4
+from ..numerics.numbers import Count, Flag, Numbers, Pair, Scalar
 
 # On motions with smoothed friction (q = 2..4, Tsit5) 0.8 needs 4 to 6 % fewer steps
 # than 0.9 at tolerances from 1e-4 to 1e-6, and errs by about a third less: fewer steps
@@ -27,6 +26,12 @@ NO_LIMIT = 2**31 - 1
 LAYER_SHARE = 0.02  # of a joint's rate in the layer: what a step may err by
 # A step far beyond its tolerance has no interpolant on which an event could be found.
 WORST_CUT = 100.0
+MOVES, HALTED, VANISHED = 0.0, 1.0, 2.0  # what a lane does; paused is halted
+NOT_HERE = (
+    "Lane solvers and their controllers must be run by `LaneLoop`, the `adjoint` of "
+    "`diffeqsolve`, from a given `solver_state` and `controller_state` and without an "
+    "`event`, but diffrax has asked for a step of its own."
+)
 SMALLEST_STEP = 1e-13  # against max(|t|, 1): below, t + h hardly moves
 
 
@@ -37,20 +42,16 @@ class Verdict(NamedTuple):
     factor: Scalar  # how long the next one may be, over this one
 
 
-class Signals(eqx.Module):
-    """What an observing solver tells the controller beside the error.
+ACCEPTED = Verdict(1.0, 1.0)
 
-    It travels in place of the error estimate, over which diffrax, where it runs the
-    solver itself, only maps, looking for NaN: hence numbers, not flags.
-    """
 
-    error: Numbers
+class Signals(NamedTuple):
+    """What a lane solver tells the controller of a step."""
+
+    verdict: Verdict
     stop: Scalar  # a time on which a step must end; infinity for none
     done: Scalar  # 1 to end the lane after this step, if it is accepted; else 0
-    reached: Scalar | None = (
-        None  # the time of y1 where the step was cut; None: not to be cut
-    )
-    verdict: Verdict | None = None  # where the solver has asked for it already
+    reached: Scalar | None = None  # the time of y1 where steps may be cut
 
 
 class ControlState(NamedTuple):
@@ -63,10 +64,10 @@ class ControlState(NamedTuple):
     h: Scalar  # the length that the error estimate allows
 
 
-class StepControl(dfx.AbstractAdaptiveStepSizeController):
+class StepControl(dfx.AbstractStepSizeController):
     """An integral controller without `pow`, which XLA calls lane by lane on a CPU.
 
-    It ends a lane, with `dt_min_reached`, whose step vanishes or is NaN: such a lane
+    It ends a lane, as `VANISHED`, whose step vanishes or is NaN: such a lane
     would otherwise run for ever and its batch with it.
 
     **Arguments:**
@@ -84,30 +85,10 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
     - `end`: a time on which a step must end, and the lane with it.
     """
 
-    rtol: Scalar  # pyright: ignore[reportIncompatibleVariableOverride]
-    atol: Scalar  # pyright: ignore[reportIncompatibleVariableOverride]
+    rtol: Scalar
+    atol: Scalar
     layer: Scalar | None = None
     end: Scalar = jnp.inf
-
-    @property
-    def norm(self):  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The root mean square; `adapt_step_size` has its square written out."""
-        return optx.rms_norm
-
-    def wrap(self, direction):
-        """Nothing to know of the direction: lanes run forward."""
-        del direction
-        return self
-
-    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, terms, t0: Scalar, t1, y0, dt0: Scalar | None, args, func, error_order
-    ):
-        """Start with `dt0`, which must be given."""
-        del terms, t1, y0, args, func, error_order
-        if dt0 is None:
-            raise ValueError("Argument `dt0` must be given, but is None.")
-        state = self.start(t0, dt0, jnp.inf)
-        return state.t_next, state
 
     def start(self, t0: Scalar, dt0: Scalar, stop: Scalar) -> ControlState:
         """The state before the first step, with a first time to stop on."""
@@ -121,18 +102,17 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
         """The end of a step of about h, on the stop or the end if these are near."""
         return towards(smaller(stop, self.end), t, h)
 
-    def ending(self, t: Scalar, pause: Flag, vanished: Flag) -> dfx.RESULTS:
+    def halt(self, t: Scalar, pause: Flag, vanished: Flag) -> Scalar:
         """What the loop is told: to go on, to pause, or that there is no next step."""
-        okay, paused = dfx.RESULTS.successful, dfx.RESULTS.event_occurred
-        result = dfx.RESULTS.where(pause | (t >= self.end), paused, okay)
-        return dfx.RESULTS.where(vanished, dfx.RESULTS.dt_min_reached, result)
+        halts = jnp.where(pause | (t >= self.end), HALTED, MOVES)
+        return jnp.where(vanished, VANISHED, halts)
 
     def verdict(
         self,
         t0: Scalar,
         t1: Scalar,
-        y0: Vector4,
-        y1: Vector4,
+        y0: PhasePoint,
+        y1: PhasePoint,
         error: Numbers,
         error_order: Scalar,
         reached: Scalar | None = None,
@@ -140,8 +120,9 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
     ) -> Verdict:
         """Whether a step from t0 on is accepted, and how long the next one may be.
 
-        **Arguments:** as `adapt_step_size`; `reached`: as of `Signals`; `moves`:
-        whether the lane does.
+        **Arguments:** `error`: the estimate of that of `y1`; `error_order`: the power
+        of the step that it falls with; `reached`: as of `Signals`; `moves`: whether the
+        lane does.
         """
 
         def judged():
@@ -160,54 +141,50 @@ class StepControl(dfx.AbstractAdaptiveStepSizeController):
 
         return Verdict(*materialise(t0, judged))
 
-    def adapt_step_size(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        t0: Scalar,
-        t1: Scalar,
-        y0: Vector4,
-        y1_candidate: Vector4,
-        args: Column,
-        y_error: Signals | Numbers,
-        error_order: Scalar,
-        controller_state: ControlState,
-    ):
-        """Accept or reject the step, and choose the next one."""
-        del args
-        signals = y_error if isinstance(y_error, Signals) else None
-        error = cast(Numbers, y_error) if signals is None else signals.error
-        stop, left = controller_state.stop, controller_state.left - 1
-
-        cut = None if signals is None else signals.reached
-        whole = cut is None  # steps are never cut
-        reached = t1 if whole else cut
-        tried, allowed = t1 - t0, controller_state.h
-        verdict = None if signals is None else signals.verdict
-        if verdict is None:
-            verdict = self.verdict(t0, t1, y0, y1_candidate, error, error_order, cut)
+    def after(
+        self, t0: Scalar, t1: Scalar, signals: Signals, state: ControlState
+    ) -> tuple[ControlState, Scalar]:
+        """Where a lane is after a step that was tried, and whether it halts there."""
+        left, tried, allowed = state.left - 1, t1 - t0, state.h
+        keep = signals.verdict.accepts > 0
         # one that was shortened to a stop moves with it, those behind it do not
-        keep, h = verdict.accepts > 0, lax.stop_gradient(tried) * verdict.factor
-        if not whole:
+        h = lax.stop_gradient(tried) * signals.verdict.factor
+        reached = t1 if signals.reached is None else signals.reached
+        if signals.reached is not None:
             # one that was shortened to a stop says little about how long one may be
             shortened = keep & (tried < 0.9 * allowed)
             allowed = h = jnp.where(shortened, jnp.maximum(allowed, h), h)
         t = jnp.where(keep, reached, t0)
         # an accepted step may be as small as the stop it was cut to
-        vanished = ~(keep | (h > SMALLEST_STEP * larger(jnp.abs(t), 1.0)))
-        pause = left <= 0
-        if signals is not None:
-            stop = jnp.where(keep, signals.stop, stop)
-            pause |= keep & (signals.done > 0)
-        result = self.ending(t, pause, vanished)
-        t_next = self.towards(stop, t, h)
-        state = ControlState(t, stop, t_next, left, allowed)
-        return keep, t, t_next, False, state, result
+        vanished = jnp.logical_not(keep | (h > SMALLEST_STEP * larger(jnp.abs(t), 1.0)))
+        stop = jnp.where(keep, signals.stop, state.stop)
+        pause = (left <= 0) | (keep & (signals.done > 0))
+        following = ControlState(t, stop, self.towards(stop, t, h), left, allowed)
+        return following, self.halt(t, pause, vanished)
+
+    # ---- what diffrax does not ask for where `LaneLoop` runs
+
+    def wrap(self, direction):
+        """Lanes run forward."""
+        del direction
+        return self
+
+    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
+        """See `start`."""
+        raise NotImplementedError(NOT_HERE)
+
+    def adapt_step_size(
+        self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state
+    ):
+        """See `after`."""
+        raise NotImplementedError(NOT_HERE)
 
 
 def judge(
     rtol: Scalar,
     atol: Scalar,
-    y0: Numbers,
-    y1: Numbers,
+    y0: PhasePoint,
+    y1: PhasePoint,
     error: Numbers,
     error_order: Scalar,
     layer: Scalar | None = None,
@@ -218,9 +195,8 @@ def judge(
         scale = atol + rtol * larger(jnp.abs(a), jnp.abs(b))
         square += (e / scale) ** 2
     if layer is not None:
-        joints = [(error[2], y0[2], y1[2])]
-        joints += [(error[3] - error[2], y0[3] - y0[2], y1[3] - y1[2])]
-        for e, u0, u1 in joints:
+        each = (joint_angles(x.omega) for x in (PhasePoint(error), y0, y1))
+        for e, u0, u1 in zip(*each, strict=True):
             inside = larger(smaller(jnp.abs(u0), jnp.abs(u1)), layer)
             square += (e / (LAYER_SHARE * inside)) ** 2
     square = square / len(error)

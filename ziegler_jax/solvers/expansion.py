@@ -5,16 +5,19 @@ tolerances, and what is left out is then within about one.
 """
 
 import math
+from collections.abc import Sequence
+from functools import reduce
 from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..model.column import Column, joint_balance
-from ..model.set_valued import Dynamics, FrozenCoulomb
+from ..model.chain import Rows, accelerated, holding_torques, joint_angles, on_rods
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..numerics.materialise import materialise
-from ..numerics.numbers import Pair, Scalar, Vector4
+from ..numerics.numbers import Numbers, Scalar
 from ..numerics.series import Series, cauchy
 
 LAST_TERMS = 6.0  # tolerances that each of the last two terms may come to
@@ -22,63 +25,78 @@ LAST_TERMS = 6.0  # tolerances that each of the last two terms may come to
 Coefficients = list[Scalar]  # by order
 
 
-class Motion(NamedTuple):
+class Expansion(NamedTuple):
     """The series of a motion in frozen modes: lists of coefficients."""
 
-    y: tuple[Coefficients, Coefficients, Coefficients, Coefficients]
-    accelerations: tuple[Coefficients, Coefficients]
+    y: tuple[Coefficients, ...]
+    accelerations: tuple[Coefficients, ...]
     # of each joint: its rate in its direction where it slides, its torque where not
-    watched: tuple[Coefficients, Coefficients]
+    watched: tuple[Coefficients, ...]
 
 
-def expand(column: Column, y: Vector4, order: int, at: Scalar) -> Motion:
-    """The series of the motion from y, in the modes of the column's friction."""
-    w1, w2 = Series(at, known=(y[2],)), Series(at, known=(y[3],))
-    phi1, phi2 = w1.integral(y[0]), w2.integral(y[1])
-    a1, a2 = w1.derivative(), w2.derivative()
-    law = cast(FrozenCoulomb, column.friction)
-    assert law.modes is not None
+def expand(system: System, y: PhasePoint, order: int, token: Scalar) -> Expansion:
+    """The series of the motion from y, in the modes of the system's friction."""
+    law, n = system.law, len(y.phi)
+    w = [Series(token, known=(x,)) for x in y.omega]
+    phi = [rate.integral(x) for rate, x in zip(w, y.phi, strict=True)]
+    a = [rate.derivative() for rate in w]
     # the forces of each order rest on the motion up to that order
-    forces = joint_balance(column, cast(Vector4, (phi1, phi2, w1, w2)))
-    h, r1, r2 = cast("tuple[Series, ...]", (forces.h, forces.r1, forces.r2))
-    for x in (h, r1, r2):
+    balance = system.balance(PhasePoint(cast(Numbers, (*phi, *w))))
+    varying = [x for row in (*balance.mass, balance.right) for x in row]
+    varying = [x for x in varying if isinstance(x, Series)]
+    for x in varying:
         x.ready(0)
-    still = Dynamics(forces.a, h[0], forces.d, r1[0], r2[0])
-    inverse_inertia = materialise(at, law.inverse_inertia, still)
-    watched: tuple[Coefficients, Coefficients] = [], []
+    mass = tuple(tuple(_coefficient(x, 0) for x in row) for row in balance.mass)
+    parts = materialise(token, law.factored, mass)
+    watched = tuple([] for _ in w)
     for k in range(order + 1):
-        constraint: Pair = (0.0, 0.0)
-        rates = w1[k], w2[k] - w1[k]
+        holds, rates = (0.0,) * n, joint_angles([rate[k] for rate in w])
         if k < order:
-            for x in (h, r1, r2):
+            for x in varying:
                 x.ready(k)
 
             def driven(k=k):
                 """The forces of this order, but for the accelerations of this order."""
-                if k > 0:
-                    return r1[k] - cauchy(h, a2, k, 1), r2[k] - cauchy(h, a1, k, 1)
-                (m1, m2), (k1, k2) = cast(Pair, law.modes), law.kinetic
-                return r1[0] - m1 * k1 + m2 * k2, r2[0] - m2 * k2
+                left = [_coefficient(x, k) for x in balance.right]
+                if k == 0:
+                    slipping = on_rods(law.slipping)
+                    return [x - t for x, t in zip(left, slipping, strict=True)]
+                return _without_earlier(balance.mass, a, left, k)
 
-            left1, left2 = materialise(at, driven)
-            now = still._replace(r1=left1, r2=left2)
+            left = materialise(token, driven)
 
-            def move(k=k, now=now):
-                accelerations = law.accelerations_under(now, 0.0, 0.0, inverse_inertia)
-                return tuple(a / (k + 1) for a in accelerations)
+            def move(k=k, left=left):
+                each = accelerated(parts, left, law.stuck)
+                return tuple(x / (k + 1) for x in each)
 
-            for w, new in zip((w1, w2), materialise(at, move), strict=True):
-                w.append(new)
-            constraint = law.constraint_torques(now, a1[k], a2[k])
-        rows = zip(watched, law.modes, rates, constraint, strict=True)
-        for row, m, u, torque in rows:
-            row.append(jnp.where(m == 0, torque, m * u))
-    states = tuple([x[k] for k in range(order + 1)] for x in (phi1, phi2, w1, w2))
-    rates = tuple([x[k] for k in range(order)] for x in (a1, a2))
-    return Motion(states, rates, watched)  # pyright: ignore
+            for rate, new in zip(w, materialise(token, move), strict=True):
+                rate.append(new)
+            holds = holding_torques(mass, left, [x[k] for x in a])
+        for row, m, u, t in zip(watched, law.modes, rates, holds, strict=True):
+            row.append(jnp.where(m == 0, t, m * u))
+    states = tuple([x[k] for k in range(order + 1)] for x in (*phi, *w))
+    return Expansion(states, tuple([x[k] for k in range(order)] for x in a), watched)
 
 
-def allowed(motion: Motion, rtol: Scalar, atol: Scalar) -> Scalar:
+def _coefficient(x: Series | Scalar, k: int) -> Scalar:
+    """The k-th of a series; of a number itself the first."""
+    return x[k] if isinstance(x, Series) else x
+
+
+def _without_earlier(
+    mass: Rows, a: Sequence[Series], left: list[Scalar], k: int
+) -> list[Scalar]:
+    """Forces without what the mass matrix makes of accelerations of lower orders."""
+    for i, total in enumerate(left):
+        for j, x in enumerate(a):
+            moment = mass[max(i, j)][min(i, j)]
+            if isinstance(moment, Series):
+                total = total - cauchy(moment, x, k, 1)
+        left[i] = total
+    return left
+
+
+def allowed(motion: Expansion, rtol: Scalar, atol: Scalar) -> Scalar:
     """How long a step may be by the last two terms of its series."""
     order = len(motion.y[0]) - 1
     # one digit would do, and a float32's reciprocal is cheap
@@ -87,7 +105,7 @@ def allowed(motion: Motion, rtol: Scalar, atol: Scalar) -> Scalar:
     shortest = None
     for k in (order - 1, order):
         sizes = [jnp.abs(c[k]) * w for c, w in zip(motion.y, weights, strict=True)]
-        worst = jnp.maximum(jnp.maximum(*sizes[:2]), jnp.maximum(*sizes[2:]))
+        worst = reduce(jnp.maximum, sizes)
         # of what is not finite nothing follows
         h = (math.log2(LAST_TERMS) - _log2(lax.stop_gradient(worst))) / k + 0.0 * worst
         shortest = h if shortest is None else jnp.minimum(shortest, h)

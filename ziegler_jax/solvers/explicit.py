@@ -10,24 +10,29 @@ y_1 = y_0 + h \sum_i b_i k_i,$$
 zeros of the tableau are left out, and each stage is kept as an array.
 """
 
-from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple, TypeVar, cast
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple, TypeVar, cast
 
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..model.column import Column
+from ..model.state import PhasePoint
 from ..numerics.materialise import materialise, traced_once
-from ..numerics.numbers import Flag, Numbers, Scalar, Traced, Traced4, Vector4
+from ..numerics.numbers import Numbers, Scalar
 
 _Row = tuple[float, ...]
-State = TypeVar("State", bound=Numbers)
+# a state, or one with others behind it in a row
+Y = TypeVar("Y", bound=Numbers)
 # functions of the state to be integrated along the motion
-Integrand = Callable[[Vector4], Numbers]
+Integrand = Callable[[PhasePoint], Numbers]
+# a right-hand side of time and state
+Field = Callable[[Scalar, Y], Y]
 
 
-class Explicit(dfx.AbstractSolver):
+class Explicit(eqx.Module):
     """Any explicit Runge-Kutta method, for states that are tuples of scalars.
 
     **Arguments:**
@@ -51,13 +56,8 @@ class Explicit(dfx.AbstractSolver):
     )  # the interpolant's: see `HermiteQuartic`
     c: _Row = eqx.field(static=True)
     last_stage_is_next_first: bool = eqx.field(static=True)
-    method_order: int = eqx.field(static=True)
+    order: int = eqx.field(static=True)
     name: str = eqx.field(static=True)
-
-    term_structure: ClassVar = dfx.AbstractTerm
-    interpolation_cls: ClassVar[Callable[..., dfx.AbstractLocalInterpolation]] = (
-        dfx.ThirdOrderHermitePolynomialInterpolation
-    )
 
     def __init__(
         self,
@@ -90,43 +90,22 @@ class Explicit(dfx.AbstractSolver):
         self.bend = bend
         self.c = tuple(map(float, tableau.c))
         self.last_stage_is_next_first = bool(tableau.fsal and tableau.ssal)
-        self.method_order = order
+        self.order = order
         self.name = usual if name is None else name
 
     def __repr__(self) -> str:
         """Its name: the tableau is long."""
         return f"Explicit({self.name})"
 
-    def order(self, terms: dfx.AbstractTerm) -> int:
-        """The order of convergence."""
-        del terms
-        return self.method_order
-
-    def error_order(self, terms: dfx.AbstractTerm) -> int:
-        """The power of h that the error estimate falls with."""
-        return self.order(terms)
-
-    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
-    ) -> Traced4:
-        """The first stage of the first step."""
-        del t1
-        return self.func(terms, t0, y0, args)
-
-    def func(self, terms, t0, y0, args):
-        """The right-hand side."""
-        return terms.vf(t0, y0, args)
-
     def advance(
         self,
-        terms: dfx.AbstractTerm,
+        field: Field[Y],
         t0: Scalar,
         t1: Scalar,
-        y0: State,
-        args: Column,
-        first: State,
-        integrand: Integrand | None = None,
-    ) -> tuple[State, State, State, Numbers, "Stages"]:
+        y0: Y,
+        first: Y,
+        integrand: Callable[[Y], Numbers] | None = None,
+    ) -> tuple[Y, Y, Y, Numbers, Stages]:
         r"""One step from y0, where the right-hand side is `first`.
 
         **Returns:** y1, the error estimate, the right-hand side at y1, the integrals
@@ -136,15 +115,15 @@ class Explicit(dfx.AbstractSolver):
         """
         h = t1 - t0
         stages = [first]
-        integrands = [] if integrand is None else [integrand(cast(Vector4, y0))]
+        integrands = [] if integrand is None else [integrand(y0)]
 
         def whole(t, y):
-            return terms.vf(t, y, args), (() if integrand is None else integrand(y))
+            return field(t, y), (() if integrand is None else integrand(y))
 
-        field = traced_once(whole, t0, y0)
+        once = traced_once(whole, t0, y0)
 
         def stage(t, y):
-            return y, *field(t, y)
+            return y, *once(t, y)
 
         y = y0
         for row, c in zip(self.a, self.c, strict=True):
@@ -159,33 +138,18 @@ class Explicit(dfx.AbstractSolver):
             y1, last, _ = materialise(t0, stage, t1, y1)
         rows = range(len(y0))
         error = materialise(
-            t0, lambda: tuple(h * _dot(self.b_error, stages, i) for i in rows)
+            t0, lambda: like(y0, (h * weighted(self.b_error, stages, i) for i in rows))
         )
         integrals = ()
         if integrand is not None:
             parts = range(len(integrands[0]))
-            integrals = tuple(h * _dot(self.b, integrands, i) for i in parts)
-        return y1, cast(State, error), last, integrals, Stages(stages, integrands)
+            integrals = tuple(h * weighted(self.b, integrands, i) for i in parts)
+        return y1, error, last, integrals, Stages(stages, integrands)
 
     def bends(self, h: Scalar, stages: Sequence[Numbers]) -> Numbers:
         r"""What bends the interpolant of each number, $h \sum_i d_i k_i$."""
         assert self.bend is not None
-        return tuple(h * _dot(self.bend, stages, i) for i in range(len(stages[0])))
-
-    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        terms: dfx.AbstractTerm,
-        t0: Traced,
-        t1: Traced,
-        y0: Traced4,
-        args: Column,
-        solver_state: Traced4,
-        made_jump: Flag,
-    ):
-        """One step, as diffrax asks for it."""
-        del made_jump
-        y1, error, last, *_ = self.advance(terms, t0, t1, y0, args, solver_state)
-        return y1, error, dense(t0, t1, y0, y1, solver_state, last), last, OKAY
+        return tuple(h * weighted(self.bend, stages, i) for i in range(len(stages[0])))
 
 
 # Tsitouras, Computers & Mathematics with Applications 62 (2011) 770-775: the leading
@@ -198,7 +162,6 @@ _KNOWN = {
     id(dfx.Tsit5.tableau): ("Tsit5", 5, _TSIT5_BEND),
     id(dfx.Dopri8.tableau): ("Dopri8", 8, None),
 }
-OKAY = dfx.RESULTS.successful
 
 
 class Stages(NamedTuple):
@@ -208,21 +171,16 @@ class Stages(NamedTuple):
     integrands: Sequence[Numbers]
 
 
-def dense(
-    t0: Scalar, t1: Scalar, y0: Vector4, y1: Vector4, first: Vector4, last: Vector4
-) -> dict[str, Numbers]:
-    """What diffrax's cubic Hermite interpolation needs of a step."""
-    h = t1 - t0
-    k0 = tuple(h * x for x in first)
-    k1 = tuple(h * x for x in last)
-    return {"y0": y0, "y1": y1, "k0": k0, "k1": k1}
-
-
-def _dot(row: _Row, stages: Sequence[Numbers], i: int) -> Scalar:
+def weighted(row: Sequence[float], stages: Sequence[Numbers], i: int) -> Scalar:
+    """The sum of a number of the stages, each times its weight; zeros are left out."""
     terms = [w * k[i] for w, k in zip(row, stages, strict=False) if w != 0.0]
     return sum(terms[1:], terms[0]) if terms else jnp.zeros_like(stages[0][i])
 
 
-def _increment(y0: State, h: Scalar, row: _Row, stages: Sequence[Numbers]) -> State:
-    moved = tuple(y + h * _dot(row, stages, i) for i, y in enumerate(y0))
-    return cast(State, moved)
+def like(y: Y, numbers: Iterable[Scalar]) -> Y:
+    """Numbers in a row of the same kind."""
+    return type(y)(numbers)  # pyright: ignore[reportCallIssue]
+
+
+def _increment(y0: Y, h: Scalar, row: _Row, stages: Sequence[Numbers]) -> Y:
+    return like(y0, (y + h * weighted(row, stages, i) for i, y in enumerate(y0)))

@@ -1,13 +1,14 @@
 """What decides where a step must end: a guard for each joint, over the step."""
 
 from collections.abc import Sequence
-from typing import cast
+from functools import reduce
 
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, joint_balance
-from ..model.set_valued import FrozenCoulomb
+from ..model.chain import joint_angles
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..numerics.hermite import (
     HermiteQuartic,
     bezier_verdict,
@@ -15,7 +16,7 @@ from ..numerics.hermite import (
     falls_below,
 )
 from ..numerics.materialise import if_any_lane, materialise, tree_where
-from ..numerics.numbers import Flag, Pair, Scalar, Vector4
+from ..numerics.numbers import Flag, Numbers, Scalar
 
 
 def rate_courses(y0, y1, h, f0, f1, bends) -> list[HermiteQuartic]:
@@ -25,13 +26,14 @@ def rate_courses(y0, y1, h, f0, f1, bends) -> list[HermiteQuartic]:
 
 
 def brackets_of(
-    courses: list[HermiteQuartic], tol: Pair, t0: Scalar
+    courses: list[HermiteQuartic], tol: Numbers, t0: Scalar
 ) -> Sequence[tuple[Flag, Scalar, Scalar]]:
     """For each guard whether it falls below its tolerance, and between which places."""
     plain = materialise(
         t0, lambda: [bezier_verdict(c, e) for c, e in zip(courses, tol, strict=True)]
     )
-    doubtful = cast(Flag, ~(plain[0][0] & plain[1][0]))
+    sure = reduce(jnp.logical_and, (known for known, _ in plain))
+    doubtful = jnp.logical_not(sure)
     zero, one = jnp.zeros_like(t0), jnp.ones_like(t0)
     brackets = [(falls, zero, one) for _, falls in plain]
 
@@ -46,14 +48,17 @@ def brackets_of(
     return if_any_lane(doubtful, refine, brackets)
 
 
-def sliding_guards(modes: Pair, motion: list[HermiteQuartic]) -> list[HermiteQuartic]:
+def sliding_guards(
+    modes: Numbers, motion: list[HermiteQuartic]
+) -> list[HermiteQuartic]:
     """The guards of joints that slip, from the courses of the state."""
-    _, _, w1, w2 = motion
-    u2 = jax.tree.map(lambda a, b: a - b, w2, w1)
-    pairs = zip(modes, (w1, u2), strict=True)
+    rates = motion[len(modes) :]
+    turns = map(joint_angles, zip(*rates, strict=True))
+    courses = (HermiteQuartic(*each) for each in zip(*turns, strict=True))
+    pairs = zip(modes, courses, strict=True)
     return [jax.tree.map(lambda x, m=m: m * x, u) for m, u in pairs]
 
 
-def guard_of(column: Column, y: Vector4, least: Scalar) -> Pair:
-    """The guards of joints that stick, in the column's modes."""
-    return cast(FrozenCoulomb, column.friction).guard(joint_balance(column, y), least)
+def guard_of(system: System, y: PhasePoint, least: Scalar) -> Numbers:
+    """The guards of joints that stick, in the system's modes."""
+    return system.law.guard(system.balance(y), least)

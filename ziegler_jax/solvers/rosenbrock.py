@@ -15,17 +15,20 @@ $$\bigl(I - g Q - g^2 P\bigr)\, u_\omega = g\,(r_\omega + g P r_\phi), \qquad
 and a 2 x 2 matrix, inverted once a step, is all that is left to solve.
 """
 
-from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple, cast
+from __future__ import annotations
 
-import diffrax as dfx
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column
+from ..model.jacobian import with_slopes
+from ..model.state import PhasePoint
 from ..numerics.materialise import materialise
-from ..numerics.numbers import Flag, Numbers, Pair, Scalar, Traced, Traced4, Vector4
-from .explicit import OKAY, Integrand, State, dense
+from ..numerics.numbers import Numbers, Scalar
+from .explicit import Field, Integrand, weighted
 
 # Rodas5P: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical
 # benchmarks within the Julia Differential Equations package, BIT Numerical Mathematics
@@ -127,18 +130,18 @@ H = (
 # h times the extension's slope at the step's end
 _END = tuple(m - sum(column) for m, column in zip(M, zip(*H, strict=True), strict=True))
 
-Rows = tuple[Pair, Pair]  # of a 2 x 2 matrix
+Rows = tuple[Numbers, ...]  # of a matrix
 
 
 class Linearised(NamedTuple):
     """The field at a step's start, and the matrices of the step."""
 
-    field: Vector4
+    field: PhasePoint
     p: Rows  # g P, row by row
     inverse: Rows  # of I - g Q - g^2 P
 
 
-class Rosenbrock(dfx.AbstractSolver):
+class Rosenbrock(eqx.Module):
     r"""Rodas5P for autonomous fields of $(\phi_1, \phi_2, \omega_1, \omega_2)$.
 
     For smoothed friction with $v_{smooth}$ far below $\tau$, or strong damping: where
@@ -155,41 +158,17 @@ class Rosenbrock(dfx.AbstractSolver):
     """
 
     name: ClassVar[str] = "Rodas5P"
-    term_structure: ClassVar = dfx.AbstractTerm
-    interpolation_cls: ClassVar[Callable[..., dfx.AbstractLocalInterpolation]] = (
-        dfx.ThirdOrderHermitePolynomialInterpolation
-    )
-
-    def order(self, terms: dfx.AbstractTerm) -> int:
-        """The order of convergence."""
-        del terms
-        return 5
-
-    def error_order(self, terms: dfx.AbstractTerm) -> int:
-        """The power of h that the error estimate falls with."""
-        return self.order(terms)
-
-    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
-    ) -> Traced4:
-        """The slope at the start."""
-        del t1
-        return self.func(terms, t0, y0, args)
-
-    def func(self, terms, t0, y0, args):
-        """The right-hand side."""
-        return terms.vf(t0, y0, args)
+    order: ClassVar[int] = 5
 
     def advance(
         self,
-        terms: dfx.AbstractTerm,
+        field: Field[PhasePoint],
         t0: Scalar,
         t1: Scalar,
-        y0: Vector4,
-        args: Column,
-        first: Vector4,
+        y0: PhasePoint,
+        first: PhasePoint,
         integrand: Integrand | None = None,
-    ) -> tuple[Vector4, Vector4, Vector4, Numbers]:
+    ) -> tuple[PhasePoint, PhasePoint, PhasePoint, Numbers]:
         r"""One step from y0.
 
         **Returns:** y1, the error estimate, the slope at y1, and the integrals
@@ -201,100 +180,75 @@ class Rosenbrock(dfx.AbstractSolver):
         del first  # the linearisation holds the field
         h = t1 - t0
         g, per_h = GAMMA * h, 1.0 / h
-        start = materialise(
-            t0, lambda: _linearised(lambda y: terms.vf(t0, y, args), y0, g)
-        )
+        start = materialise(t0, lambda: _linearised(lambda y: field(t0, y), y0, g))
         quantities = (lambda y: ()) if integrand is None else integrand
         first_parts, along = jax.linearize(quantities, y0)
 
-        def solved(field, push):
-            r1, r2 = field[0] + push[0], field[1] + push[1]
+        def solved(slope, push):
+            r1, r2 = slope[0] + push[0], slope[1] + push[1]
             (p11, p12), (p21, p22) = start.p
             (i11, i12), (i21, i22) = start.inverse
-            s1 = field[2] + push[2] + p11 * r1 + p12 * r2
-            s2 = field[3] + push[3] + p21 * r1 + p22 * r2
+            s1 = slope[2] + push[2] + p11 * r1 + p12 * r2
+            s2 = slope[3] + push[3] + p21 * r1 + p22 * r2
             w1, w2 = g * (i11 * s1 + i12 * s2), g * (i21 * s1 + i22 * s2)
             return g * (r1 + w1), g * (r2 + w2), w1, w2
 
         def stage(y, push):
-            u = solved(terms.vf(t0, y, args), push)
-            return u, _sums(quantities(y), along(u))
+            u = solved(field(t0, y), push)
+            return u, _sums(quantities(y), along(PhasePoint(u)))
 
         def first_stage():
             u = solved(start.field, (0.0,) * 4)
-            return u, _sums(first_parts, along(u))
+            return u, _sums(first_parts, along(PhasePoint(u)))
 
         y = y0
         u, parts = materialise(t0, first_stage)
         stages, works = [u], [tuple(g * x for x in parts)]
         for a, c in zip(A, C, strict=True):
-            y = tuple(x + _dot(a, stages, i) for i, x in enumerate(y0))
-            push = tuple(per_h * _dot(c, stages, i) for i in range(4))
+            y = PhasePoint(x + weighted(a, stages, i) for i, x in enumerate(y0))
+            push = tuple(per_h * weighted(c, stages, i) for i in range(4))
             u, parts = materialise(t0, stage, y, push)
             stages.append(u)
             works.append(
-                tuple(g * x + GAMMA * _dot(c, works, i) for i, x in enumerate(parts))
+                tuple(
+                    g * x + GAMMA * weighted(c, works, i) for i, x in enumerate(parts)
+                )
             )
-        y1 = _sums(y, stages[-1])
-        slopes = tuple(per_h * _dot(_END, stages, i) for i in (2, 3))
+        y1 = PhasePoint(_sums(y, stages[-1]))
+        slopes = tuple(per_h * weighted(_END, stages, i) for i in (2, 3))
 
         def errors():
-            field = terms.vf(t0, y1, args)
-            missed = [h * (field[i + 2] - slopes[i]) for i in (0, 1)]
+            there = field(t0, y1)
+            missed = [h * (there[i + 2] - slopes[i]) for i in (0, 1)]
             e1, e2, *rates = stages[-1]
             for i, row in enumerate(start.inverse):
                 defect = row[0] * missed[0] + row[1] * missed[1]
                 larger = jnp.abs(defect) > jnp.abs(rates[i])
                 rates[i] = jnp.where(larger, defect, rates[i])
-            return e1, e2, *rates
+            return PhasePoint((e1, e2, *rates))
 
         error = materialise(t0, errors)
-        integrals = tuple(_dot(M, works, i) for i in range(len(works[0])))
-        last = cast(Vector4, (y1[2], y1[3], *slopes))
-        return cast(Vector4, y1), cast(Vector4, error), last, integrals
-
-    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        terms: dfx.AbstractTerm,
-        t0: Traced,
-        t1: Traced,
-        y0: Traced4,
-        args: Column,
-        solver_state: Traced4,
-        made_jump: Flag,
-    ):
-        """One step, as diffrax asks for it."""
-        del made_jump
-        y1, error, last, _ = self.advance(terms, t0, t1, y0, args, solver_state)
-        return y1, error, dense(t0, t1, y0, y1, solver_state, last), last, OKAY
+        integrals = tuple(weighted(M, works, i) for i in range(len(works[0])))
+        last = PhasePoint.of(y1.omega, slopes)
+        return y1, error, last, integrals
 
 
 def _linearised(
-    function: Callable[[Vector4], Vector4], y0: Vector4, g: Scalar
+    function: Callable[[PhasePoint], PhasePoint], y0: PhasePoint, g: Scalar
 ) -> Linearised:
     """The field at y0, and what its Jacobian makes of the step's linear systems."""
-    field, along = jax.linearize(function, y0)
-    zero, one = jnp.zeros_like(y0[0]), jnp.ones_like(y0[0])
-    columns = []
-    for i in range(4):
-        direction = tuple(one if j == i else zero for j in range(4))
-        columns.append(along(direction)[2:])
-    p = tuple(tuple(g * columns[j][i] for j in (0, 1)) for i in (0, 1))
+    rates, (first, second) = with_slopes(lambda *y: function(PhasePoint(y)).omega, y0)
+    field = PhasePoint.of(y0.omega, rates)
+    p = tuple(tuple(g * x for x in row[:2]) for row in (first, second))
     m11, m12, m21, m22 = (
-        (1.0 if i == j else 0.0) - g * (columns[j + 2][i] + p[i][j])
-        for i in (0, 1)
+        (1.0 if i == j else 0.0) - g * (row[j + 2] + p[i][j])
+        for i, row in enumerate((first, second))
         for j in (0, 1)
     )
     over = 1.0 / (m11 * m22 - m12 * m21)
     inverse = ((m22 * over, -m12 * over), (-m21 * over, m11 * over))
-    return Linearised(field, cast(Rows, p), inverse)
+    return Linearised(field, p, inverse)
 
 
-def _sums(values: State, changes: Numbers) -> State:
-    sums = tuple(v + c for v, c in zip(values, changes, strict=True))
-    return cast(State, sums)
-
-
-def _dot(row: tuple[float, ...], stages: Sequence[Numbers], i: int) -> Scalar:
-    terms = [w * u[i] for w, u in zip(row, stages, strict=False)]
-    return sum(terms[1:], terms[0])
+def _sums(values: Numbers, changes: Numbers) -> Numbers:
+    return tuple(v + c for v, c in zip(values, changes, strict=True))

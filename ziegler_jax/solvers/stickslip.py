@@ -18,15 +18,17 @@ alone. For friction on the joints' reactions it took half the time, but at 1e-10
 96 motions err by 1e-5 in energy where a joint's reaction nearly vanishes.
 """
 
-from typing import Generic, NamedTuple, cast
+from collections.abc import Sequence
+from typing import Generic, NamedTuple
 
-import diffrax as dfx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, joint_balance, vector_field
-from ..model.release_layer import FAR
-from ..model.set_valued import Dynamics, FrozenCoulomb, in_modes
+from ..model.chain import joint_angles, welded
+from ..model.coulomb_torques import CoulombInModes, MassAndForces
+from ..model.state import PhasePoint
+from ..model.stick_slip_modes import modes_of
+from ..model.system import System
 from ..numerics.hermite import (
     HermiteQuartic,
     chord_root,
@@ -35,10 +37,10 @@ from ..numerics.hermite import (
     through,
 )
 from ..numerics.materialise import if_any_lane, materialise, tree_where
-from ..numerics.numbers import Flag, Flags, Pair, Scalar, Traced, Traced4, Vector4
+from ..numerics.numbers import Flag, Flags, Numbers, Scalar
 from .control import Signals
-from .explicit import OKAY, Explicit, dense
-from .fold import AbstractFold, AbstractObserved, State, Step
+from .explicit import Explicit
+from .fold import AbstractFold, AbstractLaneSolver, State, Step
 from .guards import brackets_of, guard_of, rate_courses, sliding_guards
 
 EVENT_SHARE = 0.01  # an event's tolerance against that of a step
@@ -46,32 +48,31 @@ FINEST = 64  # and the least, in units of rounding
 # Events that follow each other within SAME_TIME, in a row: then time does not go on.
 SAME_TIME, MOST_AT_ONCE = 1e-9, 40
 # for each joint whether a step ends on its event, and whether its guard falls there
-Passed = tuple[Flags, Flags]
+Passed = tuple[Flags, ...]
 
 
 class StickSlipState(NamedTuple, Generic[State]):
     """Where a stick-slip solve is."""
 
-    y: Traced4
-    accelerations: Pair  # at y in the modes
+    y: PhasePoint
+    accelerations: Numbers  # at y in the modes
     folded: State
-    modes: Pair
-    guard: Pair  # the guards of sticking joints
-    guard_rate: Pair  # and their slopes in time
+    modes: Numbers
+    guard: Numbers  # the guards of sticking joints
+    guard_rate: Numbers  # and their slopes in time
     last_event: Scalar
     at_once: Scalar  # how many events have followed each other without time between
 
     @property
-    def slope(self) -> Traced4:
+    def slope(self) -> PhasePoint:
         """The right-hand side at y."""
-        return cast(Traced4, (*self.y[2:], *self.accelerations))
+        return PhasePoint.of(self.y.omega, self.accelerations)
 
 
-class StickSlip(AbstractObserved[StickSlipState, Explicit]):
+class StickSlip(AbstractLaneSolver[StickSlipState]):
     """An explicit solver for set-valued friction, with a fold over accepted steps.
 
-    Needs `StepControl`. The column among diffrax's `args` must have been prepared:
-    its friction is `FrozenCoulomb`.
+    Needs `StepControl`. diffrax's `args` are the system, no modes chosen yet.
 
     **Arguments:** `solver`; `fold`; `tolerance`: of a step, to which that of events is
     bound: they are met when the guard is within a hundredth of it.
@@ -81,54 +82,55 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
     fold: AbstractFold
     tolerance: Scalar
 
-    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
-    ) -> StickSlipState:
+    @property
+    def degree(self) -> int:
+        """The method's order."""
+        return self.solver.order
+
+    def begin(self, system, t0, y0):
         """The modes of the start, and the fold's."""
-        del terms, t1
         tol, zero = event_tolerance(self.tolerance, y0[0]), 0.0 * y0[0]
-        y, modes = begun(args, y0, tol)
-        column = in_modes(args, modes)
-        slope = cast(Traced4, vector_field(t0, y, column))
-        guard, guard_rate = _holding(column, y, slope, tol)
-        folded = self.fold.init(column, t0, y)
+        y, modes = begun(system, y0, tol)
+        system = system.in_modes(modes)
+        slope = system.field(t0, y)
+        guard, guard_rate = _holding(system, y, slope, tol)
+        folded = self.fold.init(system, t0, y)
         return StickSlipState(
-            y, slope[2:], folded, modes, guard, guard_rate, t0 - 1.0 + zero, zero
+            y, slope.omega, folded, modes, guard, guard_rate, t0 - 1.0 + zero, zero
         )
 
     def chatters(self, state: StickSlipState) -> Flag:
         """Whether the lane cannot go on, because events follow without time between."""
         return chattering(state.at_once)
 
-    def try_step(self, terms, t0, t1, y0, args, solver_state, judge=None):
+    def attempt(self, system, t0, t1, where, judge):
         """One step in frozen modes, cut on the first event, and the change of modes."""
-        _, _, folded, modes, guard, guard_rate, last_event, at_once = solver_state
-        column = in_modes(args, modes)
-        law, h, f0 = cast(FrozenCoulomb, column.friction), t1 - t0, solver_state.slope
+        y0, _, folded, modes, guard, guard_rate, last_event, at_once = where
+        system = system.in_modes(modes)
+        law, h, f0 = system.law, t1 - t0, where.slope
         least = event_tolerance(self.tolerance, t1)
-        watched = self.fold.integrand(column)
+        watched = self.fold.integrand(system)
 
         y1, error, f1, whole, stages = self.solver.advance(
-            terms, t0, t1, y0, column, f0, watched
+            system.right_hand_side, t0, t1, y0, f0, watched
         )
-        y1 = (*y1[:2], *law.hold(y1[2], y1[3]))
+        y1 = PhasePoint.of(y1.phi, law.hold(y1.omega))
         bends = materialise(t0, self.solver.bends, h, stages.slopes)
         motion = rate_courses(y0, y1, h, f0, f1, bends)
         tol = self._tolerances(t1, modes, f1, guard_rate)
-        guards = guard, guard_rate, materialise(t0, guard_of, column, y1, least)
-        x, forced, passed = self._first_event(column, motion, t0, h, guards, tol)
+        guards = guard, guard_rate, materialise(t0, guard_of, system, y1, least)
+        x, forced, passed = self._first_event(system, motion, t0, h, guards, tol)
         cut = x < 1
 
         def arrive():
             pairs = zip(motion, y1, strict=True)
-            y = tuple(jnp.where(cut, course(x), end) for course, end in pairs)
-            y = cast(Traced4, y)
+            y = PhasePoint(jnp.where(cut, course(x), end) for course, end in pairs)
             return _arrival(law, y, passed, cut, tol)
 
         y, rest, landed, met = materialise(t0, arrive)
 
         def release():
-            balance = joint_balance(column, y)
+            balance = system.balance(y)
             return balance, *_released(law, balance, passed, tol, least)
 
         balance, freed, close = materialise(t0, release)
@@ -138,22 +140,20 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
         # else as large as the state: repeated with a far shorter step, and with finite
         # slopes
         pairs = zip(error, y, strict=True)
-        error = tuple(jnp.where(met, e, 1.0 + jnp.abs(x)) for e, x in pairs)
+        error = PhasePoint(jnp.where(met, e, 1.0 + jnp.abs(x)) for e, x in pairs)
 
         def change(modes):
-            new = chosen(law, balance, rest, cast(Flags, landed), tol)
-            after = (jnp.where(event, a, b) for a, b in zip(new, modes, strict=True))
-            return cast(Pair, tuple(after))
+            new = chosen(law, balance, rest, landed, tol)
+            pairs = zip(new, modes, strict=True)
+            return tuple(jnp.where(event, a, b) for a, b in pairs)
 
         modes_after = if_any_lane(event, change, modes)
-        now = in_modes(args, modes_after)
+        now = system.in_modes(modes_after)
 
         def slopes():
             """At the end, in the modes before and after."""
-            return [
-                cast(Traced4, (y[2], y[3], *friction.accelerations(balance)))
-                for friction in (law, cast(FrozenCoulomb, now.friction))
-            ]
+            each = (friction.accelerations(balance) for friction in (law, now.law))
+            return [PhasePoint.of(y.omega, rates) for rates in each]
 
         f_end, slope = materialise(t0, slopes)
         guard, guard_rate = materialise(t0, _holding, now, y, slope, least)
@@ -171,46 +171,42 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
             parts = rate_courses(zero, whole, h, rows[0], rows[-1], bends)
             integrals = tuple(part(x) for part in parts)
         step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, modes_after))
-        verdict = None if judge is None else judge(y, error, t_end)
-        folded, stop, done = self.fold.accepted(column, folded, step, verdict)
+        verdict = judge(y, error, t_end)
+        folded, stop, done = self.fold.accepted(system, folded, step, verdict)
         state = StickSlipState(
-            y, slope[2:], folded, modes_after, guard, guard_rate, last_event, at_once
+            y, slope.omega, folded, modes_after, guard, guard_rate, last_event, at_once
         )
         when = stop, done | self.chatters(state)
         stop, done = (jnp.asarray(x, jnp.result_type(t1)) for x in when)
-        signals = Signals(error, stop, done, t_end, verdict)
-        return y, signals, dense(t0, t1, y0, y, f0, f_end), state, OKAY
+        return state, Signals(verdict, stop, done, t_end)
 
     def _tolerances(
-        self, t: Scalar, modes: Pair, slope: Vector4, guard_rate: Pair
-    ) -> Pair:
+        self, t: Scalar, modes: Numbers, slope: PhasePoint, guard_rate: Numbers
+    ) -> Numbers:
         """How closely each guard can be met: no more than a time can be told."""
         least = event_tolerance(self.tolerance, t)
         eps = jnp.finfo(jnp.result_type(t)).eps
-        speeds = [
-            jnp.where(m == 0, e, f)
-            for m, e, f in zip(modes, guard_rate, _rates(slope), strict=True)
-        ]
-        return cast(Pair, tuple(least + 8 * eps * jnp.abs(t * v) for v in speeds))
+        each = zip(modes, guard_rate, joint_angles(slope.omega), strict=True)
+        speeds = (jnp.where(m == 0, e, f) for m, e, f in each)
+        return tuple(least + 8 * eps * jnp.abs(t * v) for v in speeds)
 
     def _first_event(
         self,
-        column: Column,
+        system: System,
         motion: list[HermiteQuartic],
         t0: Scalar,
         h: Scalar,
-        guards: tuple[Pair, Pair, Pair],
-        tol: Pair,
+        guards: tuple[Numbers, Numbers, Numbers],
+        tol: Numbers,
     ) -> tuple[Scalar, Flag, Passed]:
         """Where in (0, 1] the step must end, and which guards fall there.
 
         **Returns:** the place; whether it is as early as can be told; and for each
         joint whether this is its event, and whether its guard falls there.
         """
-        law = cast(FrozenCoulomb, column.friction)
-        assert law.modes is not None
+        law = system.law
         guard, guard_rate, guard1 = guards
-        stuck = tuple(m == 0 for m in law.modes)
+        stuck = law.stuck
 
         def look():
             """A place within the step, for the torques that hold."""
@@ -224,17 +220,16 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
         inner = materialise(t0, look)
 
         def within():
-            p1, p2, w1, w2 = (course(inner) for course in motion)
-            return guard_of(
-                column, (p1, p2, *law.hold(w1, w2)), event_tolerance(self.tolerance, t0)
-            )
+            y = PhasePoint(course(inner) for course in motion)
+            at = PhasePoint.of(y.phi, law.hold(y.omega))
+            return guard_of(system, at, event_tolerance(self.tolerance, t0))
 
         inside = materialise(t0, within)
 
         def guard_courses():
             rows = zip(guard, guard_rate, inside, guard1, strict=True)
             holding = [through(g, h * v, inner, gx, g1) for g, v, gx, g1 in rows]
-            sliding = sliding_guards(cast(Pair, law.modes), motion)
+            sliding = sliding_guards(law.modes, motion)
             return [
                 tree_where(s, one, other)
                 for s, one, other in zip(stuck, holding, sliding, strict=True)
@@ -272,7 +267,7 @@ class StickSlip(AbstractObserved[StickSlipState, Explicit]):
             return (
                 x,
                 root <= soonest,
-                cast(Passed, tuple(zip(mine, falls, strict=True))),
+                tuple(zip(mine, falls, strict=True)),
             )
 
         return materialise(t0, verdict)
@@ -284,14 +279,13 @@ def event_tolerance(tolerance: Scalar, x: Scalar) -> Scalar:
     return jnp.maximum(EVENT_SHARE * tolerance, least)
 
 
-def begun(column: Column, y0: Traced4, tol: Scalar) -> tuple[Traced4, Pair]:
+def begun(system: System, y0: PhasePoint, tol: Scalar) -> tuple[PhasePoint, Numbers]:
     """The start, with the rates of resting joints exactly zero, and its modes."""
-    rest = cast(Flags, tuple(jnp.abs(u) <= tol for u in _rates(y0)))
-    y = at_rest(y0, rest)
-    law = cast(FrozenCoulomb, column.friction)
-    m1, m2 = law.begin(joint_balance(column, y), _rates(y), rest)
-    zero = 0.0 * y0[0]
-    return y, (m1 + zero, m2 + zero)
+    rest = [jnp.abs(u) <= tol for u in joint_angles(y0.omega)]
+    y, zero = at_rest(y0, rest), 0.0 * y0[0]
+    u = joint_angles(y.omega)
+    law = system.coulomb.at_state(system.balance(y), u, rest)
+    return y, tuple(m + zero for m in law.modes)
 
 
 def chattering(at_once: Scalar) -> Flag:
@@ -299,89 +293,75 @@ def chattering(at_once: Scalar) -> Flag:
     return at_once > MOST_AT_ONCE
 
 
-def _rates(y: Vector4) -> Pair:
-    return y[2], y[3] - y[2]
-
-
-def at_rest(y: Traced4, rest: Flags) -> Traced4:
+def at_rest(y: PhasePoint, rest: Sequence[Flag]) -> PhasePoint:
     """The state with the rates of resting joints exactly zero."""
-    w1 = jnp.where(rest[0], 0.0, y[2])
-    return y[0], y[1], w1, jnp.where(rest[1], w1, y[3])
+    return PhasePoint.of(y.phi, welded(rest, y.omega))
 
 
 def _holding(
-    column: Column, y: Vector4, slope: Vector4, least: Scalar
-) -> tuple[Pair, Pair]:
+    system: System, y: PhasePoint, slope: PhasePoint, least: Scalar
+) -> tuple[Numbers, Numbers]:
     """The guards of joints that stick, and their slopes in time."""
-    return jax.jvp(lambda y: guard_of(column, y, least), (y,), (slope,))
+    return jax.jvp(lambda y: guard_of(system, y, least), (y,), (slope,))
 
 
 def _arrival(
-    law: FrozenCoulomb, y: Traced4, passed: Passed, cut: Flag, tol: Pair
-) -> tuple[Traced4, Flags, Flags, Flag]:
+    law: CoulombInModes, y: PhasePoint, passed: Passed, cut: Flag, tol: Numbers
+) -> tuple[PhasePoint, list[Flag], list[Flag], Flag]:
     """The step's end: the state with landed rates at rest, which rest, which landed.
 
     Last: whether the rates are as close to their event as the tolerances ask.
     """
-    assert law.modes is not None
-    w1, w2 = law.hold(y[2], y[3])
-    rest, landed, met = [], [], True
-    rows = zip(law.modes, (w1, w2 - w1), passed, tol, strict=True)
+    rates = law.hold(y.omega)
+    rest: list[Flag] = []
+    landed: list[Flag] = []
+    met: Flag = True
+    rows = zip(law.modes, joint_angles(rates), passed, tol, strict=True)
     for m, u, here, e in rows:
         slips, (ends, close) = m != 0, _at_event(m * u, here, e)
         landed.append(slips & ends)
-        rest.append(~slips | ends | (cut & (jnp.abs(u) <= e)))
-        met &= ~slips | close
-    rest, landed = cast(Flags, tuple(rest)), cast(Flags, tuple(landed))
-    y = cast(Traced4, (y[0], y[1], w1, w2))
-    return at_rest(y, rest), rest, landed, cast(Flag, met)
+        sticks = jnp.logical_not(slips)
+        rest.append(sticks | ends | (cut & (jnp.abs(u) <= e)))
+        met &= sticks | close
+    return at_rest(PhasePoint.of(y.phi, rates), rest), rest, landed, met
 
 
 def _released(
-    law: FrozenCoulomb, balance: Dynamics, passed: Passed, tol: Pair, least: Scalar
-) -> tuple[Flags, Flag]:
+    law: CoulombInModes,
+    balance: MassAndForces,
+    passed: Passed,
+    tol: Numbers,
+    least: Scalar,
+) -> tuple[list[Flag], Flag]:
     """Which sticking joints reach their most, and whether as close as asked."""
-    assert law.modes is not None
-    freed, met = [], True
+    freed: list[Flag] = []
+    met: Flag = True
     rows = zip(law.modes, law.guard(balance, least), passed, tol, strict=True)
     for m, guard, here, e in rows:
         sticks, (ends, close) = m == 0, _at_event(guard, here, e)
         freed.append(sticks & ends)
-        met &= ~sticks | close
-    return cast(Flags, tuple(freed)), cast(Flag, met)
+        met &= jnp.logical_not(sticks) | close
+    return freed, met
 
 
 def _at_event(guard: Scalar, passed: Flags, tol: Scalar) -> Flags:
     """Whether a mode ends here by its guard, and whether as close as the tolerance."""
     mine, falls = passed
     low = guard <= tol
-    return mine | (low & falls), cast(Flag, (guard >= -tol) & (~mine | low))
+    return mine | (low & falls), (guard >= -tol) & (jnp.logical_not(mine) | low)
 
 
 def chosen(
-    law: FrozenCoulomb, balance: Dynamics, rest: Flags, landed: Flags, tol: Pair
-) -> Pair:
+    law: CoulombInModes,
+    balance: MassAndForces,
+    rest: Sequence[Flag],
+    landed: Sequence[Flag],
+    tol: Sequence[Scalar],
+) -> Numbers:
     """The modes after an event."""
-    assert law.modes is not None
-    here = law.loaded(balance)
-    torque = here.torques(balance)
-    slack, layer = [], []
-    for i, m in enumerate(law.modes):
-        sticks = m == 0
-        slack.append(jnp.where(sticks & landed[i], 2 * tol[i], 0.0))
-        inside = jnp.clip(torque[i] / jnp.maximum(here.static[i], 1e-30), -1.0, 1.0)
-        # one that breaks loose is just beyond its peak
-        inside = jnp.where(landed[i], 1.001 * jnp.sign(torque[i]), inside)
-        layer.append(jnp.where(sticks, inside, FAR * m))
-    event = landed[0] | landed[1]
-
-    def packed():
-        """Both modes in one number, that they are not chosen twice."""
-        sides = cast(Pair, tuple(slack)), cast(Pair, tuple(layer))
-        parts = balance, cast(Pair, law.modes), rest, *sides, event
-        m1, m2 = law.chosen(*parts)
-        return 3 * m1 + m2
-
-    both = materialise(balance.r1, packed)
-    m1 = jnp.round(both / 3)
-    return m1, both - 3 * m1
+    each = zip(law.stuck, landed, tol, strict=True)
+    slack = [jnp.where(stuck & ends, 2 * e, 0.0) for stuck, ends, e in each]
+    number = materialise(
+        balance.right[0], lambda: law.chosen(balance, law.modes, rest, slack)
+    )
+    return modes_of(number, len(law.modes))

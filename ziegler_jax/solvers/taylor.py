@@ -8,33 +8,25 @@ first end of a mode. There a joint that slid is at rest, the friction law choose
 modes, and the motion goes on.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
-from typing import Generic, NamedTuple, cast
+from typing import Generic, NamedTuple
 
-import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..model.column import Column, joint_balance
-from ..model.set_valued import FrozenCoulomb, in_modes
+from ..model.chain import joint_angles
+from ..model.state import PhasePoint
 from ..numerics.bernstein import ends_here, first_event, first_look
 from ..numerics.materialise import if_any_lane, materialise
-from ..numerics.numbers import (
-    Flag,
-    Flags,
-    Numbers,
-    Pair,
-    Scalar,
-    Traced,
-    Traced4,
-    Vector4,
-)
+from ..numerics.numbers import Flag, Numbers, Scalar
 from ..numerics.series import value
 from .control import ControlState, Signals, StepControl, Verdict
 from .expansion import Coefficients, allowed, expand
-from .explicit import OKAY, Integrand, dense
-from .fold import AbstractFold, AbstractObserved, State, Step
+from .explicit import Integrand
+from .fold import AbstractFold, AbstractLaneSolver, State, Step
 from .stickslip import (
     FINEST,
     SAME_TIME,
@@ -71,7 +63,7 @@ class Taylor(eqx.Module):
     **Raises:** `ValueError` for an order that is no whole number of at least 3.
     """
 
-    degree: int = eqx.field(static=True)
+    order: int = eqx.field(static=True)
 
     def __init__(self, order: int = 8):
         """Check and keep the order."""
@@ -80,46 +72,33 @@ class Taylor(eqx.Module):
                 "Argument `order` of `Taylor` must be a whole number of at least 3, "
                 f"but is {order!r}."
             )
-        self.degree = order
+        self.order = order
 
     @property
     def name(self) -> str:
         """For the record."""
-        return f"Taylor{self.degree}"
-
-    def order(self, terms: dfx.AbstractTerm) -> int:
-        """The order of convergence."""
-        del terms
-        return self.degree
-
-    def error_order(self, terms: dfx.AbstractTerm) -> int:
-        """The power of h that the error falls with."""
-        return self.order(terms)
-
-    def func(self, terms, t0, y0, args):
-        """The right-hand side."""
-        return terms.vf(t0, y0, args)
+        return f"Taylor{self.order}"
 
 
 class TaylorState(NamedTuple, Generic[State]):
     """Where a solve is."""
 
-    y: Traced4
+    y: PhasePoint
     folded: State
-    modes: Pair
+    modes: Numbers
     last_event: Scalar
     at_once: Scalar  # how many ends have followed each other without time between
 
     @property
-    def slope(self) -> Traced4:
+    def slope(self) -> PhasePoint:
         """What is not finite where the motion is not: here the state itself."""
         return self.y
 
 
-class Reached(StepControl):
+class TaylorStepControl(StepControl):
     """The steps' lengths are the solver's own; none is rejected.
 
-    A lane whose step is NaN ends with `dt_min_reached`.
+    A lane whose step is NaN ends as `VANISHED`.
     """
 
     def start(self, t0: Scalar, dt0: Scalar, stop: Scalar) -> ControlState:
@@ -132,46 +111,30 @@ class Reached(StepControl):
     ) -> Verdict:
         """What is no number was not reached."""
         del t1, y0, y1, error, error_order
-        # a NaN compares as false; where diffrax runs the solver it is infinity
-        reached = cast(Traced, reached)
+        assert reached is not None  # steps may be cut
+        # a NaN compares as false
         keep = (reached > t0) & jnp.isfinite(reached)
         return Verdict(jnp.where(moves & keep, 1.0, 0.0), 1.0)
 
-    def adapt_step_size(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        t0: Scalar,
-        t1: Scalar,
-        y0: Vector4,
-        y1_candidate: Vector4,
-        args: Column,
-        y_error: Signals,
-        error_order: Scalar,
-        controller_state: ControlState,
-    ):
+    def after(
+        self, t0: Scalar, t1: Scalar, signals: Signals, state: ControlState
+    ) -> tuple[ControlState, Scalar]:
         """Go on from where the step ended."""
-        del args
-        signals, left = y_error, controller_state.left - 1
+        del t1
         assert signals.reached is not None  # steps may be cut
-        verdict = signals.verdict
-        if verdict is None:
-            tried = t0, t1, y0, y1_candidate, (), error_order
-            verdict = self.verdict(*tried, signals.reached)
-        keep = cast(Flag, verdict.accepts > 0)
+        left, keep = state.left - 1, signals.verdict.accepts > 0
         t = jnp.where(keep, signals.reached, t0)
-        stop = jnp.where(keep, signals.stop, controller_state.stop)
-        result = self.ending(
-            t, (left <= 0) | (keep & (signals.done > 0)), cast(Flag, ~keep)
-        )
+        stop = jnp.where(keep, signals.stop, state.stop)
+        pause = (left <= 0) | (keep & (signals.done > 0))
         t_next = jnp.minimum(stop, self.end)
-        state = ControlState(t, stop, t_next, left, controller_state.h)
-        return keep, t, t_next, False, state, result
+        following = ControlState(t, stop, t_next, left, state.h)
+        return following, self.halt(t, pause, jnp.logical_not(keep))
 
 
-class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
+class TaylorSlip(AbstractLaneSolver[TaylorState]):
     """Taylor's method for set-valued friction, with a fold over the steps.
 
-    Needs `Reached`. The column among diffrax's `args` must have been prepared: its
-    friction is `FrozenCoulomb` without `JointReaction`.
+    Needs `TaylorStepControl`. diffrax's `args` are the system, no modes chosen yet.
 
     **Arguments:** `solver`; `fold`; `rtol`, `atol`: of a step; events are met when the
     guard is within a hundredth of `atol`.
@@ -182,29 +145,30 @@ class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
     rtol: Scalar
     atol: Scalar
 
-    def init(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, terms: dfx.AbstractTerm, t0: Traced, t1: Traced, y0: Traced4, args: Column
-    ) -> TaylorState:
+    @property
+    def degree(self) -> int:
+        """The method's order."""
+        return self.solver.order
+
+    def begin(self, system, t0, y0):
         """The modes of the start, and the fold's."""
-        del terms, t1
-        y, modes = begun(args, y0, event_tolerance(self.atol, y0[0]))
+        y, modes = begun(system, y0, event_tolerance(self.atol, y0[0]))
         zero = 0.0 * y0[0]
-        folded = self.fold.init(in_modes(args, modes), t0, y)
+        folded = self.fold.init(system.in_modes(modes), t0, y)
         return TaylorState(y, folded, modes, t0 - 1.0 + zero, zero)
 
     def chatters(self, state: TaylorState) -> Flag:
         """Whether the lane cannot go on, because events follow without time between."""
         return chattering(state.at_once)
 
-    def try_step(self, terms, t0, t1, y0, args, solver_state, judge=None):
+    def attempt(self, system, t0, t1, where, judge):
         """One step in frozen modes, to the first event, and the change of modes."""
-        del terms
-        modes, folded = solver_state.modes, solver_state.folded
-        column = in_modes(args, modes)
-        law = cast(FrozenCoulomb, column.friction)
+        y0, modes, folded = where.y, where.modes, where.folded
+        system = system.in_modes(modes)
+        law = system.law
         eps = jnp.finfo(jnp.result_type(t0)).eps
         tol = event_tolerance(self.atol, t0)
-        motion = expand(column, y0, self.solver.degree, t0)
+        motion = expand(system, y0, self.solver.order, t0)
 
         def longest():
             return jnp.minimum(allowed(motion, self.rtol, self.atol), t1 - t0)
@@ -232,10 +196,9 @@ class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
         length, t_end = materialise(t0, span)
 
         def ending():
-            p1, p2, w1, w2 = (value(c, length) for c in motion.y)
-            return cast(Traced4, (p1, p2, *law.hold(w1, w2))), [
-                value(c, length) for c in motion.accelerations
-            ]
+            y = PhasePoint(value(c, length) for c in motion.y)
+            rates = [value(c, length) for c in motion.accelerations]
+            return PhasePoint.of(y.phi, law.hold(y.omega)), rates
 
         end, rates = materialise(t0, ending)
         ended = materialise(
@@ -247,45 +210,44 @@ class TaylorSlip(AbstractObserved[TaylorState, Taylor]):
         )
         y, rest = materialise(t0, lambda: _arrival(end, ended, slips, cut, tol))
 
-        rates0 = motion.accelerations[0][0], motion.accelerations[1][0]
-        f0 = cast(Traced4, (y0[2], y0[3], *rates0))
-        f_end = cast(Traced4, (y[2], y[3], *rates))
+        f0 = PhasePoint.of(y0.omega, [a[0] for a in motion.accelerations])
+        f_end = PhasePoint.of(y.omega, rates)
 
         asked = ended[0] | ended[1]
 
         def change(modes):
-            balance = joint_balance(column, y)
-            new = chosen(law, balance, rest, cast(Flags, ended), cast(Pair, tols))
+            new = chosen(law, system.balance(y), rest, ended, tols)
             pairs = zip(new, modes, strict=True)
-            return cast(Pair, tuple(jnp.where(asked, a, b) for a, b in pairs))
+            return tuple(jnp.where(asked, a, b) for a, b in pairs)
 
         after = if_any_lane(asked, change, modes)
         # the state itself has the last word on a torque, whose series is the shortest
         rows = zip(ended, slips, after, strict=True)
         ended = [here & (m | (new != 0)) for here, m, new in rows]
-        last_event, at_once = solver_state.last_event, solver_state.at_once
+        last_event, at_once = where.last_event, where.at_once
         same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
         at_once = jnp.where(asked, jnp.where(same, at_once + 1.0, 0.0), at_once)
         last_event = jnp.where(asked, t_end, last_event)
         joint = jnp.where(ended[0], 1, 0) + jnp.where(ended[1], 2, 0)
-        integrals = _integrals(self.fold.integrand(column), motion.y, length, t0)
+        integrals = _integrals(self.fold.integrand(system), motion.y, length, t0)
         step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, after))
-        verdict = None if judge is None else judge(y, (), t_end)
-        folded, stop, done = self.fold.accepted(column, folded, step, verdict)
+        verdict = judge(y, (), t_end)
+        folded, stop, done = self.fold.accepted(system, folded, step, verdict)
         state = TaylorState(y, folded, after, last_event, at_once)
         when = stop, done | self.chatters(state)
         stop, done = (jnp.asarray(x, jnp.result_type(t1)) for x in when)
-        signals = Signals((), stop, done, t_end, verdict)
-        return y, signals, dense(t0, t_end, y0, y, f0, f_end), state, OKAY
+        return state, Signals(verdict, stop, done, t_end)
 
 
 def _arrival(
-    y: Traced4, ended: Sequence[Flag], slips: Sequence[Flag], cut: Flag, tol: Scalar
-) -> tuple[Traced4, Flags]:
+    y: PhasePoint, ended: Sequence[Flag], slips: Sequence[Flag], cut: Flag, tol: Scalar
+) -> tuple[PhasePoint, list[Flag]]:
     """The step's end: the state, and which joints are at rest there."""
-    rows = zip((y[2], y[3] - y[2]), ended, slips, strict=True)
-    rest = [~m | e | (cut & (jnp.abs(u) <= tol)) for u, e, m in rows]
-    return at_rest(y, cast(Flags, tuple(rest))), cast(Flags, tuple(rest))
+    rows = zip(joint_angles(y.omega), ended, slips, strict=True)
+    rest: list[Flag] = [
+        jnp.logical_not(m) | e | (cut & (jnp.abs(u) <= tol)) for u, e, m in rows
+    ]
+    return at_rest(y, rest), rest
 
 
 def _integrals(
@@ -298,7 +260,7 @@ def _integrals(
     for x, weight in _GAUSS:
 
         def node(share=(1 + x) / 2):
-            return integrand(cast(Vector4, tuple(value(c, share * s) for c in y)))
+            return integrand(PhasePoint(value(c, share * s) for c in y))
 
         parts.append([weight / 2 * s * p for p in materialise(at, node)])
     return tuple(sum(row[1:], row[0]) for row in zip(*parts, strict=True))

@@ -16,7 +16,6 @@ fro at its own pace.
 """
 
 from collections.abc import Sequence
-from typing import cast
 
 import equinox as eqx
 import jax
@@ -24,31 +23,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..model.column import Column, State
+from ..model.state import PhasePoint
+from ..motion.checks import float_state, valid_scene, with_amplitude
 from ..motion.integrate import Motion
+from ..motion.method import explicit_method, method_of, rate_cut_of, usual_method
 from ..motion.observers import AbstractObserver, Period
 from ..motion.options import Method, Windows, windows_for
-from ..motion.scene import (
-    check_scene,
-    explicit_method,
-    float_state,
-    method_of,
-    rate_cut_of,
-    usual_method,
-    valid_scene,
-    with_amplitude,
-)
 from ..numerics.materialise import replaced, tree_where
-from ..numerics.numbers import (
-    Count,
-    Flag,
-    Option,
-    Scalar,
-    Traced,
-    Vector4,
-    instance,
-    keeps,
-)
+from ..numerics.numbers import Count, Flag, Option, Scalar
 from ..numerics.resumable import Decision, Phase, Stop, phase_of, resumable
+from ..numerics.rules import instance, keeps
 from ..results import CODE
 from ..solvers import Explicit
 from .contraction import (
@@ -102,8 +86,8 @@ AT_REST = 2.0  # time units for which a motion that creeps is observed
 class CertifiedMotion:
     """The motion that `settle(certify=True)` asks for.
 
-    **Arguments:** those of `settle`; `question`: whose defaults hold; `observers`: None
-    for a verdict alone.
+    **Arguments:** those of `settle`, a scene that has been checked; `question`: whose
+    defaults hold; `observers`: None for a verdict alone.
     """
 
     def __init__(
@@ -116,8 +100,7 @@ class CertifiedMotion:
         method: Method,
         odd: Flag | None = None,
     ):
-        """Check the scene; `odd`: whether it is its own mirror image, if known."""
-        check_scene(column, start)
+        """Set it up; `odd`: whether it is its own mirror image, if known."""
         instance("windows", windows, Windows)
         if windows.agreement is not None:
             raise ValueError(
@@ -126,34 +109,34 @@ class CertifiedMotion:
                 f"{windows.agreement}."
             )
         self.column, self.y0 = column, float_state(start)
+        self.system = system = column.system()
         self.watches = observers is not None
-        given = () if observers is None else with_amplitude(observers, column)
+        given = () if observers is None else with_amplitude(observers, system)
         self.grows = any(isinstance(o, Growth) for o in given)
         if self.grows:
             explicit_method(question, method)  # else it is refused
-        usual = Explicit() if self.grows else usual_method(column)
-        self.method = method_of(question, method, column, usual)
-        windows = windows_for(question, windows, rate_cut_of(column))
+        usual = Explicit() if self.grows else usual_method(system)
+        self.method = method_of(question, method, system, usual)
+        windows = windows_for(question, windows, rate_cut_of(system))
         self.windows = eqx.tree_at(  # those of `settle` by windows alone
             lambda w: w.agreement, windows, None, is_leaf=lambda x: x is None
         )
         # a certificate has the period itself
         given = tuple(o for o in given if not isinstance(o, Growth | Period))
         self.observation = Observation(given)
-        atol = cast(Scalar, self.method.atol)
+        atol = self.method.tolerances[1]
         self.rest = Rest(self.windows.rate_cut, at_once=True, atol=atol)
         solver = self.method.solver
-        coarse = isinstance(solver, Explicit) and solver.method_order <= 5
+        coarse = isinstance(solver, Explicit) and solver.order <= 5
         self.at_once = STEPS_AT_ONCE if coarse else STEPS_AT_ONCE // 4
         halves = all(observer.mirrored for observer in given)
         self.odd: Flag = False
         if halves:
-            self.odd = is_odd(column) if odd is None else odd
-        length = cast(Scalar, self.windows.length)
-        spans = cast(int, self.windows.max_windows)
+            self.odd = is_odd(system) if odd is None else odd
+        transient, length, most = self.windows.spans
         self.last = length  # the span that is observed where nothing is certain
-        self.horizon = cast(Scalar, self.windows.transient) + length * (spans - 1)
-        good = keeps("nonnegative", self.windows.transient)
+        self.horizon = transient + length * (most - 1)
+        good = keeps("nonnegative", transient)
         good &= keeps("positive", length, self.windows.escape, self.windows.rate_cut)
         good &= keeps("positive", self.method.rtol, self.method.atol)
         self.valid = good & valid_scene(column, self.y0) & self.observation.valid()
@@ -163,15 +146,15 @@ class CertifiedMotion:
     def begin(self) -> Certifying:
         """Before the first step."""
         zero, none = 0.0 * self.y0[0], jnp.zeros((), jnp.int32)
-        no, point = jnp.asarray(False), jnp.zeros(3, zero.dtype) + zero
-        matrix = jnp.zeros((3, 3), zero.dtype) + zero
+        no, point = jnp.asarray(False), jnp.zeros(3, jnp.result_type(zero)) + zero
+        matrix = jnp.zeros((3, 3), jnp.result_type(zero)) + zero
         blank = Candidate(no, none, point, matrix, matrix, zero)
         attempt = blank_attempt(zero)
         march = self._march(none).begin()
         shapes = jax.eval_shape(lambda: self._shot(self.y0, attempt, none).begin())
         shot = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
         shot = shot._replace(outcome=shot.outcome + CODE.complete)
-        states = self.observation.init(self.column, zero, self.y0)
+        states = self.observation.init(self.system, zero, self.y0)
         record = Record(states, zero, self.y0)
         outcome = jnp.where(march.running, CODE.not_computed, march.outcome)
         return Certifying(
@@ -271,21 +254,20 @@ class CertifiedMotion:
         return now._replace(shot=self._shot(y0, now.attempt, self._left(now)).begin())
 
     def _march(self, spent: Count) -> Motion[Lookout]:
-        carrier = cast(Explicit, self.method.solver) if self.grows else None
-        escape = cast(Scalar, self.windows.escape)
-        fold = March(self.odd, self.rest, escape, carrier)
-        left = cast(Count, self.method.max_steps) - spent
+        carrier = self.method.explicit if self.grows else None
+        fold = March(self.odd, self.rest, self.windows.bound, carrier)
+        left = self.method.budget - spent
         return Motion(
-            self.column, self.y0, fold, self.method.at_most(left),
+            self.system, self.y0, fold, self.method.at_most(left),
             end=self.horizon, valid=self.valid,
         )  # fmt: skip
 
-    def _shot(self, y0: Vector4, attempt: Attempt, left: Count) -> Motion[ShotState]:
+    def _shot(self, y0: PhasePoint, attempt: Attempt, left: Count) -> Motion[ShotState]:
         method = self.method.at_most(left)
-        return shot_motion(self.column, y0, attempt, method, self.observation)
+        return shot_motion(self.system, y0, attempt, method, self.observation)
 
     def _left(self, now: Certifying) -> Count:
-        return cast(Count, self.method.max_steps) - now.march.steps - now.spent
+        return self.method.budget - now.march.steps - now.spent
 
     # ---- at the end of a phase
 
@@ -298,7 +280,7 @@ class CertifiedMotion:
         accepted = well & (last == ACCEPTANCE)
         rests, refused = well & (last == REST), False
         if run.folded.calm:
-            refused = rests & ~decays(self.column, run.y, run.folded.calm.late)
+            refused = rests & ~decays(self.system, run.y, run.folded.calm.late)
         over = well & ((last == NOTHING) | (last == ENDURES))
         shoots, x, zero = tries, state.points[0], 0.0 * run.time
         if self.watches:
@@ -308,7 +290,7 @@ class CertifiedMotion:
             span = jnp.where(rests, AT_REST, span)
         span = jnp.where(tries, span_of(state, state.returns), span)
         attempt = attempt_at(now.attempt, x, span, self._sign(state.returns))
-        watched = jnp.where(rests, self.rest.outcome(self.column), CODE.unsettled)
+        watched = jnp.where(rests, self.rest.outcome(self.system), CODE.unsettled)
         watched = jnp.where(rests | over, watched, CODE.not_computed)
         failed = jnp.where(last > REST, CODE.escaped, run.outcome)
         ended = jnp.where(rests | over, watched, failed)
@@ -335,7 +317,7 @@ class CertifiedMotion:
             outcome=outcome.astype(jnp.int32),
         )
 
-    def _sign(self, returns: Count) -> Traced:
+    def _sign(self, returns: Count) -> Scalar:
         """-1 where an odd number of half returns closes."""
         odd = self.odd & (jnp.asarray(returns) % 2 == 1)
         return jnp.where(odd, -1.0, 1.0)
@@ -344,7 +326,7 @@ class CertifiedMotion:
         """The verdict on an orbit that closes; what does not is forgotten."""
         run, state, attempt = now.shot, now.returns, now.attempt
         radius = spectral_radius(attempt.slope)
-        margin = MARGIN * state.returns.astype(radius.dtype)
+        margin = MARGIN * state.returns.astype(jnp.result_type(radius))
         verified = attempt.verified
         stable = verified & (radius < 1 - margin)
         unstable = verified & (radius > 1 + margin)
@@ -379,10 +361,8 @@ class CertifiedMotion:
 
     def settings(self) -> dict[str, Option]:
         """The options, for the record."""
-        law = self.column.friction
         return {
             **self.method.settings(),
             **self.windows.settings(),
             "rate_cut": self.rest.setting(),
-            **(law.settings() if law else {}),
         }

@@ -17,7 +17,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.numbers import Scalar, Traced
+from ..numerics.numbers import Scalar
 
 Vector3 = Float[Array, "3"]
 Matrix3 = Float[Array, "3 3"]
@@ -39,12 +39,12 @@ def image(a: Matrix3, v: Vector3) -> Vector3:
     return jnp.sum(a * v[None], axis=1)
 
 
-def largest(v: Vector3) -> Traced:
+def largest(v: Vector3) -> Scalar:
     """The largest component's size."""
     return jnp.max(jnp.abs(v))
 
 
-def size_of(x: Vector3) -> Traced:
+def size_of(x: Vector3) -> Scalar:
     """The size of a point of the section, to divide by."""
     return jnp.maximum(largest(x), TINY)
 
@@ -65,7 +65,7 @@ def _cofactors(m: Matrix3) -> Matrix3:
     return turned - jnp.roll(one, -2, 1) * jnp.roll(other, -1, 1)
 
 
-def spectral_radius(a: Matrix3) -> Traced:
+def spectral_radius(a: Matrix3) -> Scalar:
     r"""The largest modulus of an eigenvalue, by squaring: |A^N|^(1/N), N = 2^24.
 
     Of the sizes $s_i$ that are divided out before each squaring, with square roots
@@ -95,12 +95,12 @@ def contraction_norm(a: Matrix3, radius: Scalar) -> Matrix3:
     return lax.fori_loop(0, DOUBLINGS, double, (one, first))[0]
 
 
-def contraction_rate(p: Matrix3, radius: Scalar) -> Traced:
+def contraction_rate(p: Matrix3, radius: Scalar) -> Scalar:
     """A bound of |A|_P."""
     return (1 + radius) / 2 * jnp.sqrt(jnp.maximum(1 - 1 / jnp.trace(p), 0.0))
 
 
-def length(p: Matrix3, v: Vector3) -> Traced:
+def length(p: Matrix3, v: Vector3) -> Scalar:
     """|v|_P."""
     return jnp.sqrt(jnp.maximum(jnp.sum(v * image(p, v)), 0.0))
 

@@ -14,24 +14,25 @@ rest is judged at the end of a step: when that is, no derivative says, and what 
 on depends on it. Its derivatives are NaN. Forward mode only.
 """
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..model.column import Column
+from ..model.state import PhasePoint
 from ..motion.implicit import fixed, moving, solve, zeros_of
 from ..motion.integrate import Motion
 from ..motion.options import Method
 from ..numerics.eigenvalues import eigenvalues
-from ..numerics.numbers import Scalar, Traced, Traced4, Vector4
+from ..numerics.numbers import Scalar
 from ..results import Variable
 from .certified import CertifiedMotion
 from .contraction import Matrix3
 from .observation import Observation, Record
 from .rest import Rest
-from .shots import SHORTEST, blank_attempt, return_of, shot_motion
+from .shots import SHORTEST, blank_attempt, return_of, shot_motion, start_of
 from .window_rule import SettleFold
 
 Outputs = Float[Array, " m"]
@@ -54,8 +55,8 @@ class Carried(NamedTuple):
     """Zeros that carry derivatives."""
 
     observed: Outputs  # the observers' numbers, in the order of their names
-    span: Traced
-    radius: Traced  # of the derivative of the last shot's return
+    span: Scalar
+    radius: Scalar  # of the derivative of the last shot's return
     y: Float[Array, "4"]  # the last state
 
 
@@ -111,7 +112,7 @@ def _cycle_moves(turn, place: Place, p: Outputs, dp: Outputs) -> Outputs:
     return jnp.concatenate([after[observed], dz[3:], radius[None]])
 
 
-def _radius(slope: Matrix3) -> Traced:
+def _radius(slope: Matrix3) -> Scalar:
     """The largest modulus of an eigenvalue."""
     values = eigenvalues(slope)
     return jnp.abs(values[jnp.argmax(jnp.abs(values))])
@@ -126,12 +127,13 @@ def _turn(
     attempt = attempt._replace(
         x=z[:3], span=span, sign=place.sign + 0.0 * span, fine=jnp.asarray(True)
     )
-    start = cast(Traced4, (0.0 * z[0], z[0], z[1], z[2]))
-    shot = shot_motion(column, start, attempt, place.method, observation)
+    start = start_of(z[:3])
+    system = column.system()
+    shot = shot_motion(system, start, attempt, place.method, observation)
     run = shot.advance(shot.begin())
     record = Record(run.folded.record, span, run.y)
     slope = return_of(run, attempt).slope
-    named = observation.variables(column, record)
+    named = observation.variables(system, record)
     return jnp.concatenate([floats(named), jnp.stack(run.y), jnp.ravel(slope)])
 
 
@@ -148,9 +150,10 @@ def _end(
         rest=place.rest,
         observation=observation,
     )
+    system = column.system()
     begin = Motion(
-        column,
-        cast(Traced4, tuple(y0)),
+        system,
+        PhasePoint(y0),
         fold,
         place.method,
         first_stop=fold.first_stop(),
@@ -158,8 +161,8 @@ def _end(
     )
     run = begin.advance(begin.begin())
     record = Record(run.folded.watch.observed, fold.span, run.y)
-    named = observation.variables(column, record)
-    return jnp.concatenate([floats(named), jnp.stack(cast(Vector4, run.y))])
+    named = observation.variables(system, record)
+    return jnp.concatenate([floats(named), jnp.stack(run.y)])
 
 
 def floats(named: dict[str, Variable]) -> Outputs:

@@ -9,15 +9,18 @@ $$\max_t |v(t)|\; rtol > 10^{-2},$$
 the motion may end elsewhere with other steps.
 """
 
+from __future__ import annotations
+
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
-from ..model.column import Column
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..motion.observers import AbstractObserver
 from ..motion.tangents import past, push
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import Flag, Scalar, Traced, Traced4, Vector4
+from ..numerics.numbers import Flag, Numbers, Scalar
 from ..results import Variable
 from ..solvers import Explicit, Step
 
@@ -44,44 +47,43 @@ class Growth(AbstractObserver):
     name: ClassVar[str] = "growth"
     mirrored: ClassVar[bool] = True
 
-    def init(self, column, t, y):
+    def init(self, system, t, y):
         """Nothing: the tangent goes along with the motion itself."""
-        del column, t, y
+        del system, t, y
         return ()
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Nothing."""
-        del column, step
+        del system, step
         return state
 
-    def result(self, column, state, span, y):
+    def result(self, system, state, span, y):
         """`settle` has it."""
-        del column, state, span, y
+        del system, state, span, y
         return {}
 
 
 class Grown(NamedTuple):
     """The kick's tangent, and its largest length so far."""
 
-    tangent: Traced4
-    largest: Traced
+    tangent: PhasePoint
+    largest: Scalar
 
 
-def kick_tangent(y0: Traced4) -> Grown:
+def kick_tangent(y0: PhasePoint) -> Grown:
     """At the start: of length one in the kick's direction; none of a start at rest."""
     size = _length(y0)
     none = jnp.where(size > 0, size, jnp.nan)
-    v0, v1, v2, v3 = (x / none for x in y0)
-    return Grown((v0, v1, v2, v3), 1.0 + 0.0 * none)
+    return Grown(PhasePoint(x / none for x in y0), 1.0 + 0.0 * none)
 
 
-def grown(column: Column, solver: Explicit, before: Grown, step: Step) -> Grown:
+def grown(system: System, solver: Explicit, before: Grown, step: Step) -> Grown:
     """After a step, whose `integrals` are the tangent's image, and past its event."""
     images = step.integrals
     if step.modes:  # it may have been cut
         ends = step.t0, step.t1, step.y0
-        _, (_, images), *_ = push(solver, column, *ends, (before.tangent,))
-    (tangent,) = past(column, step, images)
+        _, (_, images), *_ = push(solver, system, *ends, (before.tangent,))
+    (tangent,) = past(system, step, images)
     length = _length(tangent)
     goes_on = before.largest < MOST
     after = Grown(tangent, jnp.maximum(before.largest, length))
@@ -100,5 +102,5 @@ def growth_variables(
     }
 
 
-def _length(v: Vector4) -> Scalar:
+def _length(v: Numbers) -> Scalar:
     return jnp.sqrt(sum(x * x for x in v))

@@ -19,11 +19,18 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column
-from ..motion.contact import AbstractContact, Nearest
 from ..motion.implicit import implicit, moving
 from ..motion.integrate import Motion, Run
 from ..motion.options import Method
-from ..motion.variational import Flow, Make, Varied, flow_of, varied_motion
+from ..motion.variational import (
+    AbstractContact,
+    Flow,
+    Make,
+    Nearest,
+    Varied,
+    flow_of,
+    varied_motion,
+)
 from ..numerics.resumable import Phase, place_of
 from .shots import SHORTEST
 
@@ -125,7 +132,7 @@ def jet_of(run: BundleRun, sign: Float[Array, ""]) -> Jet:
     steps = jnp.sum(flow.steps, dtype=jnp.int32)
     contact = ()
     if flow.contact:
-        value, moves = flow.contact[0][0], flow.contact[1][0]
+        value, moves = (jnp.asarray(x)[0] for x in flow.contact)
         zero = jnp.zeros(1, moves.dtype)  # it does not depend on when the shot ends
         contact = value, jnp.concatenate([moves[:4], zero, moves[4:]])
     mixed = jnp.any(flow.modes != flow.modes[0])

@@ -5,9 +5,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from ..model.state import PhasePoint
 from ..motion.integrate import Run
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import Scalar, Traced, Vector4
+from ..numerics.numbers import Scalar
 from ..numerics.resumable import ENDED
 from ..results import CODE
 from .observation import Record
@@ -20,9 +21,9 @@ MARCH, SHOTS = range(2)  # the phases
 class Orbit(NamedTuple):
     """A stable orbit."""
 
-    y: Vector4  # where it passes the section
-    span: Traced  # until it closes, for one that is symmetric with signs turned
-    residual: Traced
+    y: PhasePoint  # where it passes the section
+    span: Scalar  # until it closes, for one that is symmetric with signs turned
+    residual: Scalar
     record: Record
 
 
@@ -47,7 +48,7 @@ class Certifying(NamedTuple):
         return (self.outcome == self.observing) & ~self.running
 
     @property
-    def y(self) -> Vector4:
+    def y(self) -> PhasePoint:
         """The motion's own state at the end."""
         return tree_where(self.watched, self.orbit.record.y, self.march.y)
 

@@ -1,15 +1,16 @@
 """Several observers as one: what is watched while a motion runs."""
 
 from collections.abc import Collection
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..motion.observers import AbstractObserver
-from ..numerics.numbers import Flag, Numbers, Scalar, Traced, Traced4, Vector4
+from ..numerics.numbers import Flag, Numbers, Scalar
 from ..results import Variable, checked
 from ..solvers import Step
 from ..solvers.explicit import Integrand
@@ -27,31 +28,31 @@ class Observation(eqx.Module):
             good &= observer.valid()
         return good
 
-    def integrand(self, column: Column) -> Integrand | None:
+    def integrand(self, system: System) -> Integrand | None:
         """The integrands of all, one after the other; None if there is none."""
 
-        def joint(y: Vector4) -> Numbers:
-            return sum((o.integrand(column, y) for o in self.observers), ())
+        def joint(y: PhasePoint) -> Numbers:
+            return sum((o.integrand(system, y) for o in self.observers), ())
 
-        zero = jax.ShapeDtypeStruct((), jnp.result_type(float))
-        return joint if jax.eval_shape(joint, (zero,) * 4) else None
+        asked = jax.eval_shape(lambda: joint(PhasePoint((jnp.zeros(()),) * 4)))
+        return joint if asked else None
 
-    def init(self, column: Column, t: Traced, y: Traced4) -> tuple:
+    def init(self, system: System, t: Scalar, y: PhasePoint) -> tuple:
         """Nothing seen yet."""
-        return tuple(observer.init(column, t, y) for observer in self.observers)
+        return tuple(observer.init(system, t, y) for observer in self.observers)
 
-    def step(self, column: Column, states: tuple, step: Step) -> tuple:
+    def step(self, system: System, states: tuple, step: Step) -> tuple:
         """All after a step."""
         after, used = [], 0
         for observer, part in zip(self.observers, states, strict=True):
-            count = len(observer.integrand(column, step.y1))
+            count = len(observer.integrand(system, step.y1))
             mine = step._replace(integrals=step.integrals[used : used + count])
-            after.append(observer.step(column, part, mine))
+            after.append(observer.step(system, part, mine))
             used += count
         return tuple(after)
 
     def variables(
-        self, column: Column, record: "Record", taken: Collection[str] = ()
+        self, system: System, record: "Record", taken: Collection[str] = ()
     ) -> dict[str, Variable]:
         """What they amount to, by name.
 
@@ -60,9 +61,7 @@ class Observation(eqx.Module):
         named: dict[str, Variable] = {}
         for observer, state in zip(self.observers, record.states, strict=True):
             whose = f"The result of the observer `{observer.name}`"
-            result = observer.result(
-                column, state, record.span, cast(Vector4, record.y)
-            )
+            result = observer.result(system, state, record.span, record.y)
             for name, variable in checked(whose, result).items():
                 if name in named or name in taken:
                     hint = ", which a certificate has" if name == "period" else ""
@@ -79,4 +78,4 @@ class Record(NamedTuple):
 
     states: tuple
     span: Scalar
-    y: Vector4
+    y: PhasePoint

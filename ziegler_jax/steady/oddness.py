@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import reduce
-from typing import cast
 
 import jax
 import jax.numpy as jnp
@@ -10,17 +9,16 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..model.column import Column
-from ..model.set_valued import in_modes
-from ..motion.scene import field, prepared
-from ..numerics.numbers import Flag, Pair, Traced, Traced4
+from ..model.state import PhasePoint
+from ..model.system import System, field
+from ..numerics.numbers import Flag, Scalar
 
 SAMPLES = 24
 MODES = ((1.0, 1.0), (1.0, -1.0), (0.0, 1.0))  # of joints with set-valued friction
 ROUNDING = 1e-9
 
 
-def is_odd(column: Column) -> Flag:
+def is_odd(system: System) -> Flag:
     """Whether the field is odd at states of all sizes: evaluated, not by its name."""
     dtype = jnp.result_type(float)
     source = np.random.default_rng(20)
@@ -28,28 +26,28 @@ def is_odd(column: Column) -> Flag:
         [source.uniform(low, 0.3, SAMPLES) for low in (-3, -3, -5, -5)]
     )
     samples = source.uniform(-1, 1, (4, SAMPLES)) * scale
-    modes = np.array(MODES if column.sticks else MODES[:1])
+    modes = np.array(MODES if system.sticks else MODES[:1])
     each = np.repeat(np.arange(len(modes)), SAMPLES)
     rows = np.concatenate([np.tile(samples, len(modes)), modes[each].T])
     # a power's last bit is the processor's own, and a scene's digest would be with it
     rows = rows.astype(np.float32).astype(float)
-    whole, zero = prepared(column), jnp.zeros((), dtype)
+    zero = jnp.zeros((), dtype)
 
-    def slope(row: Float[Array, " 6"]) -> Traced4:
-        y4, sliding = cast(Traced4, tuple(row[:4])), cast(Pair, tuple(row[4:]))
-        turned = in_modes(whole, sliding) if column.sticks else whole
-        return cast(Traced4, field(zero, y4, turned))
+    def slope(row: Float[Array, " 6"]) -> list[Array]:
+        turned = system.in_modes(tuple(row[4:])) if system.sticks else system
+        return [jnp.asarray(x) for x in field(zero, PhasePoint(row[:4]), turned)]
 
     def turn(odd: Flag, row: Float[Array, " 6"]) -> tuple[Flag, None]:
         both = jax.vmap(slope)(jnp.stack([row, -row]))
         # number by number: XLA hands an array's sum to a library
         apart = [jnp.abs(one + other) for one, other in both]
         size = [jnp.abs(one) for one, _ in both]
-        return odd & ~(_sum(apart) > ROUNDING * (1 + _sum(size))), None
+        over = _sum(apart) > ROUNDING * (1 + _sum(size))
+        return odd & jnp.logical_not(over), None
 
     # sample by sample: with all at once XLA would compute while it compiles
     return lax.scan(turn, jnp.asarray(True), jnp.asarray(rows.T, dtype))[0]
 
 
-def _sum(numbers: Sequence[Traced]) -> Traced:
+def _sum(numbers: Sequence[Scalar]) -> Scalar:
     return reduce(jnp.add, numbers)

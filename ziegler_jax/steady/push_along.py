@@ -19,57 +19,52 @@ Differential Equations I*, 2nd ed., Springer 1993, section II.14).
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import cast
 
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.core import eval_jaxpr
 from jax.custom_batching import custom_vmap
-from jax.extend.core import (
-    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
-    Literal,
-)
 
-from ..model.column import Column
-from ..motion.scene import field
-from ..motion.tangents import Vectors, apart
-from ..numerics.materialise import as_one_call, hoisted, materialise
-from ..numerics.numbers import Numbers, Pair, Scalar, Traced, Traced4
+from ..model.jacobian import accelerations_and_slopes
+from ..model.state import PhasePoint
+from ..model.system import System
+from ..motion.tangents import Vectors, apart, dot, joined
+from ..numerics.materialise import hoisted, materialise
+from ..numerics.numbers import Numbers, Scalar
+from ..numerics.series import sum_of
 from ..solvers import Explicit
 from ..solvers.explicit import Integrand
 
 
 def push_along(
     solver: Explicit,
-    column: Column,
-    t0: Traced,
-    t1: Traced,
-    y0: Traced4,
+    system: System,
+    t0: Scalar,
+    t1: Scalar,
+    y0: PhasePoint,
     vectors: Vectors,
     integrand: Integrand | None = None,
     first: Numbers | None = None,
 ) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """A step from y0, and its derivative along vectors in the state alone.
 
-    **Arguments:** `column`: in the modes of the step, where friction is set-valued;
+    **Arguments:** `system`: in the modes of the step, where friction is set-valued;
     `integrand`: of the state, see `Explicit.advance`; `first`: the slopes of y and of
     each vector, where they are known.
 
     **Returns:** y1 and the images; the error estimate; the last slopes of both; the
     integrals.
     """
-    both = cast(Numbers, sum(vectors, y0))
+    both = joined(y0, vectors)
     if first is None:
-        first = materialise(t0, tangent_field, t0, both, column)
+        first = materialise(t0, tangent_field, t0, both, system)
 
     def watched(y):
         return () if integrand is None else integrand(y)
 
     def whole(t, y):
-        return *accelerations_and_slopes(t, y, column), watched(y)
+        return *accelerations_and_slopes(t, y, system), watched(y)
 
     stage, numbers = hoisted(lambda t, y: materialise(t, whole, t, y), t0, y0)
 
@@ -102,7 +97,7 @@ def push_along(
 
 
 # a stage of a motion: accelerations, their derivatives by the state, and integrands
-_Stage = Callable[[Traced, Traced4], tuple[Pair, tuple[Traced4, Traced4], Numbers]]
+_Stage = Callable[[Scalar, PhasePoint], tuple[Numbers, tuple[Numbers, ...], Numbers]]
 
 
 def _turn_by_turn(
@@ -135,13 +130,14 @@ def _turn_by_turn(
     def turn(i, place):
         *_, stages, sums = place
         x, w = lax.switch(i, [partial(moved, row) for row in rows[1:]], stages)
-        state = x[0, 0], x[1, 0], w[0, 0], w[1, 0]
+        state = PhasePoint((x[0, 0], x[1, 0], w[0, 0], w[1, 0]))
         accelerations, jacobian, more = stage(t0 + nodes[i + 1] * h, state)
         vectors = *x[:, 1:], *w[:, 1:]
         for rod, (a, row) in enumerate(zip(accelerations, jacobian, strict=True)):
-            along = sum(g[None] * v for g, v in zip(row, vectors, strict=True))
+            each = zip(map(jnp.asarray, row), vectors, strict=True)
+            along = sum_of([g[None] * v for g, v in each])
             stages = _put(stages, jnp.asarray(a)[None], i + 1, rod, 0)
-            stages = _put(stages, cast(jax.Array, along), i + 1, rod, 1)
+            stages = _put(stages, jnp.asarray(along), i + 1, rod, 1)
         pairs = zip(sums, more, strict=True)
         return x, w, stages, tuple(s + shares[i + 1] * g for s, g in pairs)
 
@@ -150,7 +146,7 @@ def _turn_by_turn(
     x, w, stages, sums = lax.fori_loop(0, len(rows) - 1, turn, place)
     own = stages[:, :, 0]
     errors = h[None] * h[None] * _combined(_product(b_error, rows), own)
-    errors = *errors, *(h[None] * _combined(b_error, own))
+    errors = PhasePoint((*errors, *(h[None] * _combined(b_error, own))))
     integrals = tuple(lax.broadcast_to_rank(h, jnp.ndim(s)) * s for s in sums)
     return _one_by_one(x, w), errors, _one_by_one(w, stages[-1]), integrals
 
@@ -181,7 +177,7 @@ def _combined(row: np.ndarray, stages: jax.Array) -> jax.Array:
     pairs = zip(row.tolist(), stages, strict=True)
     weighed = [w * stage for w, stage in pairs if w != 0.0]
     total = sum(weighed) if weighed else jnp.zeros_like(stages[0])
-    return cast(jax.Array, total)
+    return jnp.asarray(total)
 
 
 def _put(
@@ -205,7 +201,7 @@ def _one_by_one(first: jax.Array, second: jax.Array) -> Numbers:
     return sum(((*first[:, i], *second[:, i]) for i in whose), ())
 
 
-def tangent_field(t: Scalar, both: Numbers, column: Column) -> Numbers:
+def tangent_field(t: Scalar, both: Numbers, system: System) -> Numbers:
     """The slopes of a state, and of the vectors that stand behind its four numbers.
 
     The field's Jacobian is worked out once, whatever the number of vectors. Each number
@@ -213,56 +209,6 @@ def tangent_field(t: Scalar, both: Numbers, column: Column) -> Numbers:
     steps would shuffle them (`benchmarks/README.md` counts).
     """
     y, vectors = apart(both)
-    (a1, a2), rows = materialise(t, accelerations_and_slopes, t, y, column)
-    slopes = [y[2], y[3], a1, a2]
-    for v in vectors:
-        slopes += [v[2], v[3], *(_dot(row, v) for row in rows)]
-    return tuple(slopes)
-
-
-@as_one_call
-def accelerations_and_slopes(
-    t: Scalar, y: Traced4, column: Column
-) -> tuple[Pair, tuple[Traced4, Traced4]]:
-    """Both accelerations, and the derivatives of each by the state's four numbers."""
-    accelerations, along = jax.linearize(lambda *y: field(t, y, column)[2:], *y)
-    linear = jax.make_jaxpr(along)(*y)
-    columns = [_along_one(linear, i, jnp.ones_like(y[0])) for i in range(4)]
-    first, second = zip(*columns, strict=True)
-    return cast(Pair, accelerations), (cast(Traced4, first), cast(Traced4, second))
-
-
-def _along_one(linear: ClosedJaxpr, place: int, one: Traced) -> Pair:
-    """A linear function of one of its arguments, the others being zero.
-
-    What they alone would move is left out: a compiler keeps products with zero. (A
-    transposed function would be as short, but is not a number where `jnp.where` leaves
-    out a branch of infinite slope, and does not pass a loop of a law's own.)
-    """
-    jaxpr = linear.jaxpr
-    moved, equations = {jaxpr.invars[place]}, []
-    still = dict.fromkeys(jaxpr.invars)  # in order: a program's text is its identity
-    still.pop(jaxpr.invars[place])
-    for equation in jaxpr.eqns:
-        read = [v for v in equation.invars if not isinstance(v, Literal)]
-        if not moved.isdisjoint(read):
-            moved.update(equation.outvars)
-        elif not still.keys().isdisjoint(read):
-            still.update(dict.fromkeys(equation.outvars))
-            continue
-        equations.append(equation)
-    zeros = [v for v in still if v not in jaxpr.invars]
-    body = jaxpr.replace(
-        invars=[*jaxpr.invars, *zeros],
-        eqns=equations,
-        debug_info=jaxpr.debug_info.with_unknown_names(),
-    )
-    values = [0.0 * one] * 4
-    values[place] = one
-    avals = (cast(jax.core.ShapedArray, v.aval) for v in zeros)
-    values += [jnp.zeros(a.shape, a.dtype) for a in avals]
-    return cast(Pair, tuple(eval_jaxpr(body, linear.consts, *values)))
-
-
-def _dot(v: Traced4, e: Traced4) -> Traced:
-    return v[0] * e[0] + v[1] * e[1] + v[2] * e[2] + v[3] * e[3]
+    accelerations, rows = materialise(t, accelerations_and_slopes, t, y, system)
+    turned = [PhasePoint.of(v.omega, [dot(row, v) for row in rows]) for v in vectors]
+    return joined(PhasePoint.of(y.omega, accelerations), turned)

@@ -26,10 +26,11 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from ..model.column import Column, EnergyBalance, energy, energy_balance, power
+from ..model.state import PhasePoint
+from ..model.system import EnergyRate, System
 from ..numerics.elementary import larger, smaller
 from ..numerics.hermite import HermiteQuartic, cubic
-from ..numerics.numbers import Flag, Pair, Scalar, Traced4, Vector4
+from ..numerics.numbers import Flag, Numbers, Pair, Scalar
 from ..results import CODE
 from ..solvers import Step
 
@@ -52,7 +53,7 @@ class Window(NamedTuple):
     low: Pair  # the least energy where it did
     high: Pair  # the greatest
     lost: Scalar  # what friction and damping have taken out
-    now: EnergyBalance  # at the last step's end
+    now: EnergyRate  # at the last step's end
 
 
 class Before(NamedTuple):
@@ -79,35 +80,35 @@ class Agreement(NamedTuple):
     outcome: Scalar  # `not_computed` where they do not agree
 
 
-def begun(now: EnergyBalance) -> Window:
+def begun(now: EnergyRate) -> Window:
     """At a window's start."""
     zero = 0.0 * now.energy
     least, most = zero + jnp.inf, zero - jnp.inf
     return Window((zero, zero), (least, least), (most, most), zero, now)
 
 
-def at_start(column: Column, y: Vector4) -> EnergyBalance:
+def at_start(system: System, y: PhasePoint) -> EnergyRate:
     """Where no step has told how the energy changes."""
     zero = 0.0 * y[0]
-    return EnergyBalance(energy(column, y), zero, zero)
+    return EnergyRate(system.energy(y), zero, zero)
 
 
-def at_end(column: Column, step: Step) -> EnergyBalance:
+def at_end(system: System, step: Step) -> EnergyRate:
     """Where a step ends."""
     if not step.modes:
-        return energy_balance(column, step.y1, (step.f1[2], step.f1[3]))
+        return system.energy_rate(step.y1, step.f1.omega)
     # the last accelerations are not quite those at its end
-    there = energy(column, step.y1)
-    fed, *losses = power(column, step.y1)
+    there = system.energy(step.y1)
+    fed, *losses = system.power(step.y1)
     loss = sum((x for x in losses if x is not None), 0.0 * there)
-    return EnergyBalance(there, fed - loss, loss)
+    return EnergyRate(there, fed - loss, loss)
 
 
-def watched(column: Column, window: Window, step: Step) -> Window:
+def watched(system: System, window: Window, step: Step) -> Window:
     """After a step."""
-    h, before, after = step.t1 - step.t0, window.now, at_end(column, step)
+    h, before, after = step.t1 - step.t0, window.now, at_end(system, step)
     course = cubic(before.energy, after.energy, h * before.rate, h * after.rate)
-    ends = step.y0, step.y1, step.f0[2:], step.f1[2:]
+    ends = step.y0, step.y1, step.f0.omega, step.f1.omega
     rates = zip(*map(by_joint, ends), strict=True)
     turned = [turn(cubic(u0, u1, h * v0, h * v1), course) for u0, u1, v0, v1 in rates]
     turns, low, high = window.turns, window.low, window.high
@@ -124,7 +125,7 @@ def of_both(function: Callable[..., Scalar], one: Sequence, other: Sequence) -> 
     return first, second
 
 
-def by_joint(rods: Traced4 | Pair) -> Pair:
+def by_joint(rods: Numbers | Pair) -> Pair:
     """A rate's or an acceleration's numbers of the joints, from those of the rods."""
     first, second = rods[-2:]
     return first, second - first

@@ -16,7 +16,8 @@ Dampings that are stable at both ends need not be so between them. A damping of 
 joint that depends on the other's rate, or on an angle that small, is not seen.
 """
 
-from typing import NamedTuple, cast
+from functools import reduce
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,13 +25,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool
 
-from ..model.column import Column
-from ..model.damping import is_polynomial
-from ..motion.observers import joint_rates
-from ..motion.scene import field, prepared
+from ..model.chain import joint_angles
+from ..model.state import PhasePoint
+from ..model.system import System, field
 from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane, tree_where
-from ..numerics.numbers import Flag, Scalar, Vector4
+from ..numerics.numbers import Flag, Scalar
 from ..results import CODE
 from ..solvers import Step
 
@@ -78,12 +78,13 @@ class Rest(eqx.Module):
         """The rate, or the swing, that steps leave of a motion that has decayed."""
         return NOISE * self.atol
 
-    def slow(self, column: Column, rate: Scalar) -> Flag:
+    def slow(self, system: System, rate: Scalar) -> Flag:
         """Whether a joint rate is so low that what is left may be rest."""
-        slow = rate < cast(Scalar, self.rate_cut)
-        return slow | (rate < self.noise) if is_polynomial(column.damping) else slow
+        assert self.rate_cut is not None
+        slow = rate < self.rate_cut
+        return slow | (rate < self.noise) if system.polynomial else slow
 
-    def begin(self, y: Vector4) -> Speeds:
+    def begin(self, y: PhasePoint) -> Speeds:
         """At the start of a motion."""
         zero = 0.0 * y[0]
         return Speeds(zero if self.by_modes else fastest(y), zero)
@@ -94,7 +95,7 @@ class Rest(eqx.Module):
             assert step.modes
             m1, m2 = step.modes
             rate = jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0)
-            rate = rate.astype(cast(jax.Array, m1).dtype)
+            rate = rate.astype(jnp.result_type(m1))
         else:
             rate = fastest(step.y1)
         return speeds._replace(now=larger(speeds.now, rate))
@@ -107,21 +108,21 @@ class Rest(eqx.Module):
         m1, m2 = step.event[1]
         return (m1 == 0) & (m2 == 0)
 
-    def reached(self, column: Column, speeds: Speeds, step: Step, ended: Flag) -> Flag:
+    def reached(self, system: System, speeds: Speeds, step: Step, ended: Flag) -> Flag:
         """Whether it rests at the end of a step, with which a span may have ended."""
         if self.by_modes:
             return self.sticks(step) | (ended & (speeds.now < 0.5))
         # slow is not at rest where it grows: the span before tells, and what decays
-        slow = ended & self.slow(column, speeds.now) & (speeds.now <= speeds.before)
+        slow = ended & self.slow(system, speeds.now) & (speeds.now <= speeds.before)
 
         def damped(slow: Bool[Array, ""]) -> Bool[Array, ""]:
-            return slow & decays(column, step.y1, speeds.now)
+            return slow & decays(system, step.y1, speeds.now)
 
         return if_any_lane(slow, damped, jnp.asarray(slow))
 
-    def outcome(self, column: Column) -> CODE:
+    def outcome(self, system: System) -> CODE:
         """What rest is called."""
-        return CODE.rest if column.friction is None else CODE.stuck
+        return CODE.rest if system.friction is None else CODE.stuck
 
     def setting(self) -> Scalar | str:
         """The cut, for the record."""
@@ -133,13 +134,12 @@ class Rest(eqx.Module):
         return tree_where(begins, new, speeds)
 
 
-def fastest(y: Vector4) -> Scalar:
+def fastest(y: PhasePoint) -> Scalar:
     """The larger joint rate."""
-    u1, u2 = joint_rates(y)
-    return larger(jnp.abs(u1), jnp.abs(u2))
+    return reduce(larger, map(jnp.abs, joint_angles(y.omega)))
 
 
-def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
+def decays(system: System, y: PhasePoint, rate: Scalar) -> Flag:
     """Whether motions about this state, no faster than `rate`, are damped.
 
     Without friction the terms of Hurwitz' conditions are those of the equilibrium but
@@ -148,9 +148,9 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
 
     **Arguments:** `rate`: the largest of a joint; 0 where the motion stands still.
     """
-    column, zero = prepared(column), 0.0 * y[0]
+    zero = 0.0 * y[0]
     sizes = (BESIDE,)
-    if column.friction is not None or not is_polynomial(column.damping):
+    if system.friction is not None or not system.polynomial:
         sizes += tuple(way * level for level in LEVELS for way in (1.0, -1.0))
     # of each joint K's column, then C's for each size: one after the other, for each
     # place where the field is written out is ten thousand instructions
@@ -163,8 +163,7 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
 
     def forces(*y):
         """Against the joints' own accelerations."""
-        _, _, a1, a2 = field(zero, y, column)
-        return -a1, a1 - a2
+        return tuple(-a for a in joint_angles(field(zero, PhasePoint(y), system).omega))
 
     def along(ends, row):
         """A column, and the least and the greatest of C's so far, by its own force."""
@@ -192,7 +191,7 @@ def decays(column: Column, y: Vector4, rate: Scalar) -> Flag:
     c11, c21 = (c[:, None] for c in _between(low1, high1, 0, one))
     c12, c22 = (c[None] for c in _between(low2, high2, 1, one))
     unsure = 0.0
-    if column.friction is None:
+    if system.friction is None:
         unsure = rate * (rate + jnp.abs(y[0]) + jnp.abs(y[1]))
     damped = _damped(
         unsure,

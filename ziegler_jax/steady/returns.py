@@ -25,15 +25,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..model.column import Column
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..motion.section import SectionPlane, passage
 from ..motion.spans import may_turn_over, turns_over
 from ..motion.tangents import push
 from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane, materialise, replaced, tree_where
-from ..numerics.numbers import Count, Flag, Flags, Pair, Scalar, Traced, Traced4
+from ..numerics.numbers import Count, Flag, Flags, Numbers, Scalar
 from ..results import CODE
-from ..solvers import AbstractFold, Explicit, Step
+from ..solvers import ACCEPTED, AbstractFold, Explicit, Step
 from .contraction import (
     Matrix3,
     Vector3,
@@ -79,7 +80,7 @@ class Candidate(NamedTuple):
     x: Vector3  # where it passes the section
     slope: Matrix3  # the derivative of the map of so many returns there
     norm: Matrix3  # in which that contracts
-    radius: Traced
+    radius: Scalar
 
 
 class Calm(NamedTuple):
@@ -93,19 +94,19 @@ class Calm(NamedTuple):
 class Ends(NamedTuple):
     """A step's ends: times, states, accelerations."""
 
-    t0: Traced
-    t1: Traced
-    y0: Traced4
-    y1: Traced4
-    a0: Pair
-    a1: Pair
+    t0: Scalar
+    t1: Scalar
+    y0: PhasePoint
+    y1: PhasePoint
+    a0: Numbers
+    a1: Numbers
 
 
 class Lookout(NamedTuple):
     """The running numbers of `March`."""
 
     passed: Ends  # the step of a return that has not been looked at
-    waits: Traced  # how many have not
+    waits: Scalar  # how many have not
     calm: Calm | tuple[()]
     asks: Int[Array, ""]
     grown: Grown | tuple[()] = ()
@@ -127,9 +128,9 @@ class March(AbstractFold[Lookout]):
     escape: Scalar
     carrier: Explicit | None = None
 
-    def init(self, column, t0, y0):
+    def init(self, system, t0, y0):
         """No return yet."""
-        del column
+        del system
         zero = 0.0 * y0[0]
         start, none = t0 + zero, (zero, zero)
         return Lookout(
@@ -140,12 +141,12 @@ class March(AbstractFold[Lookout]):
             grown=() if self.carrier is None else kick_tangent(y0),
         )
 
-    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+    def advance(self, solver, t0, t1, y0, system, first, state):
         """A step, and the image of the kick's tangent."""
         if self.carrier is None:
-            return super().advance(solver, terms, t0, t1, y0, column, first, state)
+            return super().advance(solver, t0, t1, y0, system, first, state)
         _, (y1, images), (error, _), (last, _) = push(
-            solver, column, t0, t1, y0, (state.grown.tangent,)
+            solver, system, t0, t1, y0, (state.grown.tangent,)
         )
         return y1, error, last, images, None
 
@@ -155,22 +156,21 @@ class March(AbstractFold[Lookout]):
         none, complete = CODE.not_computed, CODE.complete
         return jnp.where(asks, complete, none).astype(jnp.int32)
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """Keep the step if it returns, and see whether the motion is over."""
-        return self.accepted(column, state, step, None)
+        return self.accepted(system, state, step, ACCEPTED)
 
-    def accepted(self, column, state, step, verdict):
+    def accepted(self, system, state, step, verdict):
         """The same where the step is accepted: each number is masked once."""
-        accepts = True if verdict is None else verdict.accepts > 0
-        growth = state.grown
+        accepts, growth = verdict.accepts > 0, state.grown
         if self.carrier is not None:
-            growth = grown(column, self.carrier, cast(Grown, growth), step)
+            growth = grown(system, self.carrier, cast(Grown, growth), step)
 
         def look():
             """As numbers, and once: what a passage leaves asks for it 15 times."""
             falls = self.odd & (step.y1[0] < step.y0[0])
             before, after = (jnp.where(falls, -y[0], y[0]) for y in (step.y0, step.y1))
-            rests, goes_on = self._rests(column, state, step)
+            rests, goes_on = self._rests(system, state, step)
             asks = jnp.where(accepts & rests, REST, state.asks)
             there = jnp.where(accepts & (before < 0) & (after >= 0), 1.0, 0.0)
             return there, asks.astype(jnp.int32), jnp.where(goes_on, 1.0, 0.0)
@@ -182,7 +182,7 @@ class March(AbstractFold[Lookout]):
         there, asks, goes_on = materialise(step.t0, look)
         near = accepts & may_turn_over(step, self.escape)
         asks = if_any_lane(near, escaped, asks)
-        ends = Ends(step.t0, step.t1, step.y0, step.y1, step.f0[2:], step.f1[2:])
+        ends = Ends(step.t0, step.t1, step.y0, step.y1, step.f0.omega, step.f1.omega)
         passed = tree_where(there > 0, ends, state.passed)
         calm = state.calm
         if not self.rest.by_modes:
@@ -193,7 +193,7 @@ class March(AbstractFold[Lookout]):
         after = Lookout(passed, state.waits + there, calm, asks, growth)
         return after, jnp.inf, asks != NOTHING
 
-    def _rests(self, column: Column, state: Lookout, step: Step) -> Flags:
+    def _rests(self, system: System, state: Lookout, step: Step) -> Flags:
         """Whether it rests for long enough, not on its way up; or is calm so far."""
         if self.rest.by_modes:
             assert step.event
@@ -202,9 +202,9 @@ class March(AbstractFold[Lookout]):
         rate = fastest(step.y1)
         calm = _longer(cast(Calm, state.calm), step, rate)
         over = step.t1 - calm.start >= CALM
-        slow = self.rest.slow(column, rate)
+        slow = self.rest.slow(system, rate)
         rests = slow & over & (calm.late <= calm.early)
-        return rests, slow & (~over | rests)
+        return rests, slow & (jnp.logical_not(over) | rests)
 
 
 def _longer(calm: Calm, step: Step, rate: Scalar) -> Calm:
@@ -222,28 +222,28 @@ class Returns(NamedTuple):
 
     points: Float[Array, "7 3"]  # the last ones, newest first
     times: Float[Array, "7"]
-    passages: Traced
+    passages: Scalar
     last: Float[Array, "6"]  # d_n at the newest; infinity where n closes no orbit
-    nearest: Traced  # about the smallest of the last d_n
-    level: Traced  # how many of them have been used up
-    due: Traced  # the next of the times
+    nearest: Scalar  # about the smallest of the last d_n
+    level: Scalar  # how many of them have been used up
+    due: Scalar  # the next of the times
     trend: Trend
-    own: Traced  # returns since the shot that found the candidate
-    follows: Traced  # how many of its own in a row draw near
+    own: Scalar  # returns since the shot that found the candidate
+    follows: Scalar  # how many of its own in a row draw near
     lost: Bool[Array, ""]  # whether the motion has left the candidate
     asks: Int[Array, ""]
     returns: Int[Array, ""]  # and for a shot of how many
 
 
-def no_returns(zero: Traced) -> Returns:
+def no_returns(zero: Scalar) -> Returns:
     """Before the first."""
     none = jnp.zeros((), jnp.int32)
     counts = len(COUNTS)
     return Returns(
-        points=jnp.zeros((1 + counts, 3), zero.dtype) + zero,
-        times=jnp.zeros(1 + counts, zero.dtype) + zero,
+        points=jnp.zeros((1 + counts, 3), jnp.result_type(zero)) + zero,
+        times=jnp.zeros(1 + counts, jnp.result_type(zero)) + zero,
         passages=zero,
-        last=jnp.full(counts, jnp.inf, zero.dtype) + zero,
+        last=jnp.full(counts, jnp.inf, jnp.result_type(zero)) + zero,
         nearest=zero + jnp.inf,
         level=zero,
         due=zero + TIMES[0],
@@ -274,11 +274,12 @@ def with_return(
         return jnp.where(odd & (ends.y1[0] < ends.y0[0]), -1.0, 1.0)
 
     sign = materialise(ends.t0, side)  # once for all numbers
-    y0, y1, a0, a1 = (
-        tuple(sign * x for x in part) for part in (ends.y0, ends.y1, ends.a0, ends.a1)
+    y0, y1 = (PhasePoint(sign * x for x in y) for y in (ends.y0, ends.y1))
+    f0, f1 = (
+        PhasePoint.of(y.omega, [sign * x for x in a])
+        for y, a in ((y0, ends.a0), (y1, ends.a1))
     )
-    slopes = cast(Traced4, (*y0[2:], *a0)), cast(Traced4, (*y1[2:], *a1))
-    step = Step(ends.t0, ends.t1, cast(Traced4, y0), cast(Traced4, y1), *slopes, ())
+    step = Step(ends.t0, ends.t1, y0, y1, f0, f1, ())
     here = passage(SectionPlane(), step)
     point = jnp.stack(here.y[1:])
     points = jnp.concatenate([point[None], state.points[:-1]])
@@ -339,7 +340,7 @@ def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
     Where it has none, or has left it, all stays as it was: batch mates come here too.
     """
     own = now.own
-    returns = jnp.maximum(orbit.returns, 1).astype(own.dtype)
+    returns = jnp.maximum(orbit.returns, 1).astype(jnp.result_type(own))
     # whole numbers, far below those whose quotients would be rounded
     mine = own - returns * jnp.floor((own + 0.5) / returns) == 0
     mine &= orbit.there & ~now.lost
@@ -380,12 +381,12 @@ def with_candidate(state: Returns) -> Returns:
     return ask_no_more(state)._replace(own=zero, follows=zero, lost=no)
 
 
-def span_of(state: Returns, returns: Count) -> Traced:
+def span_of(state: Returns, returns: Count) -> Scalar:
     """The time that the last so many returns took."""
     return state.times[0] - state.times[returns]
 
 
-def _nth(numbers: Sequence[Scalar], place: Traced) -> Traced:
+def _nth(numbers: Sequence[Scalar], place: Scalar) -> Scalar:
     """One of a few numbers."""
     pairs = enumerate(numbers)
     none = jnp.zeros_like(place)

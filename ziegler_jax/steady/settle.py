@@ -1,5 +1,7 @@
 """`settle`: the long-run motion of a column, as numbers."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import cast
 
@@ -10,14 +12,15 @@ from jaxtyping import Array, Float, Shaped
 
 from ..model.column import Column, State
 from ..motion import not_finite
+from ..motion.checks import check_scene
+from ..motion.ending import ending, nan_where
 from ..motion.implicit import fixed, forward_only, lost
 from ..motion.integrate import Run, follow
 from ..motion.observers import AbstractObserver
 from ..motion.options import Method, Windows, recorded
-from ..motion.scene import check_scene, ending, nan_where
 from ..motion.spans import SpanState
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import Scalar, instance
+from ..numerics.rules import instance
 from ..results import (
     CODE,
     TIME,
@@ -69,9 +72,9 @@ def settle(
     column: Column,
     start: State,
     *,
-    windows: Windows = Windows(),  # noqa: B008, a value
+    windows: Windows = Windows(),
     observers: Sequence[AbstractObserver] = (),
-    method: Method = Method(),  # noqa: B008
+    method: Method = Method(),
     certify: bool | None = None,
 ) -> Settled:
     r"""Kick the column and wait: what its motion settles to, with a certificate.
@@ -209,7 +212,7 @@ def settled(motion: Settling, run: Run[SpanState[WindowState]] | Certifying) -> 
 def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settled:
     fold, watch = motion.watch, run.folded.watch
     record = Record(watch.observed, fold.span, run.y)
-    named = fold.observation.variables(motion.column, record, _FIELDS)
+    named = fold.observation.variables(motion.system, record, _FIELDS)
     failed = run.outcome < CODE.unsettled
     named = _nan_where_failed(failed, named)
     named["windows"] = Variable(run.folded.spans, "observed windows")
@@ -218,9 +221,9 @@ def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settle
     ends = how["final"], how["time"]
     how["final"], how["time"] = tree_where(failed, lost(ends, scene), ends)
     return Settled(
-        numbers={name: cast(jax.Array, v.value) for name, v in named.items()},
+        numbers={name: jnp.asarray(v.value) for name, v in named.items()},
         quantities=without_values(named),
-        drift=nan_where(failed | ~jnp.isfinite(watch.drift), watch.drift),
+        drift=jnp.asarray(nan_where(failed | ~jnp.isfinite(watch.drift), watch.drift)),
         settings=recorded(**motion.settings()),
         **how,
     )
@@ -229,12 +232,12 @@ def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settle
 def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     orbit, candidate = end.orbit, end.candidate
     named = motion.observation.variables(
-        fixed(motion.column), orbit.record, _FIELDS | _CERTIFICATE
+        fixed(motion.system), orbit.record, _FIELDS | _CERTIFICATE
     )
     closed = end.outcome == CODE.cycle
     twice = fixed(motion.odd) & (candidate.returns % 2 == 1)
     unsettled = end.outcome == CODE.unsettled
-    sticks = motion.rest.by_modes & (end.outcome == motion.rest.outcome(motion.column))
+    sticks = motion.rest.by_modes & (end.outcome == motion.rest.outcome(motion.system))
     place = Place(
         closed=closed,
         known=unsettled | sticks,
@@ -275,7 +278,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
         largest = cast(Grown, end.march.folded.grown).largest
         largest = lost(largest, (motion.column, motion.y0))
         failed = end.outcome < CODE.unsettled
-        named |= growth_variables(largest, failed, cast(Scalar, motion.method.rtol))
+        named |= growth_variables(largest, failed, motion.method.tolerances[0])
     how, scene = ending(end), (motion.column, motion.y0, *options)
     y = jnp.stack(how["final"].y) + move.y
     how["final"] = State((y[0], y[1]), (y[2], y[3]))
@@ -283,9 +286,9 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     horizon, verdict = (lost(how["time"], of) for of in (options, scene))
     how["time"] = jnp.where(unsettled, horizon, verdict)
     return Settled(
-        numbers={name: cast(jax.Array, v.value) for name, v in named.items()},
+        numbers={name: jnp.asarray(v.value) for name, v in named.items()},
         quantities=without_values(named),
-        drift=lost(nan_where(~closed, orbit.residual), scene),
+        drift=jnp.asarray(lost(nan_where(~closed, orbit.residual), scene)),
         settings=recorded(**motion.settings()),
         **how,
     )

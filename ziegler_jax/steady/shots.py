@@ -12,27 +12,20 @@ $$H(x) = a + \delta t\,F, \qquad DH = V - \frac{F\,V_1}{F_1}, \qquad x \leftarro
 Steps are ten, at last a hundred times finer than the motion's own.
 """
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from ..model.column import Column
+from ..model.state import PhasePoint
+from ..model.system import System
 from ..motion.integrate import Motion, Run
 from ..motion.options import Method
-from ..motion.tangents import Vectors, apart, past
+from ..motion.tangents import Vectors, apart, joined, past
 from ..motion.variational import events_number
 from ..numerics.materialise import materialise, tree_where
-from ..numerics.numbers import (
-    Count,
-    Flag,
-    Numbers,
-    Scalar,
-    Traced,
-    Traced4,
-    Vector4,
-)
+from ..numerics.numbers import Flag, Scalar
 from ..results import CODE
 from ..solvers import AbstractFold, Explicit
 from .contraction import (
@@ -59,9 +52,9 @@ class Attempt(NamedTuple):
     """Newton's method, from a return of the motion on."""
 
     x: Vector3
-    span: Traced
-    sign: Traced
-    size: Traced  # of the last move
+    span: Scalar
+    sign: Scalar
+    size: Scalar  # of the last move
     shots: Int[Array, ""]  # so far
     fine: Bool[Array, ""]
     verified: Bool[Array, ""]
@@ -69,7 +62,7 @@ class Attempt(NamedTuple):
     image: Vector3  # where it returns next
     first_slope: Matrix3  # with which derivative
     slope: Matrix3  # the derivative at the last shot's start
-    modes: Traced  # of the last shot
+    modes: Scalar  # of the last shot
 
 
 class ShotState(NamedTuple):
@@ -78,7 +71,7 @@ class ShotState(NamedTuple):
     tangents: Vectors  # three, along phi2, omega1, omega2
     slopes: Vectors  # theirs; () where events turn them
     record: tuple  # of the observers
-    modes: Traced | tuple[()]  # set-valued friction: a number of the events so far
+    modes: Scalar | tuple[()]  # set-valued friction: a number of the events so far
 
 
 class Shot(AbstractFold[ShotState]):
@@ -87,76 +80,71 @@ class Shot(AbstractFold[ShotState]):
     solver: Explicit
     observation: Observation
 
-    def init(self, column, t0, y0):
+    def init(self, system, t0, y0):
         """Unit vectors, and nothing seen."""
         zero = 0.0 * y0[0]
         unit = np.eye(3, 4, k=1)
-        tangents = tuple(tuple(zero + x for x in row) for row in unit)
-        tangents = cast(Vectors, tangents)
-        record = self.observation.init(column, t0, y0)
-        return ShotState(tangents, (), record, 0.0 * y0[0] if column.sticks else ())
+        tangents = tuple(PhasePoint(zero + x for x in row) for row in unit)
+        record = self.observation.init(system, t0, y0)
+        return ShotState(tangents, (), record, 0.0 * y0[0] if system.sticks else ())
 
-    def with_slope(self, solver, terms, t0, y0, column):
+    def with_slope(self, t0, y0, system):
         """All slopes by one evaluation."""
-        del solver, terms
-        state = self.init(column, t0, y0)
-        both = cast(Numbers, sum(state.tangents, y0))
-        first, slopes = apart(materialise(y0[0], tangent_field, t0, both, column))
+        state = self.init(system, t0, y0)
+        both = joined(y0, state.tangents)
+        first, slopes = apart(materialise(y0[0], tangent_field, t0, both, system))
         return first, state._replace(slopes=slopes)
 
-    def integrand(self, column):
+    def integrand(self, system):
         """The observers'."""
-        return self.observation.integrand(column)
+        return self.observation.integrand(system)
 
     def outcome(self, state):
         """None: it only watches."""
         del state
         return jnp.asarray(CODE.not_computed, jnp.int32)
 
-    def advance(self, solver, terms, t0, t1, y0, column, first, state):
+    def advance(self, solver, t0, t1, y0, system, first, state):
         """A step, the images of the tangents, and the observers' integrals."""
-        del terms
-        known = cast(Numbers, sum(state.slopes, first)) if state.slopes else None
+        known = joined(first, state.slopes) if state.slopes else None
         both, error, last, integrals = push_along(
-            solver, column, t0, t1, y0, state.tangents, self.integrand(column), known
+            solver, system, t0, t1, y0, state.tangents, self.integrand(system), known
         )
         (y1, images), (slope, slopes) = apart(both), apart(last)
         slopes = slopes if state.slopes else ()
         return y1, error, slope, (images, slopes, integrals), None
 
-    def step(self, column, state, step):
+    def step(self, system, state, step):
         """After a step, and past the event at its end."""
         modes, slopes = state.modes, ()
         if not step.modes:
             images, slopes, integrals = step.integrals
         else:  # it may have been cut
             integrals, ends = step.integrals, (step.t0, step.t1, step.y0)
-            both, *_ = push_along(self.solver, column, *ends, state.tangents)
-            images = past(column, step, apart(both)[1])
+            both, *_ = push_along(self.solver, system, *ends, state.tangents)
+            images = past(system, step, apart(both)[1])
             modes = events_number(modes, step)
         step = step._replace(integrals=integrals)
-        record = self.observation.step(column, state.record, step)
+        record = self.observation.step(system, state.record, step)
         return ShotState(images, slopes, record, modes), jnp.inf, False
 
 
 def shot_motion(
-    column: Column,
-    y0: Vector4,
+    system: System,
+    y0: PhasePoint,
     attempt: Attempt,
     method: Method,
     observation: Observation,
 ) -> Motion[ShotState]:
     """The next shot of an attempt; `method`: that of the motion itself."""
     share = jnp.where(attempt.fine, FINE, COARSE)
-    rtol, atol = (
-        jnp.maximum(share * cast(Scalar, x), FINEST) for x in (method.rtol, method.atol)
-    )
+    rtol, atol = (jnp.maximum(share * x, FINEST) for x in method.tolerances)
     solver = method.solver
     solver = solver if isinstance(solver, Explicit) else Explicit()
     fold = Shot(solver, observation)
-    finer = Method(solver, rtol, atol).at_most(cast(Count, method.max_steps))
+    finer = Method(solver, rtol, atol).at_most(method.budget)
     span = jnp.maximum(attempt.span, SHORTEST)
-    return Motion(column, cast(Traced4, y0), fold, finer, end=span)
+    return Motion(system, y0, fold, finer, end=span)
 
 
 def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
@@ -196,7 +184,7 @@ class Return(NamedTuple):
     image: Vector3  # H(x)
     slope: Matrix3  # DH(x)
     move: Vector3  # Newton's step to the fixed point
-    longer: Traced  # and what to add to the span
+    longer: Scalar  # and what to add to the span
 
 
 def return_of(run: Run[ShotState], attempt: Attempt) -> Return:
@@ -224,15 +212,15 @@ def to_be_begun(run: Run[ShotState]) -> Run[ShotState]:
     )
 
 
-def start_of(x: Vector3) -> Traced4:
+def start_of(x: Vector3) -> PhasePoint:
     """The state of a point of the section."""
-    return (0.0 * x[0], x[0], x[1], x[2])
+    return PhasePoint((0.0 * x[0], x[0], x[1], x[2]))
 
 
-def blank_attempt(zero: Traced) -> Attempt:
+def blank_attempt(zero: Scalar) -> Attempt:
     """None yet."""
-    point, no = jnp.zeros(3, zero.dtype) + zero, jnp.asarray(False)
-    matrix = jnp.zeros((3, 3), zero.dtype) + zero
+    point, no = jnp.zeros(3, jnp.result_type(zero)) + zero, jnp.asarray(False)
+    matrix = jnp.zeros((3, 3), jnp.result_type(zero)) + zero
     return Attempt(
         x=point,
         span=zero,
@@ -249,7 +237,7 @@ def blank_attempt(zero: Traced) -> Attempt:
     )
 
 
-def attempt_at(before: Attempt, x: Vector3, span: Traced, sign: Traced) -> Attempt:
+def attempt_at(before: Attempt, x: Vector3, span: Scalar, sign: Scalar) -> Attempt:
     """Newton's method before its first shot, in place of an attempt that is over."""
     none, no = jnp.zeros_like(before.shots), jnp.zeros_like(before.fine)
     anew = {"shots": none, "fine": no, "verified": no}

@@ -10,10 +10,10 @@ least, and rose at some of them: one that falls steadily, however slowly, does n
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import Flag, Scalar, Traced
+from ..numerics.numbers import Flag, Scalar
 from ..results import CODE
 
 GROWTH, FALL = 1.01, 0.99
@@ -24,12 +24,12 @@ NEARLY = 0.01  # a motion whose returns come nearer than this is slow, not aperi
 class Trend(NamedTuple):
     """What the largest returns have told."""
 
-    peak: Traced  # the largest since the last time
-    before: Traced  # and between the two times before
-    whence: Traced  # the same where it began to last
-    grew: Traced  # at how many times in a row
-    lasted: Traced
-    rose: Traced  # at how many of the last ones
+    peak: Scalar  # the largest since the last time
+    before: Scalar  # and between the two times before
+    whence: Scalar  # the same where it began to last
+    grew: Scalar  # at how many times in a row
+    lasted: Scalar
+    rose: Scalar  # at how many of the last ones
 
     def after(self, size: Scalar, timed: Flag) -> "Trend":
         """One return more; `timed`: whether one of the times is over."""
@@ -47,12 +47,12 @@ class Trend(NamedTuple):
         return tree_where(timed, after, self._replace(peak=peak))
 
     @property
-    def endures(self) -> Bool[Array, ""]:
+    def endures(self) -> Flag:
         """Whether the motion will not come to rest."""
         return (self.grew >= GROWN) | self._lasts
 
     @property
-    def _lasts(self) -> Bool[Array, ""]:
+    def _lasts(self) -> Flag:
         return (self.lasted >= LASTED) & (self.rose >= RISEN)
 
     def kind(self, nearest: Scalar, unstable: Flag) -> Int[Array, ""]:
@@ -68,6 +68,6 @@ class Trend(NamedTuple):
         return jnp.where(unstable, CODE.unstable_near, kind)
 
 
-def no_trend(zero: Traced) -> Trend:
+def no_trend(zero: Scalar) -> Trend:
     """Before the first return."""
     return Trend(zero, zero + jnp.inf, zero + jnp.inf, zero, zero, zero)

@@ -6,28 +6,16 @@ from typing import NamedTuple, cast
 import jax.numpy as jnp
 
 from ..model.column import Column, State
+from ..model.system import System
+from ..motion.checks import float_state, valid_scene, with_amplitude
 from ..motion.integrate import Motion
+from ..motion.method import method_of, rate_cut_of, usual_method
 from ..motion.observers import AbstractObserver, Amplitude
 from ..motion.options import Method, Windows, windows_for
-from ..motion.scene import (
-    check_scene,
-    float_state,
-    method_of,
-    rate_cut_of,
-    usual_method,
-    valid_scene,
-    with_amplitude,
-)
 from ..motion.spans import AbstractSpans, SpanState
 from ..numerics.materialise import if_any_lane, tree_where
-from ..numerics.numbers import (
-    Flag,
-    Option,
-    Scalar,
-    Traced,
-    equals,
-    keeps,
-)
+from ..numerics.numbers import Flag, Option, Scalar, equals
+from ..numerics.rules import keeps
 from ..results import CODE
 from ..solvers.explicit import Integrand
 from .growth import Growth
@@ -42,7 +30,7 @@ class WindowState(NamedTuple):
     observed: tuple  # one state per observer, the amplitude's first
     window: Window | tuple[()]  # empty where there is but one
     before: Before | tuple[()]
-    drift: Traced
+    drift: Scalar
     speeds: Speeds
 
 
@@ -59,23 +47,23 @@ class SettleFold(AbstractSpans[WindowState]):
         good = super().valid() & keeps("positive", self.agreement, self.rest.rate_cut)
         return good & self.observation.valid()
 
-    def integrand(self, column: Column) -> Integrand | None:
+    def integrand(self, system: System) -> Integrand | None:
         """The integrands of all observers, one after the other."""
-        return self.observation.integrand(column)
+        return self.observation.integrand(system)
 
-    def begin(self, column, t0, y0):
+    def begin(self, system, t0, y0):
         """Observers that saw nothing yet."""
         zero = 0.0 * y0[0]
         pair, several = (zero, zero), self.most > 1
         return WindowState(
-            observed=self.observation.init(column, t0, y0),
-            window=begun(at_start(column, y0)) if several else (),
+            observed=self.observation.init(system, t0, y0),
+            window=begun(at_start(system, y0)) if several else (),
             before=Before(pair, pair, pair, zero) if several else (),
             drift=zero + jnp.inf,
             speeds=self.rest.begin(y0),
         )
 
-    def watch(self, column, state, step):
+    def watch(self, system, state, step):
         """Let all observers see the step.
 
         In the transient they need not: where it ends `judge` has them begin anew. A
@@ -85,9 +73,9 @@ class SettleFold(AbstractSpans[WindowState]):
 
         def observe(before):
             observed, window = before
-            observed = self.observation.step(column, observed, step)
+            observed = self.observation.step(system, observed, step)
             if window:
-                window = watched(column, window, step)
+                window = watched(system, window, step)
             return observed, window
 
         now = state.watch.observed, state.watch.window
@@ -99,12 +87,12 @@ class SettleFold(AbstractSpans[WindowState]):
         watch = state.watch._replace(observed=observed, window=window, speeds=speeds)
         return watch, self.rest.sticks(step), None
 
-    def judge(self, column, state, step, ended):
+    def judge(self, system, state, step, ended):
         """Compare the window that ended with the one before."""
         watch, speeds = state.watch, state.watch.speeds
         ended_window = ended & (state.spans > 0)
         two = self.rest.by_modes | (state.spans >= min(2, self.most))
-        at_rest = self.rest.reached(column, speeds, step, ended_window & two)
+        at_rest = self.rest.reached(system, speeds, step, ended_window & two)
         last = ended_window & (state.spans >= self.most)
         outcome = jnp.where(last, CODE.unsettled, state.outcome)
         window, before, drift = watch.window, watch.before, watch.drift
@@ -117,16 +105,16 @@ class SettleFold(AbstractSpans[WindowState]):
             drift = jnp.where(second, drawn.drift, drift)
             agreed = second & (drawn.outcome != CODE.not_computed)
             if not self.rest.by_modes:
-                agreed &= ~self.rest.slow(column, speeds.now)  # what is left is noise
+                agreed &= ~self.rest.slow(system, speeds.now)  # what is left is noise
             outcome = jnp.where(agreed, drawn.outcome, outcome)
-        outcome = jnp.where(at_rest, self.rest.outcome(column), outcome)
+        outcome = jnp.where(at_rest, self.rest.outcome(system), outcome)
         begins = ended & (outcome == CODE.not_computed)
 
-        fresh = self.observation.init(column, step.t1, step.y1)
+        fresh = self.observation.init(system, step.t1, step.y1)
         if window and before:
             last_one = Before(swings, window.low, window.high, window.lost)
             before = tree_where(begins, last_one, before)
-            window = tree_where(begins, begun(at_end(column, step)), window)
+            window = tree_where(begins, begun(at_end(system, step)), window)
         watch = WindowState(
             observed=tree_where(begins, fresh, watch.observed),
             window=window,
@@ -140,7 +128,8 @@ class SettleFold(AbstractSpans[WindowState]):
 class SettleProblem(Motion[SpanState[WindowState]]):
     """A motion that ends when it has settled.
 
-    **Arguments:** those of `settle`; `question`: whose defaults hold.
+    **Arguments:** those of `settle`, a scene that has been checked; `question`: whose
+    defaults hold.
     """
 
     def __init__(
@@ -152,30 +141,31 @@ class SettleProblem(Motion[SpanState[WindowState]]):
         observers: Sequence[AbstractObserver],
         method: Method,
     ):
-        """Check the scene and set up the watch."""
-        check_scene(column, start)
-        watched = with_amplitude(observers, column)
+        """Set up the watch."""
+        self.column, system = column, column.system()
+        watched = with_amplitude(observers, system)
         if any(isinstance(observer, Growth) for observer in watched):
             raise ValueError(
                 f"Argument `observers` must not contain `Growth()` in `{question}` "
                 "where windows judge, but does: see `certify` of `settle`."
             )
         y0 = float_state(start)
-        method = method_of(question, method, column, usual_method(column))
-        self.windows = windows = windows_for(question, windows, rate_cut_of(column))
+        method = method_of(question, method, system, usual_method(system))
+        self.windows = windows = windows_for(question, windows, rate_cut_of(system))
+        transient, length, most = windows.spans
         self.watch = watch = SettleFold(
-            transient=cast(Scalar, windows.transient),
-            span=cast(Scalar, windows.length),
-            most=cast(int, windows.max_windows),
+            transient=transient,
+            span=length,
+            most=most,
             agreement=cast(Scalar, windows.agreement),
-            escape=cast(Scalar, windows.escape),
-            rest=Rest(windows.rate_cut, at_once=False, atol=cast(Scalar, method.atol)),
+            escape=windows.bound,
+            rest=Rest(windows.rate_cut, at_once=False, atol=method.tolerances[1]),
             observation=Observation(watched),
-            rtol=cast(Scalar, method.rtol),
+            rtol=method.tolerances[0],
         )
         valid = valid_scene(column, y0) & watch.valid()
         super().__init__(
-            column,
+            system,
             y0,
             watch,
             method,
@@ -191,5 +181,4 @@ class SettleProblem(Motion[SpanState[WindowState]]):
             **self.method.settings(),
             **self.windows.settings(),
             "rate_cut": self.watch.rest.setting(),
-            **(self.column.friction.settings() if self.column.friction else {}),
         }

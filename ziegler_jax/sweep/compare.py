@@ -7,6 +7,8 @@ a finer tolerance, a law that is not smoothed. It is an estimate, point by point
 not a bound.
 """
 
+from __future__ import annotations
+
 import functools
 import inspect
 import math
@@ -16,9 +18,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..numerics.numbers import whole_number
+from ..numerics.rules import whole_number
 from .grid import Grid, axes_of
-from .lanes import Lanes
+from .pool import Lanes
 from .returned import Returned
 from .sweep import sweep
 
@@ -37,7 +39,7 @@ def compare(
     where: Callable[..., ArrayLike] | None = None,
     sample: int | None = None,
     repeats: int = 1,
-    lanes: Lanes = Lanes(),  # noqa: B008, a value
+    lanes: Lanes = Lanes(),
     progress: bool | None = None,
     axes: Mapping[str, ArrayLike] | None = None,
     **named_axes: ArrayLike,

@@ -1,17 +1,18 @@
 """A point that is traced and compiled once, for many sweeps and calls."""
 
+from __future__ import annotations
+
 import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..numerics.numbers import instance
+from ..numerics.rules import instance
 from ..results import Variable
 from ..runtime import all_cores
 from .grid import check_signature
-from .lanes import Lanes
-from .pool import run_lanes
+from .pool import Lanes, run_lanes
 from .program import Compiled, compiled, traced
 from .returned import Returned, empty
 
@@ -45,7 +46,7 @@ class Program:
         point: Callable[..., Returned],
         *,
         names: Sequence[str] | None = None,
-        lanes: Lanes = Lanes(),  # noqa: B008, a value
+        lanes: Lanes = Lanes(),
     ):
         """Trace the point."""
         instance("lanes", lanes, Lanes)

@@ -5,6 +5,8 @@ through that stage (at a loop a chunk of steps) and lets each lane wait where it
 on. Stages further on come first, so that few lanes are open.
 """
 
+from __future__ import annotations
+
 import itertools
 import math
 import threading
@@ -13,11 +15,13 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from typing import NamedTuple, TypeVar, TypeVarTuple
 
 import jax
 import numpy as np
 
+from ..numerics.rules import whole_number
 from ..runtime import own_flags
 from .program import Compiled
 from .stages import Stage
@@ -38,6 +42,35 @@ STALLED = 8
 CANARY = 256
 LATE = 0.5  # seconds that results may wait for others
 _CALLS = itertools.count(1)  # of this process: a cluster's blocks make a few each
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """How the lanes of a sweep run.
+
+    **Arguments:**
+
+    - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
+        else 128 (64 or 32 for sweeps of no more than two of these), or 384 where
+        `configure_cpu()` was needed and not called. It is rounded up to a multiple of
+        32, whole vectors of a processor: so a lane's result depends
+        neither on its batch mates nor on its place. Another batch size is another
+        program; those of 32, 64 and 128 lanes gave the same bits wherever they were
+        compared, others are equal to rounding.
+    - `threads`: None uses every core that the process may use.
+
+    **Raises:** `ValueError` for what breaks a rule.
+    """
+
+    batch_size: int | None = None
+    threads: int | None = None
+
+    def __post_init__(self):
+        """Check them."""
+        for name in ("batch_size", "threads"):
+            if getattr(self, name) is not None:
+                whole_number(name, getattr(self, name))
+
 
 # the values of the parameters at places of a grid, by their names
 Values = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -61,7 +94,7 @@ class Effort(NamedTuple):
         """The share of the lanes' own steps; NaN where no loop was cut."""
         return self.own_steps / self.all_steps if self.all_steps else float("nan")
 
-    def plus(self, other: "Effort") -> "Effort":
+    def plus(self, other: Effort) -> Effort:
         """The cost of these and of others."""
         steps = self.own_steps + other.own_steps, self.all_steps + other.all_steps
         checks = self.canary_checks + other.canary_checks
@@ -132,7 +165,7 @@ class OpenLanes(NamedTuple):
     stalled: np.ndarray  # chunks in a row in which the lane took none
     rows: tuple[np.ndarray, ...]  # the stage's fixed and state arrays
 
-    def at(self, lanes: np.ndarray | slice) -> "OpenLanes":
+    def at(self, lanes: np.ndarray | slice) -> OpenLanes:
         """The lanes at these places."""
         rows = tuple(row[:, lanes] for row in self.rows)
         points, steps, here, came, stalled = (x[lanes] for x in self[:-1])

@@ -26,13 +26,10 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import ClosedJaxpr, JaxprEqn  # pyright: ignore
 from jax.stages import Lowered
 
-from ..numerics.jaxpr_digest import Digest, digest_of, digest_of_function
-from ..numerics.packing import Packing, some_number
+from ..numerics.jaxprs import ClosedJaxpr, JaxprEqn
 from ..numerics.resumable import CALLS, equations_within, inlined, resumable_loop
-from ..numerics.tables import tables_as_inputs
 from ..results import DIMENSIONS, Variable
 from ..runtime import (
     all_cores,
@@ -43,8 +40,11 @@ from ..runtime import (
     quiet_compiler,
     refuse_forked,
 )
+from .jaxpr_digest import Digest, digest_of, digest_of_function
+from .packing import Packing, some_number
 from .returned import Returned, empty, labelled
 from .stages import Stage, needed, stages
+from .tables import tables_as_inputs
 
 # A loop's working set stays in the first caches; where XLA makes many kernels of it,
 # each must have enough to do.

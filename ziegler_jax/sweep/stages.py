@@ -18,17 +18,11 @@ import jax.core
 import jax.numpy as jnp
 from jax import lax
 from jax.core import eval_jaxpr
-from jax.extend.core import (
-    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
-    Jaxpr,
-    JaxprEqn,
-    Literal,
-    Var,
-)
+from jax.extend.core import Jaxpr, Var
 
+from ..numerics.jaxprs import ClosedJaxpr, JaxprEqn, Literal
 from ..numerics.materialise import materialise
 from ..numerics.numbers import Count
-from ..numerics.packing import Packing, Run, some_number
 from ..numerics.resumable import (
     Body,
     constants_of,
@@ -37,6 +31,7 @@ from ..numerics.resumable import (
     turns,
 )
 from ..runtime import compiles_whole_loops
+from .packing import Packing, Run, some_number
 
 
 class Stage(NamedTuple):

@@ -18,6 +18,8 @@ types and names, with fixed codecs, and Zarr is shown these and the chunks that 
 bears out, through a store in memory. Whatever else lies in the folder stays there.
 """
 
+from __future__ import annotations
+
 import functools
 import hashlib
 import json
@@ -379,7 +381,7 @@ def prepared(
     grid: Grid,
     identity: Mapping[str, Any],
     overwrite: bool,
-) -> "SweepStore":
+) -> SweepStore:
     """The store to go on with, made if need be.
 
     **Arguments:** `template`: the Dataset with nothing computed.
@@ -544,7 +546,7 @@ class SweepStore:
             raise _describes_none(self.path) from error
         self.metadata = {key: text.to_bytes() for key, text in self.files.items()}
 
-    def __enter__(self) -> "SweepStore":
+    def __enter__(self) -> SweepStore:
         """Nothing to do: a finished store need not be claimed."""
         return self
 

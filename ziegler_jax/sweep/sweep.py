@@ -1,5 +1,7 @@
 """A sweep: any function of named numbers, over named axes, as a labelled dataset."""
 
+from __future__ import annotations
+
 import inspect
 import math
 import os
@@ -11,14 +13,13 @@ import jax.numpy as jnp
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..numerics.numbers import instance
+from ..numerics.rules import instance
 from ..runtime import all_cores, refuse_forked
 from .assembly import BlockAssembler, Memory, Tally, check_room
 from .cluster import Arrays, check_client, run_blocks
 from .grid import Block, Grid, axes_of, check_signature
-from .lanes import Lanes
 from .once import Program
-from .pool import Effort, run_lanes
+from .pool import Effort, Lanes, run_lanes
 from .program import Scene, compiled, refuse_tracers, traced
 from .progress import Progress, tracing
 from .provenance import check_names, identity, template, warn_of_hosts
@@ -33,9 +34,9 @@ def sweep(
     point: Callable[..., Returned] | Program,
     *,
     where: Callable[..., ArrayLike] | None = None,
-    lanes: Lanes = Lanes(),  # noqa: B008, a value
+    lanes: Lanes = Lanes(),
     store: str | os.PathLike | Store | None = None,
-    client: "Client | None" = None,
+    client: Client | None = None,
     progress: bool | None = None,
     axes: Mapping[str, ArrayLike] | None = None,
     **named_axes: ArrayLike,
@@ -186,7 +187,7 @@ class _Run(NamedTuple):
     program: Program | None  # that has been compiled, or is once
     grid: Grid
     threads: int
-    client: "Client | None"
+    client: Client | None
 
 
 def _filled(run: _Run, backend: Memory | SweepStore, show: bool | None) -> xr.Dataset:

@@ -19,6 +19,8 @@ a pin radius in metres and a transition velocity in m/s become other dimensionle
 numbers on another column.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from typing import TypeVar, cast
@@ -30,18 +32,10 @@ import xarray as xr
 
 from ..model.column import Column
 from ..model.friction import SmoothCoulomb
-from ..model.loads import AbstractLoad, JointReaction
+from ..model.loads import AbstractNormalLoad, JointReaction
 from ..motion.trajectory import Trajectory
-from ..numerics.numbers import (
-    Joints,
-    OneOrTwo,
-    Pair,
-    Scalar,
-    both,
-    is_concrete,
-    number,
-    number_or_pair,
-)
+from ..numerics.numbers import Joints, OneOrTwo, Pair, Scalar, both, is_concrete
+from ..numerics.rules import number, number_or_pair
 from ..results import TIME, AbstractResult
 from .known import UNITS, Powers, size
 from .restored import restored_dataset, restored_motion
@@ -139,7 +133,7 @@ class SI(eqx.Module):
         pin_radius: Joints,
         transition_velocity: Joints,
         v_smooth: Scalar | None = None,
-        load: AbstractLoad | None = None,
+        load: AbstractNormalLoad | None = None,
     ) -> SmoothCoulomb:
         r"""The `SmoothCoulomb` of a multibody program's joint friction.
 

@@ -22,14 +22,10 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import (
-    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
-    Jaxpr,
-    JaxprEqn,
-    Literal,
-)
+from jax.extend.core import Jaxpr
 
-from .resumable import constants_of, resumable_loop
+from ..numerics.jaxprs import ClosedJaxpr, JaxprEqn, Literal
+from ..numerics.resumable import constants_of, resumable_loop
 
 # Parameters without a meaning for numbers: how a custom derivative is worked out (by
 # a point that is traced none is), names, and where arrays lie.

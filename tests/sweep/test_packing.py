@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from ziegler_jax.numerics.packing import GAP, Packing
+from ziegler_jax.sweep.packing import GAP, Packing
 
 LEAVES = [
     *(np.full(s, x, d) for s, x, d in [((), 1, bool), ((2, 3), -7, np.int32)]),

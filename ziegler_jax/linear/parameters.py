@@ -7,9 +7,9 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from ..model.column import Column
+from ..model.rods import PARTS, point_masses, uniform_rods
 from ..numerics.numbers import Scalar
-from .column import Column
-from .rods import PARTS, point_masses, uniform_rods
 
 Make = Callable[..., Column]
 

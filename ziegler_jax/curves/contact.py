@@ -20,26 +20,22 @@ Of all in a motion the one nearest to zero counts.
 """
 
 import abc
-from typing import cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from ..model.column import Column, joint_balance, vector_field
-from ..model.set_valued import FrozenCoulomb, in_modes
-from ..numerics.numbers import Pair, Scalar, Traced, Traced4
+from ..model.chain import joint_angles
+from ..model.state import PhasePoint
+from ..model.system import System
+from ..motion.saltation import leaves
+from ..motion.variational import NONE, AbstractContact
+from ..numerics.numbers import Scalar
 from ..solvers import Step
-from .observers import joint_rates
-from .saltation import leaves
-
-NONE = 1e3  # of a motion without such an instant
-# the number, and its derivatives along k directions
-Nearest = tuple[Traced, Float[Array, " k"]]
 
 
-class AbstractContact(eqx.Module):
+class AtRest(AbstractContact):
     """What is watched where `joint`, 1 or 2, comes to rest."""
 
     joint: int = eqx.field(static=True)
@@ -49,33 +45,24 @@ class AbstractContact(eqx.Module):
         """The joint's, of two."""
         return self.joint - 1
 
-    def begin(self, zero: Traced, k: int) -> Nearest:
-        """None yet."""
-        return zero + NONE, jnp.zeros(k, zero.dtype)
-
     @abc.abstractmethod
-    def number(self, column: Column, step: Step, y: Traced4) -> Traced:
+    def number(self, system: System, step: Step, y: PhasePoint) -> Scalar:
         """Of the state at the step's end, in which the joint is at rest."""
 
     def landing(
-        self, column: Column, step: Step, dy: Traced4, dp: Column | None
-    ) -> tuple[Traced, Traced]:
-        """The number at the step's end, and how it differs.
-
-        **Arguments:** `column`: in the modes of the step; `dy`: a difference at its
-        end, before the event; `dp`: how the column's numbers differ.
-        """
-        numbers, column_of = leaves(column, dp)
-        # the joint comes to rest earlier or later
+        self, system: System, step: Step, dy: PhasePoint, dp: System | None
+    ) -> tuple[Scalar, Scalar]:
+        """The number where the joint comes to rest, earlier or later."""
+        numbers, dp, system_of = leaves(system, dp)
         _, towards = jax.linearize(self.rate, step.y1)
         speed = towards(step.f1)
         late = -towards(dy) / jnp.where(speed == 0, jnp.inf, speed)
         pairs = zip(dy, step.f1, strict=True)
-        dy = cast(Traced4, tuple(d + late * f for d, f in pairs))
+        dy = PhasePoint(d + late * f for d, f in pairs)
         still = jax.tree.map(jnp.zeros_like, numbers) if dp is None else dp
 
-        def value(y: Traced4, numbers: Column) -> Traced:
-            return self.number(column_of(numbers), step, y)
+        def value(y: PhasePoint, numbers: System) -> Scalar:
+            return self.number(system_of(numbers), step, y)
 
         return jax.jvp(value, (step.y1, numbers), (dy, still))
 
@@ -85,36 +72,34 @@ class AbstractContact(eqx.Module):
         mine = (step.event[0] == self.joint) | (step.event[0] == 3)
         return jnp.asarray(mine & (self._mode(step) != 0))
 
-    def rate(self, y: Traced4) -> Traced:
+    def rate(self, y: PhasePoint) -> Scalar:
         """The joint's."""
-        return cast(Traced, joint_rates(y)[self.place])
+        return joint_angles(y.omega)[self.place]
 
     def _mode(self, step: Step) -> Scalar:
-        return cast(Pair, step.modes)[self.place]
+        return step.modes[self.place]
 
 
-class Landing(AbstractContact):
+class Landing(AtRest):
     """How far the torque that would hold the joint lies below the most."""
 
-    def number(self, column, step, y):
+    def number(self, system, step, y):
         """With the joint held, whatever the other does."""
-        modes = list(cast(Pair, step.modes))
+        modes = list(step.modes)
         modes[self.place] = 0.0 * modes[self.place]
-        here = in_modes(column, (modes[0], modes[1]))
-        law = cast(FrozenCoulomb, here.friction)
-        balance = joint_balance(here, y)
+        law, balance = system.in_modes(tuple(modes)).law, system.balance(y)
         most = law.loaded(balance).static[self.place]
-        return cast(Traced, law.guard(balance)[self.place] / most)
+        return law.guard(balance)[self.place] / most
 
 
-class Dip(AbstractContact):
+class Dip(AtRest):
     """How far slip is from coming to rest: the rate at which it turns."""
 
-    def number(self, column, step, y):
+    def number(self, system, step, y):
         """How far below zero slip would have turned; `NONE` if it would not."""
 
-        def slope(y: Traced4) -> Traced4:
-            return cast(Traced4, vector_field(step.t1, y, column))
+        def slope(y: PhasePoint) -> PhasePoint:
+            return system.field(step.t1, y)
 
         towards, bends = jax.jvp(slope, (y,), (slope(y),))
         mode = self._mode(step)
@@ -123,7 +108,7 @@ class Dip(AbstractContact):
         depth = speed * speed / (2 * jnp.where(turns, bend, 1.0))
         return jnp.where(turns, -depth, NONE)
 
-    def turn(self, step: Step) -> tuple[Traced, Array]:
+    def turn(self, step: Step) -> tuple[Scalar, Array]:
         """Where in the step slip is least, as a share of it; whether it is at all.
 
         On the cubic through both ends: where the rate turns it stands still.
@@ -139,14 +124,8 @@ class Dip(AbstractContact):
         c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
         root = jnp.sqrt(jnp.where(turns, c2 * c2 - 3 * c3 * v0, 1.0))
         x = -v0 / jnp.where(turns, c2 + root, 1.0)
-        return jnp.where(turns, x, 1.0), turns
+        return jnp.where(turns, x, 1.0), jnp.asarray(turns)
 
-    def least(self, step: Step, y: Traced4) -> Traced:
+    def least(self, step: Step, y: PhasePoint) -> Scalar:
         """The rate in the direction of slip, or its difference."""
         return self._mode(step) * self.rate(y)
-
-
-def nearer(new: Nearest, old: Nearest, there: Array) -> Nearest:
-    """The one of two that is nearer to zero; `there`: whether the new one is one."""
-    closer = there & (jnp.abs(new[0]) < jnp.abs(old[0]))
-    return jnp.where(closer, new[0], old[0]), jnp.where(closer, new[1], old[1])

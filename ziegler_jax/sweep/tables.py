@@ -16,13 +16,10 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import (
-    ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
-    Jaxpr,
-    JaxprEqn,
-)
+from jax.extend.core import Jaxpr
 
-from .resumable import (
+from ..numerics.jaxprs import ClosedJaxpr, JaxprEqn
+from ..numerics.resumable import (
     CALLS,
     INSIDE,
     Body,

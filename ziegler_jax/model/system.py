@@ -1,0 +1,332 @@
+r"""What runs: a column's numbers, worked out once, without rules and without names.
+
+A `System` is a `chain` of rods under a load at the tip, with its damping and its
+friction. A question makes it of the column in its first line, `column.system()`, and
+asks it everything.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+
+from ..numerics.elementary import sincos
+from ..numerics.materialise import as_one_call, materialise
+from ..numerics.numbers import Numbers, Pair, Scalar
+from ..numerics.series import sum_of
+from .chain import Rows, joint_angles, on_rods, solved, turned
+from .coulomb_torques import CoulombInModes, CoulombTorques, MassAndForces
+from .damping import AbstractDamping, is_polynomial
+from .joint_reactions import Bodies, Reactions, reactions_of, solve_loads
+from .state import PhasePoint
+from .torques import AbstractRateTorques, AbstractTorques
+
+
+class Power(NamedTuple):
+    r"""Rates of work in $k\sqrt{k/(m l^2)}$, each a scalar or None.
+
+    `follower`: what the load feeds in, $Q \cdot \omega$ with its generalised forces
+    $Q = (q\sin(\phi_1 - \eta\phi_2),\ q\,l_2\sin((1-\eta)\phi_2))$; `damping`: what
+    damping takes out, $\omega \cdot C\omega$; `friction`: what friction takes out,
+    $T_1 u_1 + T_2 u_2$. Then $dE/dt$ = `follower` - `damping` - `friction`, with E by
+    `energy`.
+    """
+
+    follower: Scalar
+    damping: Scalar | None
+    friction: Scalar | None
+
+
+class EnergyRate(NamedTuple):
+    """The energy, its time derivative, and what friction and damping take out."""
+
+    energy: Scalar
+    rate: Scalar
+    loss: Scalar
+
+
+class System(eqx.Module):
+    r"""A column as it runs: numbers alone, `column.system()`.
+
+    What a motion is asked at a state y, a `PhasePoint` as observers are given it and
+    `State.y` is: `field`, `energy`, `power`, `friction_torques`.
+
+    - `q`, `follower`: the load and $\eta$; None: known to follow the last rod.
+    - `moments`: $J_{ij}$, row by row of the lower triangle.
+    - `springs`: $k_i$ of the joints; None: 1.
+    - `lengths`: $l_i$ of the rods, the load's levers; None: 1.
+    - `damping`, `friction`: what there is of them.
+    - `bodies`: what the joints' reactions rest on, where they are known.
+    """
+
+    q: Scalar
+    follower: Scalar | None
+    moments: Rows
+    springs: tuple[Scalar | None, ...]
+    lengths: tuple[Scalar | None, ...]
+    damping: AbstractDamping | None
+    friction: AbstractTorques | None
+    bodies: Bodies | None
+
+    # ---- what it is
+
+    @property
+    def sticks(self) -> bool:
+        """Whether friction is set-valued: joints truly stick, motions have events."""
+        return self.friction is not None and self.friction.sticks
+
+    @property
+    def rate_cut(self) -> Scalar | None:
+        """The rate below which friction counts a joint as sticking; None: by mode."""
+        return None if self.friction is None else self.friction.rate_cut()
+
+    @property
+    def polynomial(self) -> bool:
+        """Whether the damping is a polynomial of the state's sines and cosines."""
+        return is_polynomial(self.damping)
+
+    @property
+    def on_reactions(self) -> bool:
+        """Whether the motion decides the load that friction rests on."""
+        return self.friction is not None and self.friction.load is not None
+
+    @property
+    def has_series(self) -> bool:
+        """Whether `Taylor` can follow it."""
+        return self.sticks and self.polynomial and not self.on_reactions
+
+    # ---- set-valued friction
+
+    @property
+    def coulomb(self) -> CoulombTorques:
+        """Its friction, which is set-valued."""
+        assert isinstance(self.friction, CoulombTorques)
+        return self.friction
+
+    @property
+    def law(self) -> CoulombInModes:
+        """Its friction in the modes in which it runs."""
+        assert isinstance(self.friction, CoulombInModes)
+        return self.friction
+
+    def in_modes(self, modes: Numbers) -> "System":
+        """The same in given modes: 1 or -1 where a joint slips, 0 where it sticks."""
+        law = self.coulomb.in_modes(modes)
+        return eqx.tree_at(lambda s: s.friction, self, law)
+
+    # ---- at a state
+
+    def field(self, t: Scalar, y: PhasePoint) -> PhasePoint:
+        """The right-hand side, in the modes of the motion, or those of the state."""
+        del t
+        rates, forces = y.omega, _Forces(self, y)
+        if self.sticks:
+            balance = forces.balance()
+            law = self._in_its_modes(balance, rates)
+            return PhasePoint.of(rates, law.accelerations(balance))
+        torques, right = self._torques(forces), forces.right
+        if torques is not None:
+            pairs = zip(right, on_rods(torques), strict=True)
+            right = tuple(r - t for r, t in pairs)
+        return PhasePoint.of(rates, forces.accelerations(right))
+
+    def right_hand_side(self, t: Scalar, y: PhasePoint) -> PhasePoint:
+        """The same as a call of a program that is traced once."""
+        return field(t, y, self)
+
+    def balance(self, y: PhasePoint) -> MassAndForces:
+        """The mass matrix and the forces without friction."""
+        return _Forces(self, y).balance()
+
+    def friction_torques(self, y: PhasePoint) -> Numbers | None:
+        """T_i in the joints; None without friction."""
+        return self._torques(_Forces(self, y))
+
+    def reactions(self, y: PhasePoint) -> tuple[Pair, ...]:
+        """The forces that the joints transmit: along and across the last rod."""
+        return _Forces(self, y).reactions().at(*self.field(0.0, y).omega)
+
+    def energy(self, y: PhasePoint) -> Scalar:
+        """Kinetic energy and that of the springs (see `energy`)."""
+        return self._energy(y, turned(y.phi))
+
+    def power(self, y: PhasePoint) -> Power:
+        """What the load feeds in, and what damping and friction take out."""
+        rates, forces = y.omega, _Forces(self, y)
+        torques, damping = self._rubbing(forces), forces.damping
+        return Power(
+            _work(forces.load, rates),
+            None if damping is None else _work(damping, rates),
+            None if torques is None else _work(torques, joint_angles(rates)),
+        )
+
+    def energy_rate(self, y: PhasePoint, accelerations: Sequence[Scalar]) -> EnergyRate:
+        r"""The energy and its balance, from the state and its accelerations alone.
+
+        $$\frac{dE}{dt} = \sum_{i \ge j} J_{ij} \bigl(\cos D_{ij}\,(\dot\omega_i\omega_j
+        + \omega_i\dot\omega_j) - \sin D_{ij}\,(\omega_i - \omega_j)\,\omega_i\omega_j
+        \bigr) + \sum_i k_i \theta_i u_i, \qquad D_{ij} = \phi_i - \phi_j$$
+
+        (half of it for i = j). The loss is $Q\cdot\omega - dE/dt$, the sum of the last
+        two parts of `power`, whatever the laws are: none is evaluated.
+        """
+        phi, rates = y.phi, y.omega
+        sines = turned(phi)
+        terms = []
+        for i, row in enumerate(self.moments):
+            wi, ai = rates[i], accelerations[i]
+            for j, moment in enumerate(row):
+                wj, aj = rates[j], accelerations[j]
+                if i == j:
+                    terms.append(moment * wi * ai)
+                    continue
+                s, c = sines[j, i]
+                bent = c * (ai * wj + wi * aj) - s * (wj - wi) * wi * wj
+                terms.append(moment * bent)
+        turns = joint_angles(rates)
+        terms += [x * u for x, u in zip(self._spring_torques(phi), turns, strict=True)]
+        rate = sum_of(terms)
+        fed = _work(self._load(phi, sines), rates)
+        return EnergyRate(self._energy(y, sines), rate, fed - rate)
+
+    # ---- of which these are made
+
+    def _in_its_modes(self, balance: MassAndForces, rates: Numbers) -> CoulombInModes:
+        """Set-valued friction in the modes of the motion or of the state."""
+        if isinstance(self.friction, CoulombInModes):
+            return self.friction
+        return self.coulomb.at_state(balance, joint_angles(rates))
+
+    def _rubbing(self, forces: "_Forces") -> Numbers | None:
+        """Friction torques that do work: what holds a joint at rest does none."""
+        if not self.sticks:
+            return self._torques(forces)
+        balance = forces.balance()
+        law = self._in_its_modes(balance, forces.y.omega).loaded(balance)
+        return law.slipping
+
+    def _torques(self, forces: "_Forces") -> Numbers | None:
+        if self.friction is None:
+            return None
+        rates = forces.y.omega
+        if self.sticks:
+            balance = forces.balance()
+            return self._in_its_modes(balance, rates).torques(balance)
+        assert isinstance(self.friction, AbstractRateTorques)
+        u, load = joint_angles(rates), self.friction.load
+        # all accelerations need them: not to be computed for each
+        torques = materialise(rates[0], self.friction.at, u)
+        if load is None:
+            return torques
+        normal = forces.loads(torques, load.newton_steps)
+        return tuple(g * n for g, n in zip(torques, normal, strict=True))
+
+    def _energy(self, y: PhasePoint, sines) -> Scalar:
+        phi, rates = y.phi, y.omega
+        terms = []
+        for i, row in enumerate(self.moments):
+            for j, moment in enumerate(row):
+                own = moment * rates[i] * rates[j]
+                terms.append(own / 2 if i == j else own * sines[j, i][1])
+        for k, x in zip(self.springs, joint_angles(phi), strict=True):
+            terms.append((x * x if k is None else k * x * x) / 2)
+        return sum_of(terms)
+
+    def _spring_torques(self, phi: Sequence[Scalar]) -> Numbers:
+        pairs = zip(self.springs, joint_angles(phi), strict=True)
+        return tuple(x if k is None else k * x for k, x in pairs)
+
+    def _load(self, phi: Sequence[Scalar], sines) -> tuple[Scalar | None, ...]:
+        """The load's generalised forces; None where one is known to be zero."""
+        q, eta, last = self.q, self.follower, len(phi) - 1
+        load: list[Scalar | None] = []
+        for i, length in enumerate(self.lengths):
+            if eta is None:
+                force = None if i == last else q * sines[i, last][0]
+            elif i == last:
+                force = q * sincos((1 - eta) * phi[i])[0]
+            else:
+                force = q * sincos(phi[i] - eta * phi[last])[0]
+            if force is not None and length is not None:
+                force = force * length
+            load.append(force)
+        return tuple(load)
+
+
+# a system's field, traced once for such arguments: a scene asks for it ten times
+field = as_one_call(lambda t, y, system: system.field(t, y), inline=True)
+
+
+class _Forces:
+    """Everything but friction, at one state: what field, power and reactions share."""
+
+    def __init__(self, system: System, y: PhasePoint):
+        phi, rates = y.phi, y.omega
+        self.system, self.y = system, y
+        self.turned = turned(phi)
+        self.load = system._load(phi, self.turned)
+        self.damping: Numbers | None = None
+        if system.damping is not None:
+            rows = system.damping.matrix(self.turned[0, 1][1], (rates[0], rates[1]))
+            each = (zip(row, rates, strict=True) for row in rows)
+            self.damping = tuple(sum_of([c * w for c, w in pairs]) for pairs in each)
+        pull = on_rods(system._spring_torques(phi))
+        squares = [w * w for w in rates]
+        right = []
+        for i, force in enumerate(self.load):
+            r = -pull[i] if force is None else force - pull[i]
+            for j, square in enumerate(squares):
+                if j != i:
+                    moment = system.moments[max(i, j)][min(i, j)]
+                    thrown = moment * self.turned[min(i, j), max(i, j)][0] * square
+                    r = r - thrown if i < j else r + thrown
+            right.append(r if self.damping is None else r - self.damping[i])
+        self.right = tuple(right)
+
+    @property
+    def mass(self) -> Rows:
+        """The mass matrix."""
+        return tuple(
+            tuple(
+                moment if i == j else moment * self.turned[j, i][1]
+                for j, moment in enumerate(row)
+            )
+            for i, row in enumerate(self.system.moments)
+        )
+
+    def accelerations(self, right: Numbers) -> Numbers:
+        """Those of a chain whose joints all move, under these forces."""
+        return solved(self.mass, right)
+
+    def balance(self) -> MassAndForces:
+        """What set-valued friction needs to hold a joint."""
+        reactions = self.reactions() if self.system.on_reactions else None
+        return MassAndForces(self.mass, self.right, reactions)
+
+    def reactions(self) -> Reactions:
+        """What the joints transmit, still to be told the accelerations."""
+        system, bodies = self.system, self.system.bodies
+        assert bodies is not None  # `Column` saw to it
+        eta, drag = system.follower, system.damping and system.damping.drag()
+        pull = (system.q, None)
+        if eta is not None:
+            sin_f, cos_f = sincos((1 - eta) * self.y.phi[-1])
+            pull = (system.q * cos_f, -system.q * sin_f)
+        return reactions_of(bodies, self.y.omega, self.turned[0, 1], pull, drag)
+
+    def loads(self, torques: Numbers, steps: int) -> Numbers:
+        """N_i = |R_i(N)| under friction torques g_i N_i (see `JointReaction`)."""
+        reactions, zero = self.reactions(), 0.0 * torques[0]
+        # accelerations without friction, and per unit of each load
+        free, slopes = self.accelerations(self.right), []
+        for i, g in enumerate(torques):
+            one = [zero] * i + [g] + [zero] * (len(torques) - i - 1)
+            moved = self.accelerations(tuple(-x for x in on_rods(one)))
+            slopes.append(reactions.slope(*moved))
+        return solve_loads(reactions.at(*free), slopes, steps)
+
+
+def _work(forces: Sequence[Scalar | None], rates: Sequence[Scalar]) -> Scalar:
+    pairs = zip(forces, rates, strict=True)
+    terms = [f * w for f, w in pairs if f is not None]
+    return sum_of(terms) if terms else 0.0 * rates[0]
