@@ -203,7 +203,8 @@ def test_a_verdict_that_changes_twice_is_noticed_under_a_plain_vmap():
     @jax.jit
     @jax.vmap
     def search(low, high, length):
-        # next to the onset a motion at 1e-4 needs up to 40 windows, by rounding more
+        # at x = 0.75 a motion at 1e-4 is certain at t = 815 by one program's rounding,
+        # by another's not yet at 1600
         windows = zj.Windows(length=length, max_windows=80)
 
         def onset(kick):

@@ -49,7 +49,7 @@ def test_angles_and_torques_of_joints_and_rods(rng, n):
     np.testing.assert_allclose(np.stack(joint_angles(each), 1), dense @ inverse.T)
     np.testing.assert_allclose(np.stack(on_rods(each), 1), dense @ inverse)
     for (i, j), (s, c) in turned(tuple(map(jnp.asarray, each))).items():
-        # measured 2e-15
+        # measured 6.7e-16
         np.testing.assert_allclose(s, np.sin(each[i] - each[j]), rtol=0, atol=2e-14)
         np.testing.assert_allclose(c, np.cos(each[i] - each[j]), rtol=0, atol=2e-14)
 
@@ -62,7 +62,7 @@ def test_a_free_chain_moves_as_dense_algebra_says(rng, n):
     x, dx = jax.jvp(jax.vmap(solved), (rows, right), (drows, dright))
     exact = np.linalg.solve(dense, b[..., None])
     slope = np.linalg.solve(dense, db[..., None] - ddense @ exact)
-    # measured 4e-14 and 8e-13 of the largest
+    # measured 3.0e-15 and 6.1e-15 of the largest, M x 1.0e-14
     for found, truth in ((x, exact), (dx, slope)):
         large = np.abs(truth).max()
         np.testing.assert_allclose(
@@ -87,7 +87,7 @@ def test_held_joints_are_a_smaller_matrix_whichever_are_held(rng, n):
         flags = [jnp.asarray(s) for s in stuck]
         for known in (stuck, flags):  # now, and when it is traced
             x = accelerated(factored(rows, known), right, known)
-            # measured 2e-13
+            # measured 6.4e-14
             np.testing.assert_allclose(np.stack(x, 1), u @ turns.T, rtol=0, atol=1e-11)
             each = holding_torques(rows, right, x)
             np.testing.assert_allclose(np.stack(each, 1), torques, rtol=0, atol=1e-11)

@@ -14,7 +14,7 @@ from ..numerics.elementary import sincos
 from ..numerics.materialise import as_one_call, materialise
 from ..numerics.numbers import Numbers, Pair, Scalar
 from ..numerics.series import sum_of
-from .chain import Rows, joint_angles, on_rods, solved, turned
+from .chain import Rows, Turned, joint_angles, on_rods, solved, turned
 from .coulomb_torques import CoulombInModes, CoulombTorques, MassAndForces
 from .damping import AbstractDamping, is_polynomial
 from .joint_reactions import Bodies, Reactions, reactions_of, solve_loads
@@ -221,7 +221,7 @@ class System(eqx.Module):
         normal = forces.loads(torques, load.newton_steps)
         return tuple(g * n for g, n in zip(torques, normal, strict=True))
 
-    def _energy(self, y: PhasePoint, sines) -> Scalar:
+    def _energy(self, y: PhasePoint, sines: Turned) -> Scalar:
         phi, rates = y.phi, y.omega
         terms = []
         for i, row in enumerate(self.moments):
@@ -236,7 +236,7 @@ class System(eqx.Module):
         pairs = zip(self.springs, joint_angles(phi), strict=True)
         return tuple(x if k is None else k * x for k, x in pairs)
 
-    def _load(self, phi: Sequence[Scalar], sines) -> tuple[Scalar | None, ...]:
+    def _load(self, phi: Sequence[Scalar], sines: Turned) -> tuple[Scalar | None, ...]:
         """The load's generalised forces; None where one is known to be zero."""
         q, eta, last = self.q, self.follower, len(phi) - 1
         load: list[Scalar | None] = []
