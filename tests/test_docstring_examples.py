@@ -133,6 +133,12 @@ def of_a_kick(names):
     assert ds.outcome.item() == zj.CODE.found
 
 
+def of_a_line(names):
+    ds = zj.sweep(names["point"], angle=[0.6], tau=[0.03], progress=False)
+    assert ds.outcome.item() == zj.CODE.found
+    assert 0 < ds.threshold.item() < 2
+
+
 def of_a_least_kick(names):
     """Traced alone: `test_least_kicks` runs such points."""
     program = zj.Program(names["point"])
@@ -186,7 +192,8 @@ CASES = {
     "plot/sections.py 1": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
     "plot/animation.py 0": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
     "plot/page.py 0": ({}, None),
-    "analysis/onset.py 0": ({}, of_a_kick),
+    "analysis/threshold.py 0": ({}, of_a_line),
+    "analysis/threshold.py 1": ({}, of_a_kick),
     "analysis/least_kick.py 0": ({}, of_a_least_kick),
     "motion/stiffness.py 0": (
         {

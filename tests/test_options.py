@@ -33,6 +33,14 @@ def smooth_plane(q, tau):
     return plane(q, tau, smoothed=True)
 
 
+def line(q):
+    return column(q), KICK
+
+
+def smooth_line(q):
+    return smooth(q), KICK
+
+
 def orbit():
     return zj.periodic_orbit(column(), KICK)
 
@@ -41,6 +49,7 @@ QUESTIONS = {
     zj.settle: (column(), KICK),
     zj.trajectory: (column(), KICK, np.array([0.0, 1.0])),
     zj.sweep_up_down: (column, [1.0, 2.0]),
+    zj.threshold: (line, (1.0, 2.0)),
     zj.flutter_onset: (column, KICK, (1.0, 2.0)),
     zj.critical_kick: (column(), KICK, (0.0, 1.0)),
     zj.least_kick: (column(), (0.0, 1.0)),
@@ -57,7 +66,7 @@ NEEDED = {
     zj.sweep_up_down: {"kick": KICK},
     zj.bifurcation_curve: {"first": 2.6, "second": 0.026},
 }
-SMOOTHED = {column: smooth, plane: smooth_plane}
+SMOOTHED = {column: smooth, plane: smooth_plane, line: smooth_line}
 
 
 @functools.cache  # a trace takes seconds
@@ -152,7 +161,8 @@ def test_a_partial_value_leaves_the_rest_to_the_question():
         assert changed == expected, question.__name__
         assert set(after) == set(before)
     assert asked == {
-        value: {zj.Method: 13, zj.Windows: 5}.get(value, 2) for value in PARTS
+        value: {zj.Method: 14, zj.Windows: 6, zj.Search: 3}.get(value, 2)
+        for value in PARTS
     }
 
 

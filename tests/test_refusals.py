@@ -179,6 +179,7 @@ PLAIN = {
     "continue_cycle": lambda: zj.continue_cycle(bare, KICK, 2.0),
     "cycle_fold": lambda: zj.cycle_fold(bare, KICK, 2.0),
     "critical_kick": lambda: zj.critical_kick(SLIDING, KICK, (0.0, 1.0)),
+    "threshold": lambda: zj.threshold(lambda q: (bare(q), KICK), (0.0, 1.0)),
     "flutter_onset": lambda: zj.flutter_onset(bare, KICK, (0.0, 1.0)),
     "sweep_up_down": lambda: zj.sweep_up_down(bare, [1.0, 2.0], kick=KICK),
     "critical_load": lambda: zj.critical_load(COLUMN),

@@ -14,9 +14,15 @@ from .analysis.continuation import (
 from .analysis.hysteresis import UpDownSweep, sweep_up_down
 from .analysis.least_kick import Directions, LeastKick, least_kick
 from .analysis.lyapunov import Exponents, lyapunov_exponents
-from .analysis.onset import Onset, Search, critical_kick, flutter_onset
 from .analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
 from .analysis.poincare import PoincareSection, poincare
+from .analysis.threshold import (
+    Search,
+    Threshold,
+    critical_kick,
+    flutter_onset,
+    threshold,
+)
 from .curves.bifurcations import BifurcationCurve, BifurcationPoints
 from .curves.course import Course
 from .curves.curve import bifurcation_curve
@@ -108,7 +114,6 @@ __all__ = [
     "LeastKick",
     "Mean",
     "Method",
-    "Onset",
     "Period",
     "PeriodicOrbit",
     "PhasePoint",
@@ -128,6 +133,7 @@ __all__ = [
     "Sum",
     "System",
     "Taylor",
+    "Threshold",
     "Trajectory",
     "UpDownSweep",
     "Variable",
@@ -167,6 +173,7 @@ __all__ = [
     "sweep_up_down",
     "tableaus",
     "tangent_column",
+    "threshold",
     "trajectory",
     "uniform_rods",
     "vector_field",

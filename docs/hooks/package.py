@@ -25,6 +25,7 @@ from ziegler_jax import results
 
 # names that are as often those of a number or an argument: links only behind `zj.`
 AMBIGUOUS = {"energy", "power", "motion", "scene", "regime", "verdict", "reactions"}
+AMBIGUOUS |= {"threshold"}
 CODES = re.compile(r"^<!-- codes (\w+) -->$", re.M)
 
 

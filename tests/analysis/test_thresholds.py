@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.analysis.threshold import carried
+from ziegler_jax.analysis.manifold import carried
 from ziegler_jax.motion.options import Method
 from ziegler_jax.solvers import Explicit
 
@@ -284,6 +284,40 @@ def test_a_threshold_moves_as_its_derivative_says(friction):
     np.testing.assert_allclose(slope, difference, rtol=5e-3)
 
 
+def test_any_line_crosses_the_border_where_the_lines_of_load_and_kick_do():
+    """Where load and kick grow together: a point of the border, and how it moves.
+
+    The border is the critical kick K(q). On the line (q, kick) = (1.6, 0) + s (cos a,
+    sin a), s sin a = K(1.6 + s cos a), so that with K'
+    ds/da (sin a - K' cos a) = -s (cos a + K' sin a).
+    """
+    fine = zj.Search(scan=4, halvings=22)
+
+    def along(angle):
+        def cell(s):
+            kick = zj.State(omega=(0.0, s * jnp.sin(angle)))
+            return dry(1.6 + s * jnp.cos(angle), 0.03), kick
+
+        found = zj.threshold(cell, (0.05, 0.8), search=fine)
+        return found.threshold, found.outcome
+
+    def critical(q):
+        found = zj.critical_kick(
+            dry(q, 0.03), zj.State(omega=(0.0, 1.0)), (0.0, 0.8), search=fine
+        )
+        return found.threshold, found.outcome
+
+    angle = 0.6
+    (s, ended), turned = jax.jit(jax.value_and_grad(along, has_aux=True))(angle)
+    q = 1.6 + s * np.cos(angle)
+    (kick, other), slope = jax.jit(jax.value_and_grad(critical, has_aux=True))(q)
+    assert ended == other == zj.CODE.found
+    np.testing.assert_allclose(s * np.sin(angle), kick, rtol=1e-6)
+    expected = -s * (np.cos(angle) + slope * np.sin(angle))
+    expected /= np.sin(angle) - slope * np.cos(angle)
+    np.testing.assert_allclose(turned, expected, rtol=1e-4)
+
+
 def test_second_derivatives_of_a_threshold_are_refused(refuses):
     method = Method(Explicit(), 1e-6, 1e-6, 1000)
 
@@ -306,6 +340,16 @@ def test_bad_arguments_are_named(refuses):
     def onset(make=lambda q: smooth(q, 0.05), begin=start, bracket=(1, 2), **options):
         return zj.flutter_onset(make, begin, bracket, **options)
 
+    def line(cell=lambda q: (smooth(q, 0.05), start), bracket=(1, 2), **options):
+        return zj.threshold(cell, bracket, **options)
+
+    refuses(lambda: line(cell=column), "`cell`", "function of one number")
+    refuses(lambda: line(cell=lambda: column), "`cell`", "one number")
+    refuses(lambda: line(cell=lambda q: column), "`cell`", "a column and its start")
+    refuses(lambda: line(cell=lambda q: (start, column)), "`column`", "`Column`")
+    refuses(lambda: line(cell=lambda q: (column, 0.3)), "`start`", "0.3")
+    refuses(lambda: line(bracket=(1, 1)), "`bracket`", "(1, 1)")
+    refuses(lambda: line(search=3), "`search`", "3")
     refuses(lambda: kick(column=2.0), "`column`", "2.0")
     refuses(lambda: kick(direction=(0, 1)), "`direction`", "`State`")
     refuses(lambda: kick(direction=zj.State()), "`direction`", "zero")

@@ -17,8 +17,8 @@ from ..model.column import Column, State
 from ..model.state import PhasePoint
 from ..motion.implicit import fixed
 from ..results import CODE
+from .manifold import Middle
 from .periodic_orbit import periodic_orbit
-from .threshold import Middle
 
 MOST_STEPS = 20  # of Newton's method to an equilibrium
 NEAR = 0.1  # of the motion's size: it has drawn near to that equilibrium

@@ -34,7 +34,7 @@ from ..motion.implicit import fixed
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Flag, Numbers, Scalar
 from ..results import CODE
-from .onset import MOVES, NONE, verdict_of
+from .threshold import MOVES, NONE, verdict_of
 
 RAY, HALVE, POLL, DOWN, CHECK = range(5)  # what the present motion is for
 MARGIN = 1.25  # how far beyond the best threshold a ray is followed

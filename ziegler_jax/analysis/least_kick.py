@@ -62,7 +62,7 @@ from .kick_search import (
     sphere,
     state_of,
 )
-from .threshold import Place, carried, manifold_at
+from .manifold import Place, carried, manifold_at
 
 FREE = {"rates": (2, 3), "angles": (0, 1), "both": (0, 1, 2, 3)}
 COUNTS = {2: 24, 4: 96}  # of rays, by the numbers that are free

@@ -1,263 +1,435 @@
-r"""How a threshold moves with the scene, from the tangents of the motion on it.
+r"""Thresholds: where along a line of scenes the column stops coming to rest.
 
-The motion from a threshold $x^*(p)$ stays on the stable manifold of a saddle, an
-unstable cycle say. Near that every small difference is soon the unstable direction
-alone, $\partial y/\partial x \to a\,e^{\lambda t} v$, $\partial y/\partial p \to b\,
-e^{\lambda t} v$ but for what does not grow: the shift of the saddle and its phase. A
-change of both that stays on the manifold has no part along v,
+With dry friction there is no infinitesimal onset. Rest and a flutter cycle coexist, a
+kick below a threshold sticks and one above it flutters, and onset is that threshold:
+along any line of scenes (`threshold`), of the kick at a given load (`critical_kick`),
+of the load, or another number, at a given kick (`flutter_onset`). It is the crossing of
+the stable manifold of an unstable cycle, near which motions linger: a verdict takes
+thousands of time units there.
 
-$$\frac{dx^*}{dp} = -\frac ba = -\lim \frac{\partial_x y \cdot \partial_p y}
-{\partial_x y \cdot \partial_x y},$$
+A search scans the bracket first and then halves the interval in which the verdict
+first changes. A motion's verdict is
 
-and the ratio is followed until the ends of the search's last interval have parted. By a
-cycle the largest part that does not grow is that along the motion itself, of its phase,
-which shifts for as long: there both tangents are taken across the flow. (By an
-equilibrium the motion leaves along v.) What else does not grow is a share $c / |
-\partial_x y|$ of the ratio, and goes out with a look ten times earlier,
-
-$$r = \frac{L_2 r_2 - L_1 r_1}{L_2 - L_1}, \qquad L = |\partial_x y|.$$
-
-The tangents pass through stick and slip by saltation.
-
-Source: J. Palis, Topology 8 (1969) 385-404, on how differences turn near a saddle.
+- *rests*: it came to rest. With set-valued friction that is certain as soon as both
+  joints stick at once, for then they stick for ever. Under a smoothed law both joints
+  stay below the cut for 20 time units and do not speed up.
+- *moves*: it draws near a cycle that is certified (see `settle`), or a rod turned over
+  (`escape`), or it endures: its returns have grown for long, or have not fallen for
+  longer (see `steady/trend.py`). Where friction alone dissipates, a motion may grow
+  for thousands of time units before its cycle is certain. One that lingers beside an
+  unstable cycle does none of these yet.
+- none: it neither rested nor moves within its budget, or failed.
 """
 
+from __future__ import annotations
+
+import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
-from ..model.state import PhasePoint
-from ..motion.checks import float_state
-from ..motion.implicit import fixed, implicit, moving
-from ..motion.integrate import Motion, follow
-from ..motion.options import Method
-from ..motion.variational import Make, Variational, Varied, varied
-from ..numerics.materialise import tree_where
-from ..numerics.numbers import Scalar
-from ..results import CODE
-from ..solvers import AbstractFold
+from ..motion.checks import check_maker, check_scene, check_takes, made
+from ..motion.implicit import fixed, lost
+from ..motion.method import explicit_method
+from ..motion.options import Method, Windows, recorded
+from ..motion.sequence import run_in_sequence
+from ..numerics.numbers import Flag, Pair, Scalar, Two, is_concrete
+from ..numerics.rules import instance, pair, whole_number
+from ..results import (
+    CODE,
+    ONSETS,
+    OUTCOMES,
+    AbstractResult,
+    Settings,
+    Variable,
+    quantity,
+)
+from ..runtime import requires_x64
+from ..steady.certified import CertifiedMotion
+from ..steady.lane import Certifying
+from .manifold import carried
 
-PARTED = 0.1  # of the largest state: the ends of the last interval have parted
-DECADE = 10.0  # of growth from one look at the ratio to the next
-CERTAIN = 0.05  # of the largest relative derivative: the looks may differ by so much
-WIDE = 1.5e-3  # relative, of a threshold's interval: 2 % of the derivatives are wrong
-FAR = 0.1  # and by so much the phase may shift the ratio
-ACROSS = 0.1  # of a tangent lies across the flow: it does not leave along that
-
-
-class Ratio(NamedTuple):
-    """The ratio of the tangents, and how long the one along the search's line is."""
-
-    row: Float[Array, " k"]
-    length: Float[Array, ""]
+RESTS, MOVES, NONE = -1.0, 1.0, 0.0
 
 
-class Look(NamedTuple):
-    """At the tangents themselves, and at their parts across the flow."""
+class Search(eqx.Module):
+    """How a threshold is searched for in its bracket.
 
-    whole: Ratio
-    across: Ratio
+    **Arguments:** `scan`: in how many intervals the bracket is scanned first; a pair of
+    changes within one goes unnoticed; `halvings`: how often the first interval with a
+    change is halved.
 
-    @property
-    def length(self) -> Float[Array, ""]:
-        """Of the tangent itself."""
-        return self.whole.length
+    **Raises:** `ValueError` for what is no whole number of at least 1.
+    """
+
+    scan: int = eqx.field(static=True)
+    halvings: int = eqx.field(static=True)
+
+    def __init__(self, scan: int = 8, halvings: int = 10):
+        """Check and keep them."""
+        self.scan = whole_number("scan", scan)
+        self.halvings = whole_number("halvings", halvings)
 
 
-def _ratio(moved: Float[Array, "4 k"], along: Float[Array, " k"]) -> Ratio:
-    tangent = moved @ along
-    square = tangent @ tangent
-    return Ratio(
-        -(tangent @ moved) / jnp.where(square > 0, square, 1.0), jnp.sqrt(square)
+class Threshold(AbstractResult):
+    """Where the verdict first changes along the bracket.
+
+    `threshold`: the middle of the last interval, `width`: its width. No motion is
+    judged while it lingers beside an unstable cycle, so that this interval holds the
+    threshold. `rises`: 1 where there is rest below and motion above, -1 where it is the
+    other way round; `changes`: how often the verdict changes along the scan, more than
+    once where the outcome is `repeated`; `undecided`: how many motions had no verdict,
+    and `obstacle`: how the first of these ended, a `CODE` (none where there is
+    no such motion); `steps`: of all motions; `outcome`: a `CODE`.
+    """
+
+    threshold: Float[
+        Array, "*lanes"
+    ]  # the middle of the last interval; NaN where none was found
+    width: Float[Array, "*lanes"] = eqx.field(
+        metadata=quantity("width of the last interval")
+    )
+    rises: Float[Array, "*lanes"] = eqx.field(
+        metadata=quantity("1: rest below, motion above; -1: reversed")
+    )
+    changes: Int[Array, "*lanes"] = eqx.field(  # more than 1: repeated
+        metadata=quantity("changes of the verdict along the scan")
+    )
+    undecided: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("motions without a verdict")
+    )
+    obstacle: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("how the first undecided motion ended", codes=OUTCOMES)
+    )
+    steps: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("attempted steps")
+    )  # of all motions
+    outcome: Int[Array, "*lanes"] = eqx.field(
+        metadata=quantity("how the search ended", codes=ONSETS)
+    )
+    long_name: str = eqx.field(static=True)  # of the threshold
+    settings: Settings = eqx.field(static=True)
+
+    def variables(self) -> dict[str, Variable]:
+        """All numbers with their names, units and dimensions."""
+        threshold = Variable(self.threshold, self.long_name)
+        return {"threshold": threshold, **super().variables()}
+
+
+@requires_x64
+def threshold(
+    cell: Callable[[Scalar], tuple[Column, State]],
+    bracket: Two,
+    *,
+    search: Search = Search(),
+    windows: Windows = Windows(),
+    method: Method = Method(),
+) -> Threshold:
+    r"""Where along a line of scenes the column stops coming to rest.
+
+    The line may be any: of loads, of kicks, of both together, of a damping or a size.
+
+    ```python
+    def point(angle, tau):
+        def cell(s):  # load and kick grow together
+            law = zj.SetValuedCoulomb(tau, pin_radius=1, load=zj.ConstantLoad(1))
+            column = zj.uniform_rods(1 + s * jnp.cos(angle), friction=law)
+            return column, zj.State(omega=(0, s * jnp.sin(angle)))
+
+        return zj.threshold(cell, (0, 2))
+    ```
+
+    **Arguments:** (times in $\sqrt{m l^2/k}$)
+
+    - `cell`: a function of one number that returns a column and its start.
+    - `bracket`: the least and the largest number. Either end may be the resting one.
+    - `search`: see `Search`.
+    - `windows`: of each motion, as in `settle`.
+    - `method`: of each motion; an explicit one with set-valued friction.
+
+    **Returns:** `Threshold`: `threshold`, `width` (of the last interval), `outcome` and
+    more. A motion without a verdict inside the halved interval ends the search there,
+    as `undecided`: its width is then what is known.
+
+    **Derivatives:** of `threshold`, forward and reverse, first order, in every number
+    of the columns and starts; not in the bracket and the options, on which a threshold
+    does not depend. They come from the tangents of the motion on the threshold (see
+    `analysis/manifold.py`) and are as good as that is near: measured, of the largest
+    relative derivative, 2e-2 where the `width` is 1.5e-3 of the threshold, 3e-3 at
+    4e-4, 2e-3 at 5e-5, 4e-5 at 3e-6, or the steps' error if that is larger. They are
+    NaN where it is wider, and where tangents disagree. And they are NaN unless the
+    outcome is `found`: where the verdict changes more than once (`repeated`), as along
+    a fractal boundary, or gives out (`undecided`), as in chaos, choose a narrower
+    bracket.
+
+    **Raises:** `ValueError` for arguments that break a rule.
+    """
+    check_takes("Argument `cell` must be a function of one number", cell, 1)
+    instance("search", search, Search)
+    instance("windows", windows, Windows)
+    instance("method", method, Method)
+    return _search(_Problem(cell, search, windows, method), bracket)
+
+
+@requires_x64
+def critical_kick(
+    column: Column,
+    direction: State,
+    bracket: Two,
+    *,
+    search: Search = Search(),
+    windows: Windows = Windows(),
+    method: Method = Method(),
+) -> Threshold:
+    r"""The smallest kick along a direction after which the column does not stick.
+
+    `threshold` of a column and the start s times `direction`: the critical kick is the
+    first s in the bracket at which the verdict changes.
+
+    ```python
+    def point(q, tau):
+        law = zj.SetValuedCoulomb(tau, pin_radius=1, load=zj.ConstantLoad(1))
+        column = zj.uniform_rods(q, friction=law)
+        return zj.critical_kick(column, zj.State(omega=(0, 1)), (0, 40 * tau))
+    ```
+
+    **Arguments:**
+
+    - `column`: the scene.
+    - `direction`: a state; the kick is its multiple, in its units.
+    - `bracket`: the least and the largest multiple.
+    - `search`, `windows`, `method`: as `threshold`.
+
+    **Returns:** `Threshold`, with derivatives in the column's and the direction's
+    numbers.
+
+    **Raises:** `ValueError` for arguments that break a rule.
+    """
+    instance("direction", direction, State)
+    if all(is_concrete(x) and x == 0 for x in direction.y):
+        raise ValueError("Argument `direction` must not be zero, but is.")
+
+    def cell(s: Scalar) -> tuple[Column, State]:
+        scaled = [s * x for x in direction.y]
+        return column, State(scaled[:2], scaled[2:])
+
+    onset = threshold(cell, bracket, search=search, windows=windows, method=method)
+    meaning = "critical kick, as a multiple of its direction"
+    return dataclasses.replace(onset, long_name=meaning)
+
+
+@requires_x64
+def flutter_onset(
+    make_column: Callable[[Scalar], Column],
+    start: State,
+    bracket: Two,
+    *,
+    search: Search = Search(),
+    windows: Windows = Windows(),
+    method: Method = Method(),
+) -> Threshold:
+    r"""The load, or another number of the column, from which a start no longer rests.
+
+    `threshold` of `make_column(x)` and the same start.
+
+    **Arguments:**
+
+    - `make_column`: a function of one number, e.g. `lambda q: zj.uniform_rods(q,
+        friction=law)`.
+    - `start`: the same for every column.
+    - `bracket`, `search`, `windows`, `method`: as `threshold`.
+
+    **Returns:** `Threshold`, with derivatives in the columns' and the start's numbers.
+
+    **A clean map** asks for a bracket whose lower end rests, and for a scan with
+    intervals shorter than a window of rest that shall be noticed. Over 210 pairs of
+    `mu_s` >= `mu_k` (0.02 to 0.4, both pins 0.05, set-valued, load F, kick 0.3, bracket
+    0.5 to 4, all else by default) 159 onsets are `found`, 28 `repeated` (rest returns
+    at higher loads: in scans of 400 loads of 20 of them each time), 17 `moves` (where
+    `mu_k` is small flutter sets in below 0.5) and 6 `undecided`: there a motion still
+    falls, or wanders beside an unstable cycle, at t = 40 000. Of the 187 last intervals
+    all lower ends come to rest by other steps, and 184 upper ones move: the others lie
+    where small chaos is born (`benchmarks/a8_onset_map.py`).
+
+    **Raises:** `ValueError` for arguments that break a rule.
+    """
+    check_maker(make_column)
+
+    def cell(x: Scalar) -> tuple[Column, State]:
+        return made(make_column, x), start
+
+    onset = threshold(cell, bracket, search=search, windows=windows, method=method)
+    meaning = "onset: the parameter at which the verdict first changes"
+    return dataclasses.replace(onset, long_name=meaning)
+
+
+class _Problem(NamedTuple):
+    """What is searched for, and how."""
+
+    cell: Callable[[Scalar], tuple[Column, State]]
+    search: Search
+    windows: Windows
+    method: Method
+
+    def motion(self, x: Scalar) -> CertifiedMotion:
+        """The motion at a place of the bracket."""
+        column, start = fixed(self.scene(x))
+        check_scene(column, start)
+        windows, method = fixed((self.windows, self.method))
+        if column.system().has_series:
+            # the derivative is carried along the steps of the same method
+            method = explicit_method("threshold", method)
+        return CertifiedMotion(column, start, "threshold", windows, None, method)
+
+    def scene(self, x: Scalar) -> tuple[Column, State]:
+        """Column and start there, if they are."""
+        scene = self.cell(x)
+        if not isinstance(scene, tuple) or len(scene) != 2:
+            raise ValueError(
+                "Argument `cell` must return a column and its start, but returns "
+                f"{scene!r}."
+            )
+        return scene
+
+
+class _Search(NamedTuple):
+    """What the motions so far have told."""
+
+    x: Float[Array, ""]  # where the next motion starts
+    tried: Int[Array, ""]  # how many motions there were
+    verdict: Float[Array, ""]  # the last one, and where
+    place: Float[Array, ""]
+    low: Float[
+        Array, ""
+    ]  # the interval of the first change; the verdict at its lower end
+    high: Float[Array, ""]
+    below: Float[Array, ""]
+    changes: Int[Array, ""]
+    undecided: Int[Array, ""]
+    obstacle: Int[Array, ""]
+    over: Bool[Array, ""]
+
+
+def _search(problem: _Problem, bracket: Two) -> Threshold:
+    given = pair("bracket", bracket)
+    least, largest = fixed(given)
+    if is_concrete(least) and is_concrete(largest) and not least < largest:
+        raise ValueError(
+            f"Argument `bracket` must increase, but is ({least:g}, {largest:g})."
+        )
+    scan, halvings = problem.search.scan, problem.search.halvings
+    dtype = jnp.result_type(float)
+    least, largest = jnp.asarray(least, dtype), jnp.asarray(largest, dtype)
+
+    def motion(search: _Search) -> CertifiedMotion:
+        return problem.motion(search.x)
+
+    def update(search: _Search, motion: CertifiedMotion, run: Certifying) -> _Search:
+        del motion
+        verdict = verdict_of(run.outcome, run.moves)
+        return _updated(search, verdict, run.outcome, (least, largest), problem.search)
+
+    zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
+    nan = zero + jnp.nan
+    first = _Search(
+        x=least,
+        tried=none,
+        verdict=zero + NONE,
+        place=least,
+        low=nan,
+        high=nan,
+        below=zero + NONE,
+        changes=none,
+        undecided=none,
+        obstacle=none,
+        over=~(jnp.isfinite(largest - least) & (least < largest)),
+    )
+    search, steps = run_in_sequence(motion, update, lambda search: ~search.over, first)
+    exists = search.changes > 0
+    value = jnp.where(exists, (search.low + search.high) / 2, jnp.nan)
+    width = jnp.where(exists, search.high - search.low, jnp.nan)
+    outcome = _outcome(search, scan, halvings)
+    last = motion(first)
+    change = carried(
+        problem.scene,
+        jnp.where(exists, value, least),
+        width,
+        search.over & (outcome == CODE.found),
+        last.last,
+        last.horizon,
+        last.method,
+    )
+    return Threshold(
+        threshold=value + change,
+        width=lost(width, given),
+        rises=jnp.where(exists, -search.below, jnp.nan),
+        changes=search.changes,
+        undecided=search.undecided,
+        obstacle=search.obstacle.astype(jnp.int8),
+        steps=steps,
+        outcome=outcome,
+        long_name="threshold: the number at which the verdict first changes",
+        settings=recorded(**last.settings(), scan=scan, halvings=halvings),
     )
 
 
-class ManifoldSlopeState(NamedTuple):
-    """The running numbers of `ManifoldSlope`."""
-
-    varied: Varied
-    best: Look  # where the tangent was longest
-    when: Float[Array, ""]
-    mark: Look  # a decade of growth ago at most
-    earlier: Look  # one more
-    largest: Float[Array, ""]  # state so far
-    middle: "Middle"
-    outcome: Int[Array, ""]
+def verdict_of(outcome: Int[Array, ""], moves: Flag) -> Float[Array, ""]:
+    """What a motion that has ended says: `RESTS`, `MOVES` or `NONE`."""
+    rests = (outcome == CODE.stuck) | (outcome == CODE.rest)
+    return jnp.where(rests, RESTS, jnp.where(moves, MOVES, NONE))
 
 
-class Middle(NamedTuple):
-    """Where half of the growth was over, that is where the motion was nearest."""
-
-    reached: Bool[Array, ""]
-    y: Float[Array, "4"]
-    modes: Float[Array, "2"]  # of set-valued friction, else 1
-
-
-class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
-    """The ratio of tangents along a motion, until it can get no better."""
-
-    inner: Variational
-    along: Float[Array, " k"]  # the search's line
-    width: Scalar
-    window: Scalar
-
-    def advance(self, solver, t0, t1, y0, system, first, state):
-        """A step with the Jacobian that these ask for."""
-        ends = t0, t1, y0
-        return self.inner.advance(solver, *ends, system, first, state.varied)
-
-    def init(self, system, t0, y0):
-        """Before the first step."""
-        varied = self.inner.init(system, t0, y0)
-        zero = jnp.asarray(0.0 * y0[0])
-        blank = Ratio(jnp.zeros_like(self.along), zero)
-        look = Look(blank, blank)
-        runs = jnp.asarray(CODE.not_computed, jnp.int32)
-        start = Middle(jnp.asarray(False), jnp.stack(y0), jnp.ones(2) + zero)
-        return ManifoldSlopeState(
-            varied, look, t0 + zero, look, look, zero, start, runs
-        )
-
-    def step(self, system, state, step):
-        """Look at the ratio; at an end where it has grown enough, or grows no more."""
-        varied, *_ = self.inner.step(system, state.varied, step)
-        flow, moved = jnp.stack(step.f1), jnp.stack(varied.y)
-        speed = flow @ flow
-        part = (flow @ moved) / jnp.where(speed > 0, speed, 1.0)
-        now = Look(
-            _ratio(moved, self.along),
-            _ratio(moved - flow[:, None] * part[None], self.along),
-        )
-        # where an event ends a step the flow is another one behind it
-        quiet = step.event[0] == 0 if step.event else True
-        longer = quiet & (now.length > state.best.length)
-        further = quiet & (now.length > DECADE * state.mark.length)
-        size = jnp.sqrt(sum((y * y for y in step.y1), 0.0 * step.t1))
-        best = tree_where(longer, now, state.best)
-        after = ManifoldSlopeState(
-            varied=varied,
-            best=best,
-            when=jnp.where(longer, step.t1, state.when),
-            mark=tree_where(further, now, state.mark),
-            earlier=tree_where(further, state.mark, state.earlier),
-            largest=jnp.maximum(size, state.largest),
-            middle=state.middle,
-            outcome=state.outcome,
-        )
-        half = now.length**2 * self.width > PARTED * after.largest
-        modes = step.event[1] if step.event else (1.0, 1.0)
-        middle = Middle(half, jnp.stack(step.y1), jnp.stack(modes) + 0.0 * now.length)
-        middle = tree_where(half & ~state.middle.reached, middle, state.middle)
-        after = after._replace(middle=middle)
-        over = now.length * self.width > PARTED * after.largest
-        over |= step.t1 > 2 * after.when + self.window
-        if step.modes:
-            assert step.event
-            m1, m2 = step.event[1]
-            over |= (m1 == 0) & (m2 == 0)
-        outcome = jnp.where(over, CODE.complete, after.outcome).astype(jnp.int32)
-        return after._replace(outcome=outcome), jnp.inf, over
+def _updated(
+    search: _Search,
+    verdict: Float[Array, ""],
+    outcome: Int[Array, ""],
+    bracket: Pair,
+    how: Search,
+) -> _Search:
+    """The search after one more motion: along the scan, then by halves."""
+    scan, halvings = how.scan, how.halvings
+    least, largest = bracket
+    decided, scanning = verdict != NONE, search.tried <= scan
+    change = scanning & decided & (search.verdict * verdict < 0)
+    first = change & (search.changes == 0)
+    x = search.x
+    low = jnp.where(first, search.place, search.low)
+    high = jnp.where(first, x, search.high)
+    below = jnp.where(first, search.verdict, search.below)
+    halving = ~scanning & decided
+    low = jnp.where(halving & (verdict == below), x, low)
+    high = jnp.where(halving & (verdict != below), x, high)
+    changes = search.changes + change.astype(jnp.int32)
+    tried = search.tried + 1
+    over = (tried > scan) & (changes == 0)
+    over |= (tried > scan + halvings) | (~scanning & ~decided)
+    over |= outcome == CODE.invalid
+    along = least + (largest - least) * (tried / scan).astype(x.dtype)
+    return _Search(
+        x=jnp.where(tried <= scan, along, (low + high) / 2),
+        tried=tried,
+        verdict=jnp.where(decided, verdict, search.verdict),
+        place=jnp.where(decided, x, search.place),
+        low=low,
+        high=high,
+        below=below,
+        changes=changes,
+        undecided=search.undecided + (~decided).astype(jnp.int32),
+        obstacle=jnp.where(decided | (search.undecided > 0), search.obstacle, outcome),
+        over=over,
+    )
 
 
-class Place(NamedTuple):
-    """A threshold."""
-
-    line: Float[
-        Array, " k"
-    ]  # how the scene's numbers change along the line that was searched
-    width: Float[Array, ""]  # of the interval that holds the threshold
-    known: Bool[Array, ""]  # whether there is one
-    window: Scalar
-    patience: Scalar  # the longest time to follow its motion
-
-
-def carried(
-    scene: Callable[[Scalar], tuple[Column, State]],
-    x: Float[Array, ""],
-    width: Float[Array, ""],
-    known: Bool[Array, ""],
-    window: Scalar,
-    patience: Scalar,
-    method: Method,
-) -> Float[Array, ""]:
-    """A zero that carries the derivative of the threshold x in the numbers of `scene`.
-
-    It is NaN where no threshold is `known` well enough, or tangents disagree.
-    """
-    x = fixed(x)
-    known &= fixed(width) <= WIDE * jnp.abs(x)
-    dtype = jnp.result_type(float)
-    _, make = moving(scene(x)[0], dtype)
-
-    def numbers(x):
-        column, start = scene(x)
-        y0 = jnp.stack(float_state(start))
-        return jnp.concatenate([y0, moving(column, dtype)[0]])
-
-    def slope(numbers, place):
-        return _slope(make, numbers, place, method)
-
-    at, line = jax.jvp(numbers, (x,), (jnp.ones_like(x),))
-    return implicit((), slope, at, Place(line, width, known, window, patience))
-
-
-def _slope(
-    make: Make, numbers: Float[Array, " k"], place: Place, method: Method
-) -> Float[Array, " k"]:
-    """The threshold's derivatives in the start's four numbers and the column's."""
-    motion = _motion(make, numbers, place, method)
-    after = motion.advance(motion.begin()).folded
-    return _certain_row(numbers, place, after)
-
-
-def _motion(
-    make: Make, numbers: Float[Array, " k"], place: Place, method: Method
-) -> Motion[ManifoldSlopeState]:
-    system, inner = varied(make, numbers[4:], method.explicit, numbers.size > 4)
-    fold = ManifoldSlope(inner, place.line, place.width, place.window)
-    y0 = PhasePoint(numbers[i] for i in range(4))
-    span = jnp.where(place.known, place.patience, 0.0).astype(numbers.dtype)
-    return Motion(system, y0, fold, method, end=span)
-
-
-def _certain_row(
-    numbers: Float[Array, " k"], place: Place, after: ManifoldSlopeState
-) -> Float[Array, " k"]:
-    """The ratio at its best; NaN where it is not known well enough."""
-    best, before, sizes = after.best, after.earlier, jnp.abs(numbers)
-
-    def largest(row):
-        return jnp.max(jnp.abs(row) * sizes)
-
-    by_cycle = best.across.length > ACROSS * best.whole.length
-    late = tree_where(by_cycle, best.across, best.whole)
-    early = tree_where(by_cycle, before.across, before.whole)
-    share = early.length / jnp.where(late.length > 0, late.length, 1.0)
-    change = (late.row - early.row) * share / jnp.where(share < 1, 1 - share, 1.0)
-    row = late.row + change
-    # the phase's part, ten times what is left without it, where the cycle is near
-    phase = jnp.where(by_cycle, largest(best.whole.row - best.across.row), 0.0)
-    certain = largest(change) < CERTAIN * largest(row)
-    certain &= phase < FAR * largest(row)
-    certain &= place.known & (before.length > 0)
-    return jnp.where(certain, row, jnp.nan)
-
-
-def manifold_at(
-    column: Column, y0: Float[Array, "4"], place: Place, method: Method
-) -> tuple[Float[Array, "4"], Middle, Int[Array, ""]]:
-    r"""Of the stable manifold at a threshold its normal n, and what it leads to.
-
-    **Arguments:** `place`, its line as `y0` changes along the search's line, so that
-    $n \cdot \mathrm{line} = 1$.
-
-    **Returns:** n, NaN where it is not known; where the motion was nearest to the
-    saddle; steps.
-    """
-    motion = _motion(lambda _: column, y0, place, method)
-    run = follow(motion)
-    return -_certain_row(y0, place, run.folded), run.folded.middle, run.steps
+def _outcome(search: _Search, scan: int, halvings: int) -> Int[Array, ""]:
+    outcome = jnp.where(search.changes > 1, CODE.repeated, CODE.found)
+    short = search.tried <= scan + halvings
+    outcome = jnp.where(short, CODE.undecided, outcome)
+    rests = jnp.where(search.verdict == RESTS, CODE.rests, CODE.moves)
+    rests = jnp.where(search.undecided > 0, CODE.undecided, rests)
+    outcome = jnp.where(search.changes == 0, rests, outcome)
+    invalid = (search.tried == 0) | (search.obstacle == CODE.invalid)
+    return jnp.where(invalid, CODE.invalid, outcome).astype(jnp.int8)

@@ -99,6 +99,7 @@ class Method(AbstractOptions):
     |---|---|---|---|
     | `settle` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 |
     | `sweep_up_down` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
+    | `threshold` | Tsit5 | 1e-8 | 3000000 (a motion) |
     | `flutter_onset`, `critical_kick` | Tsit5 | 1e-8 | 3000000 (a motion) |
     | `least_kick` | Tsit5, set-valued Taylor8 | 1e-8 | 1000000 (a motion) |
     | `trajectory` | Dopri8, set-valued Taylor8 | 1e-8 | 1000000 |
@@ -197,7 +198,7 @@ class Windows(AbstractOptions):
     |---|---|---|---|---|---|
     | `settle` | 100 | 40 | 40 | 2e-4 | pi |
     | `sweep_up_down` | 0 | 40 | 100 | 2e-4 | pi |
-    | `flutter_onset`, `critical_kick` | 0 | 40 | 1000 | none | pi |
+    | `threshold`, `flutter_onset`, `critical_kick` | 0 | 40 | 1000 | none | pi |
     | `least_kick` | 0 | 40 | 200 | none | pi |
 
     **Raises:** `ValueError` for numbers that break a rule.
@@ -271,8 +272,7 @@ class Spans(AbstractOptions):
 _METHODS = {
     "settle": (1e-6, 1_000_000),
     "sweep_up_down": (1e-6, 1_000_000),
-    "flutter_onset": (1e-8, 3_000_000),
-    "critical_kick": (1e-8, 3_000_000),
+    "threshold": (1e-8, 3_000_000),
     "least_kick": (1e-8, 1_000_000),
     "trajectory": (1e-8, 1_000_000),
     "periodic_orbit": (1e-10, 100_000),
@@ -287,8 +287,7 @@ _METHODS = {
 _WINDOWS = {
     "settle": (100.0, 40.0, 40, 2e-4),
     "sweep_up_down": (0.0, 40.0, 100, 2e-4),
-    "flutter_onset": (0.0, 40.0, 1000, None),  # cycles are certified
-    "critical_kick": (0.0, 40.0, 1000, None),
+    "threshold": (0.0, 40.0, 1000, None),  # cycles are certified
     "least_kick": (0.0, 40.0, 200, None),
 }
 _SPANS = {name: (200.0, 50.0, 20) for name in ("lyapunov_exponents", "verdict")}
