@@ -522,6 +522,18 @@ def _kick(p):
     return {"threshold": found.threshold, "width": found.width, "rises": found.rises}
 
 
+def _line(p):
+    """Load and kick grow together."""
+    p = P(NUMBERS | p)
+
+    def cell(s):
+        phi, omega = start(p).phi, start(p).omega
+        return column(p, smooth, s), zj.State(phi, (omega[0], s * omega[1]))
+
+    found = zj.threshold(cell, (p.low, 3.0), search=zj.Search(6, 22))
+    return {"threshold": found.threshold, "width": found.width, "rises": found.rises}
+
+
 def _least(p):
     """As in its own tests, where `energy` is derived in reverse mode, too."""
     friction = zj.SetValuedCoulomb(
@@ -598,6 +610,12 @@ SLOW = {
     ),
     "flutter_onset": Case(
         _onset,
+        given("kappa", "c1", "mu_s", "phi2", "w2", low=1.0),
+        {("width", "low"): OF_THE_BRACKET},
+        **OF_A_THRESHOLD,
+    ),
+    "threshold": Case(
+        _line,
         given("kappa", "c1", "mu_s", "phi2", "w2", low=1.0),
         {("width", "low"): OF_THE_BRACKET},
         **OF_A_THRESHOLD,

@@ -216,7 +216,8 @@ def test_what_is_no_value_is_refused_by_name(refuses):
         (lambda: zj.SectionPlane("phi3"), ("`coordinate`", "phi1", "'phi3'")),  # type: ignore
         (lambda: zj.Arc(bounds=("a", "b")), ("`bounds`", "two numbers", "'a'")),  # type: ignore
         (lambda: zj.Arc(bounds=(3, 1)), ("`bounds`", "increase", "(3, 1)")),
-        (lambda: zj.Arc(direction=True), ("`direction`", "1 or -1", "True")),
+        (lambda: zj.Arc(direction=True), ("`direction`", "1, -1 or", "True")),
+        (lambda: zj.Arc("up"), ("`direction`", "1, -1 or", "'up'")),
         (lambda: zj.Arc(step=0.0), ("`step`", "positive", "0")),
         (lambda: zj.Spans(count=1), ("`count`", "at least 2", "1")),
         (lambda: zj.Search(scan=0), ("`scan`", "at least 1", "0")),

@@ -17,6 +17,7 @@ from ziegler_jax.analysis.branch_point import (
     codes_of,
     products,
 )
+from ziegler_jax.analysis.continuation import along_arc
 from ziegler_jax.analysis.march import Walk
 
 # A column with smoothed friction, whose cycle folds -----------------------------------
@@ -212,7 +213,7 @@ class KnownBranch(Continuation):
         """The predicted point: the branch has no bends."""
         at = self.path[:, 0] + self.path[:, 1] * x0[4]
         moved = hidden(np.random.default_rng(1), *at)
-        tangent = jnp.zeros(5).at[4].set(1.0)
+        tangent = jnp.zeros(5).at[4].set(jnp.where(row[4] < 0, -1.0, 1.0))
         tests = jnp.stack([tangent[4], *products(moved)])
         matrix = jnp.zeros((4, 5)).at[0, 3].set(self.rate)
         ends = moved, matrix, tests, jnp.zeros(())
@@ -254,6 +255,26 @@ def test_special_points_are_found_where_multipliers_pass_the_unit_circle(rate):
     known = [0.3, 0.75, 0.5, 0.25]
     found = [place[0, 0], place[0, 1], place[2, 0], place[3, 0]]
     np.testing.assert_allclose(found, known, rtol=0, atol=1e-8)
+
+
+def test_both_ways_from_a_cycle_stand_in_one_row_along_the_arc():
+    path = np.array([(1, 0), (0.7, 1), (0.5, -2)], float)
+    problem = KnownBranch(path, 1.0)
+    problem.arc = zj.Arc("both", step=0.15, points=40, bounds=(-0.5, 1.0))
+
+    def walk(direction):
+        return Walk(problem.heading(direction), 3, (True,) * 4, False).follow()
+
+    ways = jax.vmap(walk)(jnp.array([-1.0, 1.0]))
+    row, (behind, ahead) = along_arc(ways), ways.filled
+    places, count = row.points.x[:, 4], behind + ahead - 1
+    assert behind > 4 and ahead > 7 and places.shape == (79,)
+    assert np.isfinite(places[:count]).all() and np.isnan(places[count:]).all()
+    assert (np.diff(places[:count]) > 0).all() and places[behind - 1] == 0
+    assert places[0] < -0.5 and places[count - 1] > 1
+    found = [CODE.pitchfork, CODE.torus, CODE.flip]
+    assert codes_of(row.kind, TESTS).tolist() == found + [CODE.ordinary] * 3
+    np.testing.assert_allclose(row.special.x[:3, 4], [-0.25, 0.3, 0.75], atol=1e-8)
 
 
 def bending(q):
@@ -325,6 +346,41 @@ def test_a_branch_passes_the_three_folds_that_auto_finds():
     np.testing.assert_allclose(mine, AUTO_FOLDS, rtol=0, atol=1e-8)
 
 
+def test_one_call_follows_a_branch_both_ways_through_all_its_folds():
+    """From the unstable cycle between the first two folds of AUTO's branch."""
+
+    def column(q):
+        load = zj.ConstantLoad(1.0)
+        law = zj.SmoothCoulomb(0.1, pin_radius=1.0, v_smooth=0.05, load=load)
+        return zj.uniform_rods(q, friction=law, damping=zj.Viscous(0.002, 0.002))
+
+    @jax.jit
+    def follow(start, q):
+        orbit = zj.periodic_orbit(column(q), start)
+        return zj.continue_cycle(
+            column, orbit, q, arc=zj.Arc("both", bounds=(1.5, 1.85))
+        )
+
+    at = 1.6335246694
+    branch = follow(zj.State((0.0, -0.13764246), (0.4872878, 0.90124433)), at)
+    assert branch.outcome == CODE.beyond
+    assert branch.ends.tolist() == [CODE.beyond] * 2
+    folds = branch.special.kind == CODE.fold
+    assert folds.sum() == 3
+    mine = np.stack([branch.special.parameter, branch.special.period], axis=1)[folds]
+    # measured 1.5e-9, as one way; the loads agree to all digits that AUTO prints
+    np.testing.assert_allclose(mine, AUTO_FOLDS, rtol=0, atol=1e-8)
+    # from end to end without a gap: each neighbour within a step on the arc
+    count = int(branch.count)
+    q, period = (np.asarray(x) for x in (branch.points.parameter, branch.points.period))
+    assert np.isfinite(q[:count]).all() and np.isnan(q[count:]).all()
+    assert np.abs(np.diff(q[:count])).max() <= 0.1 * at * (1 + 1e-6)
+    assert np.abs(np.diff(period[:count])).max() <= 0.1 * period[0] * (1 + 1e-2)
+    turns = np.diff(np.sign(np.diff(q[:count]))) != 0
+    assert turns.sum() == 3
+    assert q[0] > 1.85 > q[1] and q[count - 1] > 1.85 > q[count - 2]
+
+
 def test_bad_arguments_are_named(refuses):
     def make(q):
         return zj.uniform_rods(q, damping=zj.Viscous(0.1, 0.1))
@@ -361,7 +417,8 @@ def test_bad_arguments_are_named(refuses):
         follow(bounds=(2.1, 3.0)), "`bounds`", "hold `parameter`", "(2.1, 3.0)", "2.0"
     )
     refuses(follow(bounds=1.0), "`bounds`", "two numbers", "1.0")
-    refuses(follow(direction=0), "`direction`", "1 or -1", "0")
+    refuses(follow(direction=0), "`direction`", '1, -1 or "both"', "0")
+    refuses(fold(direction="both"), "`direction`", "1 or -1", "to a fold")
     refuses(follow(step=-0.1), "`step`", "positive", "-0.1")
     refuses(follow(points=0), "`points`", "at least 1", "0")
     refuses(follow(arc=0.1), "`arc`", "`Arc`", "0.1")

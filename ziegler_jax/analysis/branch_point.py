@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import abc
+import copy
 from collections.abc import Callable
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,16 +27,20 @@ NEWTON_STEPS = 10  # more say that the step was too long
 TESTS = CODE.fold, CODE.torus, CODE.flip, CODE.pitchfork  # zero there, in this order
 
 
+Direction = int | Literal["both"]
+
+
 class Arc(eqx.Module):
     r"""How far and how finely a branch is followed along its arc.
 
     **Arguments:**
 
-    - `direction`: 1 or -1, in which the parameter moves at first; None is 1 for a
-        branch, -1 for a fold.
+    - `direction`: 1 or -1, in which the parameter moves at first; `"both"`: of a
+        branch one after the other; None is 1 for a branch, -1 for a fold.
     - `step`: the longest on the arc: rad for the state, the first cycle's period for T,
         the first value for the parameter.
-    - `points`: at most so many; None is 400 for a branch, 200 on the way to a fold.
+    - `points`: at most so many in each direction; None is 400 for a branch, 200 on the
+        way to a fold.
     - `bounds`: around the first value; the branch ends where the parameter leaves them.
     - `error`: how far a point may lie from the tangent at the one before, in angle,
         period and parameter, measured as on the arc; where it lies farther the step is
@@ -48,7 +53,7 @@ class Arc(eqx.Module):
     # bounds are in the parameter's own unit, which `SI.scaled` leaves alone
     units: ClassVar = {"step": "1", "bounds": "1", "error": "1"}
 
-    direction: int | None = eqx.field(static=True)
+    direction: Direction | None = eqx.field(static=True)
     step: Scalar
     points: int | None = eqx.field(static=True)
     bounds: tuple[Scalar, Scalar]
@@ -56,17 +61,18 @@ class Arc(eqx.Module):
 
     def __init__(
         self,
-        direction: int | None = None,
+        direction: Direction | None = None,
         step: Scalar = 0.1,
         points: int | None = None,
         bounds: tuple[Scalar, Scalar] = (-np.inf, np.inf),
         error: Scalar = 1.5e-4,
     ):
         """Check and keep them."""
-        known = direction is None or isinstance(direction, int | np.integer)
-        if not known or isinstance(direction, bool) or direction not in (1, -1, None):
+        known = direction is None or isinstance(direction, int | np.integer | str)
+        allowed = (1, -1, "both", None)
+        if not known or isinstance(direction, bool) or direction not in allowed:
             raise ValueError(
-                f"Argument `direction` must be 1 or -1, but is {direction!r}."
+                f'Argument `direction` must be 1, -1 or "both", but is {direction!r}.'
             )
         self.direction = direction
         self.step = number("step", step, "positive")
@@ -99,7 +105,8 @@ class AbstractContinuation(abc.ABC):
     """What a walk asks of its problem: a curve R(x) = 0, its tests, and its ends.
 
     `arc`, `method`; `first`: where it starts, scaled, and `failure`: a `CODE`
-    where it cannot; `scale`: of the unknowns; `crossing`: the test, counted from 1,
+    where it cannot; `scale`: of the unknowns; `along`: the unknown along which the walk
+    begins; `crossing`: the test, counted from 1,
     that is zero where another curve crosses and Newton's method is singular; 0: none.
     """
 
@@ -108,8 +115,20 @@ class AbstractContinuation(abc.ABC):
     first: Float[Array, " n"]
     failure: Int[Array, ""]
     scale: Float[Array, " n"]
+    along: int
     crossing: int = 0
+    direction: Scalar = 1.0  # along the last unknown, in which the walk begins
     kink: float = 0.0  # steps below it may turn where the sequence of modes changes
+
+    def heading(self, direction: Scalar) -> Self:
+        """The same problem, walked up (1) or down (-1) along the last unknown."""
+        other = copy.copy(self)
+        other.direction = direction
+        return other
+
+    def forward(self) -> Float[Array, " n"]:
+        """The direction in which the walk begins."""
+        return jnp.zeros_like(self.first).at[self.along].set(self.direction)
 
     @abc.abstractmethod
     def correct(
@@ -124,10 +143,6 @@ class AbstractContinuation(abc.ABC):
     @abc.abstractmethod
     def blank(self) -> BranchPoint:
         """A point of NaNs."""
-
-    @abc.abstractmethod
-    def forward(self) -> Float[Array, " n"]:
-        """The direction in which the walk begins."""
 
     @abc.abstractmethod
     def smooth(self) -> Int[Array, " k"]:
@@ -155,7 +170,7 @@ class AbstractContinuation(abc.ABC):
 class Continuation(AbstractContinuation):
     """What a continuation needs: the problem, its scales, and where it starts."""
 
-    crossing = 1 + TESTS.index(CODE.pitchfork)
+    crossing, along = 1 + TESTS.index(CODE.pitchfork), 4
 
     def __init__(
         self,
@@ -176,6 +191,12 @@ class Continuation(AbstractContinuation):
         at = fixed(jnp.asarray(start, dtype))
         direction, points = _ARCS[question]
         direction = direction if arc.direction is None else arc.direction
+        if direction == "both" and question != "continue_cycle":
+            raise ValueError(
+                "Argument `direction` must be 1 or -1 on the way to a fold, but is "
+                "'both'."
+            )
+        self.direction = -1.0 if direction == -1 else 1.0
         points = points if arc.points is None else arc.points
         self.arc = Arc(direction, arc.step, points, arc.bounds, arc.error)
         self.method = cycle_method(question, method, made(make_column, at))
@@ -201,10 +222,6 @@ class Continuation(AbstractContinuation):
         """A point of NaNs."""
         shapes = (5,), (5,), (3,), (4, 4), (4, 5), (4,), ()
         return BranchPoint(*(jnp.full(s, jnp.nan, self.first.dtype) for s in shapes))
-
-    def forward(self) -> Float[Array, "5"]:
-        """Along the parameter."""
-        return jnp.zeros(5, self.first.dtype).at[4].set(self.arc.direction)
 
     def smooth(self) -> Int[Array, " n"]:
         """The places of angles, T and the parameter.

@@ -23,12 +23,12 @@ Source: H. B. Keller (1977); Y. A. Kuznetsov, Elements of Applied Bifurcation Th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Complex, Float, Int, Shaped
 
 from ..model.column import Column
 from ..motion.implicit import fixed, implicit, lost, moving, solve
@@ -51,7 +51,7 @@ from ..results import (
 from ..runtime import requires_x64
 from ..steady.jets import Bundle, carried_extent, carried_monodromy, follow_bundle
 from .branch_point import TESTS, Arc, BranchPoint, Continuation, codes_of
-from .march import Walk
+from .march import ContinuationState, Walk
 from .periodic_orbit import PeriodicOrbit, attracts, multipliers
 from .shooting import start_of
 
@@ -122,8 +122,10 @@ class Branch(AbstractResult):
 
     `points`: `CyclePoints` in order along the arc; `count` of them; `special`: the
     `CyclePoints` where the branch changes; `outcome`: a `CODE`, `found` if all
-    points asked for are there, else why the branch ends; `steps` of all motions. In a
-    dataset the points are named as in `CyclePoints`, the special ones `special_...`.
+    points asked for are there, else why the branch ends; `ends` (1,), or (2,) where it
+    was followed both ways: the same of each end, that of falling parameter first;
+    `steps` of all motions. In a dataset the points are named as in `CyclePoints`, the
+    special ones `special_...`.
     """
 
     points: CyclePoints
@@ -131,6 +133,9 @@ class Branch(AbstractResult):
     count: Int[Array, "*lanes"] = eqx.field(metadata=quantity("points of the branch"))
     outcome: Int[Array, "*lanes"] = eqx.field(
         metadata=quantity("why the branch ended", codes=ORBITS)
+    )
+    ends: Int[Array, "*lanes w"] = eqx.field(
+        metadata=quantity("how the branch ends", dims=("end",), codes=ORBITS)
     )
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     settings: Settings = eqx.field(static=True)
@@ -194,10 +199,11 @@ def continue_cycle(
     - `make_column`: a function of the parameter, e.g. `lambda q: uniform_rods(q, ...)`.
     - `orbit`: a cycle at this value of the `parameter`, as `periodic_orbit` finds it;
         where it found none, the branch ends for the same reason.
-    - `arc`: how to follow it, see `Arc`.
-    - `max_special_points`: how many there is room for.
+    - `arc`: how to follow it, see `Arc`; `zj.Arc("both")`: both ways from the cycle,
+        and the points stand from one end of the branch to the other.
+    - `max_special_points`: how many there is room for, in each direction.
     - `method`: an explicit one; its step budget is that of all motions of the branch
-        together, which ends as `not_integrated` where it is spent.
+        together in one direction, which ends as `not_integrated` where it is spent.
 
     **Returns:** `Branch`. With set-valued friction it may end as `not_converged` before
     its cycle ends: begin once more beyond, at a cycle that `settle` finds there.
@@ -210,16 +216,62 @@ def continue_cycle(
     """
     specials = whole_number("max_special_points", max_special_points)
     problem = Continuation("continue_cycle", make_column, orbit, parameter, arc, method)
-    end = fixed(Walk(problem, specials, (True,) * 4, False).follow())
+
+    def walk(direction: Scalar) -> ContinuationState:
+        return Walk(problem.heading(direction), specials, (True,) * 4, False).follow()
+
     scene = problem.live, orbit, parameter, arc
-    ordinary = jnp.zeros(problem.arc.points, jnp.int32)
+    if problem.arc.direction == "both":
+        ways = fixed(jax.vmap(walk)(jnp.array([-1.0, 1.0], problem.first.dtype)))
+    else:
+        ways = jax.tree.map(lambda a: a[None], fixed(walk(problem.direction)))
+    way = along_arc(ways)
+    ordinary = jnp.zeros(way.points.modes.shape, jnp.int32)
+    ends = ways.outcome.astype(jnp.int8)
     return Branch(
-        points=lost(_points(problem, end.points, ordinary), scene),
-        special=lost(_points(problem, end.special, end.kind), scene),
-        count=end.filled,
-        outcome=end.outcome.astype(jnp.int8),
-        steps=problem.method.budget - end.left,
+        points=lost(_points(problem, way.points, ordinary), scene),
+        special=lost(_points(problem, way.special, way.kind), scene),
+        count=jnp.maximum(jnp.sum(ways.filled) - ends.size + 1, 0).astype(jnp.int32),
+        outcome=jnp.where(ends[0] == CODE.found, ends[-1], ends[0]),
+        ends=ends,
+        steps=jnp.sum(problem.method.budget - ways.left).astype(jnp.int32),
         settings=_settings(problem),
+    )
+
+
+class Row(NamedTuple):
+    """Points in their order along the arc, those that are none in the end."""
+
+    points: BranchPoint
+    special: BranchPoint
+    kind: Int[Array, " room"]
+
+
+def along_arc(ways: ContinuationState) -> Row:
+    """One way as it is, or two from the same point as one, the first one backwards."""
+    if ways.filled.size == 1:
+        ends = ways.points, ways.special, ways.kind
+        return Row(*jax.tree.map(lambda a: a[0], ends))
+    behind, most = ways.filled[0], ways.points.modes.shape[1]
+    place = jnp.arange(2 * most - 1, dtype=behind.dtype)
+
+    def points(both: Float[Array, "2 n *dims"]) -> Float[Array, " m *dims"]:
+        back = both[0].at[behind - 1 - place].get(mode="fill", fill_value=jnp.nan)
+        # the point at which both begin stands once
+        on = both[1].at[place - behind + 1].get(mode="fill", fill_value=jnp.nan)
+        here = (place < behind).reshape(-1, *[1] * (both.ndim - 2))
+        return jnp.where(here, back, on)
+
+    kinds = jnp.concatenate([ways.kind[0, ::-1], ways.kind[1]])
+    order = jnp.argsort(kinds == 0, stable=True)
+
+    def special(both: Shaped[Array, "2 n *dims"]) -> Shaped[Array, " m *dims"]:
+        return jnp.concatenate([both[0, ::-1], both[1]])[order]
+
+    return Row(
+        jax.tree.map(points, ways.points),
+        jax.tree.map(special, ways.special),
+        kinds[order],
     )
 
 

@@ -57,6 +57,8 @@ class CurveProblem(AbstractContinuation):
 
     kink = KINK
 
+    along = N - 1  # the second parameter
+
     def __init__(
         self,
         make: Callable[[Scalar, Scalar], Column],
@@ -76,7 +78,6 @@ class CurveProblem(AbstractContinuation):
         self.scale = jnp.concatenate([one, jnp.maximum(cycle.z[3:], 1e-3), sizes])
         x = jnp.concatenate([cycle.z, cycle.parameters]) / self.scale
         self.first = jnp.concatenate([x, jnp.zeros(kind.extra, dtype)])
-        self.direction: Scalar = 1.0
         # how (y0, T, p) move with x
         basis = jnp.zeros((7, N), dtype)
         places = [*self.section.others, 4, 5, 6]
@@ -84,22 +85,12 @@ class CurveProblem(AbstractContinuation):
             basis = basis.at[row, column].set(self.scale[column])
         self.basis = basis
 
-    def heading(self, direction: Scalar) -> Self:
-        """The same problem, walked along the second parameter up (1) or down (-1)."""
-        other = copy.copy(self)
-        other.direction = direction
-        return other
-
     def beginning(self, closing: Float[Array, "4 7"]) -> Self:
         """The same problem with the null vectors of a first shot."""
         other = copy.copy(self)
         extra = self.kind.begin(closing, self.basis)
         other.first = self.first.at[N:].set(extra)
         return other
-
-    def forward(self) -> Row:
-        """Along the second parameter."""
-        return jnp.zeros_like(self.first).at[N - 1].set(self.direction)
 
     def blank(self) -> BranchPoint:
         """A point of NaNs."""
