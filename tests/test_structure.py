@@ -67,7 +67,7 @@ def test_the_tests_of_rooms_see_imports():
     assert ("__init__",) in FILES["__main__",]
     upwards = ("model", "column")
     assert against_the_rule(("numerics", "numbers"), {upwards}) == [upwards]
-    assert against_the_rule(("sweep", "sweep"), {("analysis", "onset")})
+    assert against_the_rule(("sweep", "sweep"), {("analysis", "threshold")})
     assert in_a_circle(FILES | {("numerics", "numbers"): {upwards}})
 
 

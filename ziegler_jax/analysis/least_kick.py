@@ -246,7 +246,7 @@ def least_kick(
 
     **Derivatives:** of `energy`, forward and reverse, first order, in every number of
     the column: at a minimum those along its ray (J. M. Danskin, 1967), see
-    `flutter_onset`. They are NaN unless the outcome is `found`, where `misalignment`
+    `threshold`. They are NaN unless the outcome is `found`, where `misalignment`
     is above 0.05, an edge of the manifold that may move along, and where tangents
     disagree. Those of the edge state are its own, see `periodic_orbit`. Those of the
     width, the ray and the misalignment are NaN: they would need second variations.

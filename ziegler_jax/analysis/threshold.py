@@ -161,7 +161,9 @@ def threshold(
     `analysis/manifold.py`) and are as good as that is near: measured, of the largest
     relative derivative, 2e-2 where the `width` is 1.5e-3 of the threshold, 3e-3 at
     4e-4, 2e-3 at 5e-5, 4e-5 at 3e-6, or the steps' error if that is larger. They are
-    NaN where it is wider, and where tangents disagree. And they are NaN unless the
+    NaN where it is wider, and where tangents disagree. The width counts against the
+    number itself: let the line's zero be that of the load or the kick, and not near the
+    threshold, where all are NaN, nor far off. And they are NaN unless the
     outcome is `found`: where the verdict changes more than once (`repeated`), as along
     a fractal boundary, or gives out (`undecided`), as in chaos, choose a narrower
     bracket.
