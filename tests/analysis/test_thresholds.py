@@ -312,6 +312,7 @@ def test_any_line_crosses_the_border_where_the_lines_of_load_and_kick_do():
     q = 1.6 + s * np.cos(angle)
     (kick, other), slope = jax.jit(jax.value_and_grad(critical, has_aux=True))(q)
     assert ended == other == zj.CODE.found
+    # measured 1.6e-7, and 2e-6 of the derivative
     np.testing.assert_allclose(s * np.sin(angle), kick, rtol=1e-6)
     expected = -s * (np.cos(angle) + slope * np.sin(angle))
     expected /= np.sin(angle) - slope * np.cos(angle)

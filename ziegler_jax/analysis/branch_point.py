@@ -35,8 +35,8 @@ class Arc(eqx.Module):
 
     **Arguments:**
 
-    - `direction`: 1 or -1, in which the parameter moves at first; `"both"`: of a
-        branch one after the other; None is 1 for a branch, -1 for a fold.
+    - `direction`: 1 or -1, in which the parameter moves at first; `"both"` of a
+        branch; None is 1 for a branch, -1 for a fold.
     - `step`: the longest on the arc: rad for the state, the first cycle's period for T,
         the first value for the parameter.
     - `points`: at most so many in each direction; None is 400 for a branch, 200 on the
@@ -105,8 +105,8 @@ class AbstractContinuation(abc.ABC):
     """What a walk asks of its problem: a curve R(x) = 0, its tests, and its ends.
 
     `arc`, `method`; `first`: where it starts, scaled, and `failure`: a `CODE`
-    where it cannot; `scale`: of the unknowns; `along`: the unknown along which the walk
-    begins; `crossing`: the test, counted from 1,
+    where it cannot; `scale`: of the unknowns; `along`: the place of the one along which
+    the walk begins, in the `direction` 1 or -1; `crossing`: the test, counted from 1,
     that is zero where another curve crosses and Newton's method is singular; 0: none.
     """
 
@@ -117,11 +117,11 @@ class AbstractContinuation(abc.ABC):
     scale: Float[Array, " n"]
     along: int
     crossing: int = 0
-    direction: Scalar = 1.0  # along the last unknown, in which the walk begins
+    direction: Scalar = 1.0
     kink: float = 0.0  # steps below it may turn where the sequence of modes changes
 
     def heading(self, direction: Scalar) -> Self:
-        """The same problem, walked up (1) or down (-1) along the last unknown."""
+        """The same problem, walked the way in which that unknown rises (1) or falls."""
         other = copy.copy(self)
         other.direction = direction
         return other

@@ -123,7 +123,7 @@ class Branch(AbstractResult):
     `points`: `CyclePoints` in order along the arc; `count` of them; `special`: the
     `CyclePoints` where the branch changes; `outcome`: a `CODE`, `found` if all
     points asked for are there, else why the branch ends; `ends` (1,), or (2,) where it
-    was followed both ways: the same of each end, that of falling parameter first;
+    was followed both ways: the same of each end, first where it set out downwards;
     `steps` of all motions. In a dataset the points are named as in `CyclePoints`, the
     special ones `special_...`.
     """
@@ -239,7 +239,7 @@ def continue_cycle(
     )
 
 
-class Row(NamedTuple):
+class InOrder(NamedTuple):
     """Points in their order along the arc, those that are none in the end."""
 
     points: BranchPoint
@@ -247,11 +247,11 @@ class Row(NamedTuple):
     kind: Int[Array, " room"]
 
 
-def along_arc(ways: ContinuationState) -> Row:
+def along_arc(ways: ContinuationState) -> InOrder:
     """One way as it is, or two from the same point as one, the first one backwards."""
     if ways.filled.size == 1:
         ends = ways.points, ways.special, ways.kind
-        return Row(*jax.tree.map(lambda a: a[0], ends))
+        return InOrder(*jax.tree.map(lambda a: a[0], ends))
     behind, most = ways.filled[0], ways.points.modes.shape[1]
     place = jnp.arange(2 * most - 1, dtype=behind.dtype)
 
@@ -268,7 +268,7 @@ def along_arc(ways: ContinuationState) -> Row:
     def special(both: Shaped[Array, "2 n *dims"]) -> Shaped[Array, " m *dims"]:
         return jnp.concatenate([both[0, ::-1], both[1]])[order]
 
-    return Row(
+    return InOrder(
         jax.tree.map(points, ways.points),
         jax.tree.map(special, ways.special),
         kinds[order],

@@ -56,7 +56,6 @@ class CurveProblem(AbstractContinuation):
     """
 
     kink = KINK
-
     along = N - 1  # the second parameter
 
     def __init__(
