@@ -553,7 +553,7 @@ VERDICT = {("final", "*"): MOMENT, ("time", "*"): MOMENT, ("drift", "*"): ROUNDI
 USUAL = {"cut": 0.05, "transient": 300.0, "length": 20.0}
 SETTLE = given(*OF_SMOOTH, *OF_START)
 # measured likewise: 7e-6, none, 3e-6, 2e-5, none, 3e-10; 1e-5, 5e-9; 2e-8, 3e-6, 5e-9,
-# and 2e-4 of the onset
+# and 2e-4 of the onset and of the line
 OF_A_THRESHOLD = {
     "rtol": 5e-3, "step": 1e-3, "least": 3e-7, "reverse": True, "batch": True,
 }  # fmt: skip
