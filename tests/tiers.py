@@ -211,6 +211,7 @@ SLOW = {
         "[Method]",
     ],
     OTHER_WAY: [
+        "sweep/test_what_is_asked.py::test_a_scene_is_the_same_beside_a_profiler",
         "steady/test_endings.py::test_a_window_of_less_than_a_return_tells_nothing",
         "sweep/test_stages.py::test_every_place_of_a_batch_rounds_alike",
         "sweep/test_sweeps.py::test_few_points_run_in_small_batches_with_the_same_bits"

@@ -1,7 +1,8 @@
 """One hash of what JAX traced: equations, and the bytes of the numbers in them.
 
-A program is known by what it computes. Its variables are numbered as they come, its
-constants are known by dtype, shape and bytes, calls within it by their own equations.
+A program is known by what it computes: by the equations that its results ask for
+(`numerics/asked.py`). Its variables are numbered as they are read, its constants are
+known by dtype, shape and bytes, calls within it by their own equations.
 Names of functions, lines of source, addresses, places on devices and rules for
 derivatives, which a traced point asks no more, leave no trace. So the digest is the
 same in every process, thread and kind of CPU; it changes with the version of JAX.
@@ -14,7 +15,7 @@ import enum
 import functools
 import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -22,10 +23,10 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Jaxpr
+from jax.extend.core import Jaxpr, Var
 
+from ..numerics.asked import Part, asked, inside_of, is_of_this_package, part_of
 from ..numerics.jaxprs import ClosedJaxpr, JaxprEqn, Literal
-from ..numerics.resumable import constants_of, resumable_loop
 
 # Parameters without a meaning for numbers: how a custom derivative is worked out (by
 # a point that is traced none is), names, and where arrays lie.
@@ -68,15 +69,28 @@ def digest_of_function(
     """
     walk = _Walk()
     given = [*map(walk.number, traced.consts), *(f"argument {n!r}" for n in inputs)]
-    results = walk.equations(traced.jaxpr, given)
+    walk.tokens += [_kind(v.aval) for v in traced.jaxpr.invars]
+    results, _ = walk.equations(traced.jaxpr, given, (True,) * len(outputs))
     for name, result in sorted(zip(outputs, results, strict=True)):
         walk.tokens.append(f"{name!r} is {result}")
     return walk.digest()
 
 
-# Equations that JAX traced before are the same object again, and hold no table of
-# NumPy's, which may be changed in place.
-_read_before: WeakKeyDictionary[Jaxpr, Digest] = WeakKeyDictionary()
+class _Read(NamedTuple):
+    """Equations within another, read.
+
+    `inputs`: those that they read of what they are given, in the order in which they
+    do; `lasts`: whether no table of NumPy's is among them, which may be changed in
+    place.
+    """
+
+    digest: Digest
+    inputs: tuple[int, ...]
+    lasts: bool
+
+
+# Equations that JAX traced before are the same object again.
+_read_before: WeakKeyDictionary[Jaxpr, dict[tuple, _Read]] = WeakKeyDictionary()
 
 
 class _Walk:
@@ -89,9 +103,8 @@ class _Walk:
         self.repeatable = self.lasts = True  # `lasts`: no table of NumPy's is among it
         # what comes again, by its identity, for which it is kept
         self.tables: dict[int, tuple[str, object]] = {}
-        self.parts: dict[tuple, tuple[Digest, bool, ClosedJaxpr]] = {}
         if within is not None:
-            self.tables, self.parts = within.tables, within.parts
+            self.tables = within.tables
 
     def digest(self) -> Digest:
         text = "\n".join(self.tokens)
@@ -104,87 +117,97 @@ class _Walk:
         self.parameter(value)
         return self.digest()
 
-    def take(self, part: Digest, lasts: bool) -> None:
-        """What is within, as one token."""
-        self.tokens.append(part.value)
-        self.primitives |= part.primitives
-        self.hosts |= part.hosts
-        self.repeatable &= part.repeatable
-        self.lasts &= lasts
+    def whole(self, equations: ClosedJaxpr | Jaxpr) -> None:
+        """Equations of which all that they are given is their own."""
+        self.part(part_of(equations), self.literal)
 
-    def opened(self, jaxpr: Jaxpr) -> None:
-        """Equations within, their constants like their inputs."""
-        known, lasts = _read_before.get(jaxpr), True
-        if known is None:
-            given = [f"constant {i}" for i in range(len(jaxpr.constvars))]
-            known, lasts = self.within(jaxpr, given)
-            if lasts and known.repeatable:
-                _read_before[jaxpr] = known
-        self.take(known, lasts)
+    def part(self, part: Part, operand: Callable[[Any], str]) -> None:
+        """Equations within, as one token, and the operands that they read."""
+        before, key = _read_before.setdefault(part.jaxpr, {}), part.key
+        read = before.get(key)
+        if read is None:
+            read = self.within(part)
+            if read.lasts and read.digest.repeatable:
+                before[key] = read
+        self.tokens.append(read.digest.value)
+        self.primitives |= read.digest.primitives
+        self.hosts |= read.digest.hosts
+        self.repeatable &= read.digest.repeatable
+        self.lasts &= read.lasts
+        self.tokens += [operand(part.given[place]) for place in read.inputs]
 
-    def closed(self, closed: ClosedJaxpr) -> None:
-        """Equations within, with their constants."""
-        if not closed.consts:
-            return self.opened(closed.jaxpr)
-        key = closed.jaxpr, *map(id, closed.consts)
-        if key not in self.parts:
-            given = [self.number(x) for x in closed.consts]
-            self.parts[key] = *self.within(closed.jaxpr, given), closed
-        part, lasts, _ = self.parts[key]
-        lasting = all(isinstance(x, jax.Array) for x in closed.consts)
-        return self.take(part, lasts and lasting)
-
-    def within(self, jaxpr: Jaxpr, given: Sequence[str]) -> tuple[Digest, bool]:
-        """The digest of equations, and whether it lasts."""
+    def within(self, part: Part) -> _Read:
+        """Equations, read by themselves."""
         walk = _Walk(self)
-        inputs = [f"input {i}" for i in range(len(jaxpr.invars))]
-        walk.tokens += walk.equations(jaxpr, [*given, *inputs])
-        return walk.digest(), walk.lasts
+        inputs = [*part.jaxpr.constvars, *part.jaxpr.invars]
+        own = inputs[len(part.given) :]
+        walk.tokens += [_kind(v.aval) for v in own]
+        given = [None] * len(part.given) + [f"input {i}" for i in range(len(own))]
+        results, read = walk.equations(part.jaxpr, given, part.results)
+        walk.tokens += results
+        return _Read(walk.digest(), tuple(read), walk.lasts)
 
     # Equations ------------------------------------------------------------------------
 
-    def equations(self, jaxpr: Jaxpr, given: Sequence[str]) -> list[str]:
-        """All of them; returns what the results are."""
-        variables = [*jaxpr.constvars, *jaxpr.invars]
-        names: dict[object, str] = dict(zip(variables, given, strict=True))
-        self.tokens += [_kind(v.aval) for v in jaxpr.invars]
+    def equations(
+        self, jaxpr: Jaxpr, given: Sequence[str | None], results: tuple[bool, ...]
+    ) -> tuple[list[str], list[int]]:
+        """Those that some results ask for.
 
-        def read(operands: Iterable) -> list[str]:
-            return [
-                self.number(v.val, v.aval) if isinstance(v, Literal) else names[v]
-                for v in operands
-            ]
+        **Arguments:** `given`: the names of constants and inputs; None is one that is
+        named when it is read.
 
-        count = 0
-        for equation in jaxpr.eqns:
-            operands = read(equation.invars)
-            if equation.primitive is resumable_loop:
-                operands = self.bodies(equation, operands)
-            for v in equation.outvars:
+        **Returns:** what the results are, and which of the unnamed were read.
+        """
+        inputs = [*jaxpr.constvars, *jaxpr.invars]
+        names = {v: x for v, x in zip(inputs, given, strict=True) if x is not None}
+        unnamed: list[Var] = []
+
+        def read(v: Var | Literal) -> str:
+            if isinstance(v, Literal):
+                return self.literal(v)
+            if v not in names:
+                names[v] = f"read {len(unnamed)}"
+                unnamed.append(v)
+                self.tokens.append(f"{names[v]}:{_kind(v.aval)}")
+            return names[v]
+
+        count, needed = 0, asked(jaxpr, results).results
+        for equation, wanted in zip(jaxpr.eqns, needed, strict=True):
+            if wanted is None:
+                continue
+            inside = inside_of(equation, wanted)
+            operands = equation.invars if inside is None else inside.operands
+            head = [equation.primitive.name, _setting(equation.ctx)]
+            self.tokens.append(" ".join([*head, *map(read, operands)]))
+            self.primitives.add(equation.primitive.name)
+            self.parameters(equation, set() if inside is None else inside.said)
+            for name, part in () if inside is None else inside.parts:
+                self.tokens.append(name)
+                self.part(part, read)
+            comes = [True] * len(wanted) if inside is None else inside.results
+            gives = [v for v, mine in zip(equation.outvars, comes, strict=True) if mine]
+            for v in gives:
                 names[v], count = str(count), count + 1
-            results = [f"{names[v]}:{_kind(v.aval)}" for v in equation.outvars]
-            name = equation.primitive.name
-            self.primitives.add(name)
-            head = [*results, "=", name, _setting(equation.ctx), *operands]
-            self.tokens.append(" ".join(head))
-            if name in _HARMLESS:
-                self.repeatable = False  # what it tells is no number
-            elif equation.primitive is not resumable_loop:
-                for key in sorted(equation.params.keys() - _OF_NO_MEANING):
-                    self.tokens.append(key)
-                    self.of_equation(equation, key, equation.params[key])
-        return read(jaxpr.outvars)
+            kinds = [f"{names[v]}:{_kind(v.aval)}" for v in gives]
+            self.tokens.append(" ".join(["gives", *kinds]))
+        place = {v: i for i, v in enumerate(inputs)}
+        outputs = zip(jaxpr.outvars, results, strict=True)
+        last = [read(v) for v, mine in outputs if mine]
+        return last, [place[v] for v in unnamed]
 
-    def bodies(self, loop: JaxprEqn, operands: list[str]) -> list[str]:
-        """The parts of a loop, with what they only read; returns the other operands."""
-        bodies = loop.params["bodies"]
-        constants, state = constants_of(bodies, operands)
-        self.tokens.append(f"chunk {loop.params['chunk']}")
-        for body, of_parts in zip(bodies, constants, strict=True):
-            self.tokens.append(f"body {body.cost!r} {body.every}")
-            for part, mine in zip(body.parts, of_parts, strict=True):
-                self.take(*self.within(part, mine))
-        return state
+    def literal(self, value: Literal) -> str:
+        """A constant in its place."""
+        return self.number(value.val, value.aval)
+
+    def parameters(self, equation: JaxprEqn, said: set[str]) -> None:
+        """Those that mean something for numbers and are not said elsewhere."""
+        if equation.primitive.name in _HARMLESS:
+            self.repeatable = False  # what it tells is no number
+            return
+        for key in sorted(equation.params.keys() - _OF_NO_MEANING - said):
+            self.tokens.append(key)
+            self.of_equation(equation, key, equation.params[key])
 
     def of_equation(self, equation: JaxprEqn, key: str, value: object) -> None:
         """A parameter of an equation."""
@@ -200,22 +223,20 @@ class _Walk:
     def rule(self, equation: JaxprEqn, rule: object) -> None:
         """How a batch is computed: one's own rule by what it traces."""
         self.tokens.append(_called(rule))
-        if getattr(rule, "__module__", "").partition(".")[0] == _PACKAGE:
+        if is_of_this_package(equation):
             return
         self.repeatable = False  # it is asked once more where the batch is traced
         kinds = [(v.aval.shape, v.aval.dtype) for v in equation.invars]  # pyright: ignore
         batch = [jax.ShapeDtypeStruct((_LANES, *s), dtype) for s, dtype in kinds]
         bind = functools.partial(equation.primitive.bind, **equation.params)
-        self.closed(jax.make_jaxpr(jax.vmap(bind))(*batch))
+        self.whole(jax.make_jaxpr(jax.vmap(bind))(*batch))
 
     # Values ---------------------------------------------------------------------------
 
     def parameter(self, value: object) -> None:
         """A value, by what it holds."""
-        if isinstance(value, ClosedJaxpr):
-            self.closed(value)
-        elif isinstance(value, Jaxpr):
-            self.opened(value)
+        if isinstance(value, ClosedJaxpr | Jaxpr):
+            self.whole(value)
         elif isinstance(value, enum.Enum):
             self.tokens.append(f"{type(value).__qualname__}.{value.name}")
         elif value is None or isinstance(value, bool | int | str | bytes):
