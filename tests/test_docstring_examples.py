@@ -53,6 +53,19 @@ def dry(q, tau):
     return zj.uniform_rods(q, friction=law)
 
 
+def flipping(q):
+    law = zj.SetValuedCoulomb(
+        (0.0956765, 0.1696786), pin_radius=1.0, load=zj.ConstantLoad(1.0)
+    )
+    parts = {"damping": zj.Viscous(0.0313048, 0.0971598), "follower": 0.710525}
+    return zj.uniform_rods(q, friction=law, kappa=1.128130, **parts)
+
+
+def before_a_flip():
+    near = zj.State((0.0, -2.2795), (2.10147, 4.33986))
+    return zj.periodic_orbit(flipping(3.3), near, period=7.00939)
+
+
 def a_fold():
     """The other cycle's, at q = 1.8614, roughly."""
     unknown = jnp.full((1, 2), jnp.nan)
@@ -136,7 +149,7 @@ def of_a_kick(names):
 def of_a_line(names):
     ds = zj.sweep(names["point"], angle=[0.6], tau=[0.03], progress=False)
     assert ds.outcome.item() == zj.CODE.found
-    assert 0 < ds.threshold.item() < 2
+    assert ds.rises.item() == 1  # rest before, motion after
 
 
 def of_a_least_kick(names):
@@ -149,6 +162,12 @@ def of_a_least_kick(names):
 def of_a_branch(names):
     branch = names["branch"]
     assert branch.points.parameter[0] == 2.0 and branch.points.parameter[1] < 2.0
+
+
+def of_a_doubled_branch(names):
+    periods = [names["doubled"].orbit.period, names["branch"].points.period[0]]
+    assert float(periods[0] / periods[1]) == pytest.approx(2.0, rel=1e-2)
+    assert np.isfinite(names["other"].points.parameter[:39]).all()
 
 
 def of_stiff_lanes(names):
@@ -210,6 +229,10 @@ CASES = {
         },
         of_a_branch,
     ),
+    "analysis/branch_off.py 0": (
+        {"make_column": flipping, "orbit": before_a_flip},
+        of_a_doubled_branch,
+    ),
     "curves/curve.py 0": ({"make": dry, "fold": a_fold}, of_a_curve),
     "analysis/hysteresis.py 0": (
         {"mu": np.array([0.1, 0.12])},
@@ -231,7 +254,7 @@ def test_no_block_is_left_out():
 def test_a_block_runs_as_it_stands(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given, check = CASES[name]
-    made = ("ds", "settled", "both", "branch", "cycles", "fold")
+    made = ("ds", "settled", "both", "branch", "cycles", "fold", "orbit")
     names = run(name, **{k: v() if k in made else v for k, v in given.items()})
     if check is not None:
         assert check(names) in (None, True)

@@ -45,6 +45,13 @@ def orbit():
     return zj.periodic_orbit(column(), KICK)
 
 
+def a_flip():
+    pair, one = np.ones((1, 2)), np.ones(1)
+    kind = np.array([zj.CODE.flip])
+    cycle = np.array([[0.0, 0.3]]), pair, one, pair, pair, np.eye(4)[None], kind
+    return zj.CyclePoints(2.6 * one, *cycle)
+
+
 QUESTIONS = {
     zj.settle: (column(), KICK),
     zj.trajectory: (column(), KICK, np.array([0.0, 1.0])),
@@ -56,6 +63,7 @@ QUESTIONS = {
     zj.periodic_orbit: (column(), KICK),
     zj.continue_cycle: (column, orbit, 2.6),
     zj.cycle_fold: (column, orbit, 2.6),
+    zj.branch_off: (column, "flip", a_flip),
     zj.bifurcation_curve: (plane, "fold", orbit),
     zj.lyapunov_exponents: (column(), KICK),
     zj.verdict: (column(), KICK),
@@ -74,7 +82,10 @@ def record_of(question, smoothed=False, **fields):
     """What a question records; it is traced, and not computed."""
 
     def asked():
-        scene = [x() if x is orbit else x for x in QUESTIONS[question]]
+        scene = [
+            x() if callable(x) and x in (orbit, a_flip) else x
+            for x in QUESTIONS[question]
+        ]
         if smoothed:
             made = callable(scene[0]) and scene[0] in SMOOTHED
             scene[0] = SMOOTHED[scene[0]] if made else smooth()

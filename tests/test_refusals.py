@@ -178,6 +178,7 @@ PLAIN = {
     "periodic_orbit": lambda: zj.periodic_orbit(SLIDING, KICK),
     "continue_cycle": lambda: zj.continue_cycle(bare, KICK, 2.0),
     "cycle_fold": lambda: zj.cycle_fold(bare, KICK, 2.0),
+    "branch_off": lambda: zj.branch_off(bare, "flip", KICK),
     "critical_kick": lambda: zj.critical_kick(SLIDING, KICK, (0.0, 1.0)),
     "threshold": lambda: zj.threshold(lambda q: (bare(q), KICK), (0.0, 1.0)),
     "flutter_onset": lambda: zj.flutter_onset(bare, KICK, (0.0, 1.0)),

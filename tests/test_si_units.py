@@ -451,6 +451,8 @@ def test_a_law_of_ones_own_says_its_units(refuses):
         lambda c: zj.critical_load(c),
         lambda c: zj.tangent_column(c),
         lambda c: zj.is_stiff(c, 1e-6),
+        lambda c: zj.threshold(lambda s: (c, KICK), (1.0, 2.0)),
+        lambda c: zj.critical_kick(c, KICK, (0.0, 1.0)),
         lambda c: zj.flutter_onset(lambda q: c, KICK, (1.0, 2.0)),
         lambda c: zj.lyapunov_exponents(c, KICK),
     ],

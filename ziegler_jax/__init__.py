@@ -2,6 +2,7 @@
 
 from importlib import metadata
 
+from .analysis.branch_off import Offshoot, branch_off
 from .analysis.branch_point import Arc
 from .analysis.classify import Verdict, verdict
 from .analysis.continuation import (
@@ -114,6 +115,7 @@ __all__ = [
     "LeastKick",
     "Mean",
     "Method",
+    "Offshoot",
     "Period",
     "PeriodicOrbit",
     "PhasePoint",
@@ -141,6 +143,7 @@ __all__ = [
     "Viscous",
     "Windows",
     "bifurcation_curve",
+    "branch_off",
     "compare",
     "configure_cache",
     "configure_cpu",

@@ -292,14 +292,7 @@ def test_any_line_crosses_the_border_where_the_lines_of_load_and_kick_do():
     ds/da (sin a - K' cos a) = -s (cos a + K' sin a).
     """
     fine = zj.Search(scan=4, halvings=22)
-
-    def along(angle):
-        def cell(s):
-            kick = zj.State(omega=(0.0, s * jnp.sin(angle)))
-            return dry(1.6 + s * jnp.cos(angle), 0.03), kick
-
-        found = zj.threshold(cell, (0.05, 0.8), search=fine)
-        return found.threshold, found.outcome
+    along = slanted(fine)
 
     def critical(q):
         found = zj.critical_kick(
@@ -317,6 +310,37 @@ def test_any_line_crosses_the_border_where_the_lines_of_load_and_kick_do():
     expected = -s * (np.cos(angle) + slope * np.sin(angle))
     expected /= np.sin(angle) - slope * np.cos(angle)
     np.testing.assert_allclose(turned, expected, rtol=1e-4)
+
+
+def slanted(search):
+    """A threshold of load and kick together; where the line's zero is changes none."""
+
+    def along(angle, zero=0.0):
+        def cell(x):
+            s = x - zero
+            kick = zj.State(omega=(0.0, s * jnp.sin(angle)))
+            return dry(1.6 + s * jnp.cos(angle), 0.03), kick
+
+        found = zj.threshold(cell, (zero + 0.05, zero + 0.8), search=search)
+        return found.threshold - zero, found.outcome
+
+    return along
+
+
+def test_where_a_line_begins_changes_no_derivative_and_no_doubt():
+    zeros = jnp.array([0.0, -0.3538, 1000.0])
+
+    def slopes(halvings):
+        along = slanted(zj.Search(scan=4, halvings=halvings))
+        each = jax.vmap(jax.value_and_grad(along, has_aux=True), in_axes=(None, 0))
+        (values, outcomes), slopes = jax.jit(each)(0.6, zeros)
+        assert (outcomes == zj.CODE.found).all()
+        return values, slopes
+
+    values, fine = slopes(12)
+    assert abs(values[1] + zeros[1]) < 1e-3  # the threshold is near the second's zero
+    np.testing.assert_allclose(fine, fine[0], rtol=1e-9)  # measured 1e-12
+    assert np.isnan(slopes(4)[1]).all()  # the interval is too wide, of whatever numbers
 
 
 def test_second_derivatives_of_a_threshold_are_refused(refuses):
@@ -346,9 +370,9 @@ def test_bad_arguments_are_named(refuses):
 
     refuses(lambda: line(cell=column), "`cell`", "function of one number")
     refuses(lambda: line(cell=lambda: column), "`cell`", "one number")
-    refuses(lambda: line(cell=lambda q: column), "`cell`", "a column and its start")
-    refuses(lambda: line(cell=lambda q: (start, column)), "`column`", "`Column`")
-    refuses(lambda: line(cell=lambda q: (column, 0.3)), "`start`", "0.3")
+    refuses(lambda: line(cell=lambda q: column), "`cell`", "a column and a start")
+    refuses(lambda: line(cell=lambda q: (start, column)), "`cell`", "a column and a")
+    refuses(lambda: line(cell=lambda q: (column, 0.3)), "`cell`", "0.3")
     refuses(lambda: line(bracket=(1, 1)), "`bracket`", "(1, 1)")
     refuses(lambda: line(search=3), "`search`", "3")
     refuses(lambda: kick(column=2.0), "`column`", "2.0")
@@ -362,3 +386,21 @@ def test_bad_arguments_are_named(refuses):
     refuses(lambda: onset(make=column), "`make_column`", "function")
     refuses(lambda: onset(make=lambda q: q), "`make_column`", "`Column`")
     refuses(lambda: onset(begin=None), "`start`", "None")
+    taylor, rough = zj.Method(zj.Taylor(8)), dry(2.0, 0.05)
+    refuses(lambda: line(lambda q: (rough, start), method=taylor), "`threshold`")
+    refuses(lambda: kick(rough, method=taylor), "`solver`", "`critical_kick`")
+    refuses(lambda: onset(lambda q: rough, method=taylor), "`flutter_onset`")
+
+
+@pytest.mark.parametrize(
+    "question, words",
+    [
+        (lambda c, y: zj.threshold(lambda s: (c, y), (1, 2)), "threshold: the number"),
+        (lambda c, y: zj.critical_kick(c, y, (0, 1)), "critical kick, as a multiple"),
+        (lambda c, y: zj.flutter_onset(lambda q: c, y, (1, 2)), "onset: the parameter"),
+    ],
+)
+def test_a_threshold_is_named_in_a_dataset_by_what_was_searched(question, words):
+    start = zj.State(omega=(0, 0.3))
+    program = zj.Program(lambda q: question(smooth(q, 0.05), start))
+    assert program.variables["threshold"].long_name.startswith(words)

@@ -144,3 +144,109 @@ def test_along_a_curve_of_pitchforks_one_more_multiplier_is_one():
         start = np.array([*found.phi[i], *found.omega[i]])
         half = motion(rods, start, [0.0, found.period[i] / 2])[0][-1]
         assert np.abs(half + start).max() < 1e-8  # measured 4.1e-10
+
+
+def off(numbers, kind, near, **options):
+    """A cycle of the branch that leaves there, and how it moves with a damping."""
+
+    @jax.jit
+    def leave(c1, start):
+        make = maker(**numbers | {"c": (c1, numbers["c"][1])})
+        return zj.branch_off(lambda q: make(q, near.tau), kind, start, **options)
+
+    _, moved = map_by_another_code(
+        numbers, near.q, near.tau, np.array([0.0, *near.y]), near.period
+    )
+    start = points(kind, near, moved)
+    return jax.jvp(lambda c1: leave(c1, start), (numbers["c"][0],), (1.0,))
+
+
+def by_another_code(numbers, near, found, shares):
+    """Where the motion from a cycle's start is after these shares of its period."""
+    torques = numbers["t1"], near.tau
+    rods = Rods(
+        float(found.parameter), torques, torques, viscous=numbers["c"],
+        follower=numbers["eta"], kappa=numbers["k"],
+    )  # fmt: skip
+    start = np.array(found.orbit.state.y)
+    times = np.array([0.0, *shares]) * float(found.orbit.period)
+    return start, motion(rods, start, times)[0][1:]
+
+
+def test_from_a_flip_a_cycle_of_twice_the_period_leaves_and_comes_back_to_it():
+    make, near = maker(**FLIP), NEAR_FLIP
+    found, _ = off(FLIP, "flip", near)
+    assert found.outcome == found.orbit.outcome == CODE.found
+    start, (half, end) = by_another_code(FLIP, near, found, (0.5, 1.0))
+    assert np.abs(end - start).max() < 1e-8  # measured 1.8e-9
+    assert np.abs(half - start).max() > 0.02
+    # its branch turns back at the flip, where a multiplier of half its period is -1
+    arc = zj.Arc("both", points=8)
+    other = jax.jit(
+        lambda o, q: zj.continue_cycle(lambda q: make(q, near.tau), o, q, arc=arc)
+    )(found.orbit, found.parameter)
+    special = jax.tree.map(np.asarray, other.special)
+    folds = np.where(special.kind == CODE.fold, special.parameter, np.inf)
+    i, q = np.argmin(folds), np.min(folds)
+    near_it = zj.State(tuple(special.phi[i]), tuple(special.omega[i]))
+    once = jax.jit(lambda q, y, t: zj.periodic_orbit(make(q, near.tau), y, period=t))
+    single = once(q, near_it, special.period[i] / 2)
+    y = np.array(single.state.y)
+    after, moved = map_by_another_code(FLIP, q, near.tau, y, float(single.period))
+    assert np.abs(after - y).max() < 1e-8  # measured 1.1e-9
+    assert np.abs(np.linalg.eigvals(moved) + 1).min() < 5e-5  # measured 6.4e-6
+    ends = other.points.parameter[np.array([0, other.count - 1])]
+    assert (ends > q + 1e-4).all()
+
+
+def test_from_a_pitchfork_two_cycles_leave_that_are_each_others_mirror_image():
+    near = NEAR_PITCHFORK
+    both = [off(PITCHFORK, "pitchfork", near, side=side) for side in (1, -1)]
+    (one, moves), (other, _) = both
+    assert one.outcome == other.outcome == CODE.found
+    # no derivative says how far from the crossing it lies
+    assert np.isnan([moves.parameter, moves.orbit.period, *moves.orbit.state.y]).all()
+    for leaves in (one, other):
+        start, (half, end) = by_another_code(PITCHFORK, near, leaves, (0.5, 1.0))
+        assert np.abs(end - start).max() < 1e-8  # measured 6.6e-10
+        assert np.abs(half + start).max() > 0.02
+    column = maker(**PITCHFORK)(one.parameter, near.tau)
+    again = zj.periodic_orbit(column, other.orbit.state, period=other.orbit.period)
+    # measured 8e-12, and 2e-13
+    np.testing.assert_allclose(again.period, one.orbit.period, rtol=1e-10)
+    assert abs(again.state.y[3] - one.orbit.state.y[3]) > 0.02
+    # its image passes the section downwards: half a turn later it passes upwards
+    image = zj.SectionPlane(rising=False)
+    down = zj.periodic_orbit(column, again.state, section=image)
+    np.testing.assert_allclose(
+        -np.array(down.state.y[1:]), one.orbit.state.y[1:], rtol=1e-10
+    )
+
+
+def test_bad_arguments_of_a_crossing_are_named(refuses):
+    make, there = maker(**FLIP), points("flip", NEAR_FLIP)
+
+    def leave(make=lambda q: make(q, 0.2), kind="flip", start=there, **options):
+        return zj.branch_off(make, kind, start, **options)
+
+    refuses(lambda: leave(make=3), "`make_column`", "3")
+    refuses(lambda: leave(kind="fold"), "`kind`", "fold")
+    refuses(lambda: leave(start=zj.State()), "`start`", "`CyclePoints`", "State")
+    many = jax.tree.map(lambda x: jnp.stack([x, x]), there)
+    refuses(lambda: leave(start=many), "`start`", "one branch", "(2,)")
+    refuses(lambda: leave(side=0), "`side`", "0")
+    refuses(lambda: leave(side=True), "`side`", "True")
+    refuses(lambda: leave(distance=-0.5), "`distance`", "-0.5")
+    refuses(lambda: leave(method=zj.Method(zj.Taylor(8))), "`solver`", "`branch_off`")
+
+
+def test_where_nothing_leaves_no_cycle_is_said_to():
+    """At an ordinary cycle, whose double is a cycle of twice the period, too."""
+    near = NEAR_PITCHFORK
+    found, _ = off(PITCHFORK, "flip", near)
+    assert found.outcome == CODE.not_converged
+    assert np.isnan([found.parameter, found.orbit.period]).all()
+    none = points("fold", near)
+    make = maker(**PITCHFORK)
+    none = zj.branch_off(lambda q: make(q, near.tau), "flip", none)
+    assert none.outcome == CODE.beyond

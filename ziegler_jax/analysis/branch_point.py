@@ -86,7 +86,7 @@ def _is_real(x: object) -> bool:
     return isinstance(x, int | float | np.number) and x == x
 
 
-_ARCS = {"continue_cycle": (1, 400), "cycle_fold": (-1, 200)}
+_ARCS = {"continue_cycle": (1, 400), "cycle_fold": (-1, 200), "branch_off": (1, 1)}
 
 
 class BranchPoint(NamedTuple):

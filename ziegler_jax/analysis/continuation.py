@@ -30,11 +30,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int, Shaped
 
-from ..model.column import Column
+from ..model.column import Column, State
 from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
-from ..motion.section import Coordinate
+from ..motion.section import Coordinate, SectionPlane
 from ..numerics.numbers import Scalar, is_concrete
 from ..numerics.rules import whole_number
 from ..results import (
@@ -115,6 +115,40 @@ class CyclePoints(AbstractResult):
     def stable(self) -> Bool[Array, "*lanes n"]:
         """Whether the others lie inside the unit circle, (n,)."""
         return attracts(self.monodromy)
+
+    def first_of(self, kind: str) -> tuple[PeriodicOrbit, Float[Array, ""]]:
+        """The cycle at the first point of this kind, and its parameter.
+
+        Its `outcome` is `beyond` where there is no such point. How well it closes is
+        not known.
+
+        **Raises:** `ValueError` for points of more than one branch.
+        """
+        if jnp.ndim(self.period) != 1:
+            raise ValueError(
+                "Argument `start` must be the points of one branch, but holds branches "
+                f"of shape {self.period.shape[:-1]}: take one, or `jax.vmap` over them."
+            )
+        mine = jnp.asarray(self.kind) == CODE[kind]
+        first = jnp.argmax(mine)
+        point = jax.tree.map(lambda x: jnp.asarray(x)[first], self)
+        y = (*point.phi, *point.omega)
+        plane = SectionPlane(self.coordinate, rising=self.rising)
+        none = jnp.zeros((), jnp.int32)
+        orbit = PeriodicOrbit(
+            state=State(y[:2], y[2:]),
+            section=SectionPlane(self.coordinate, y[plane.index], self.rising),
+            period=point.period,
+            rod_amplitude=point.rod_amplitude,
+            joint_amplitude=point.joint_amplitude,
+            monodromy=point.monodromy,
+            residual=jnp.full((), jnp.nan),
+            iterations=none,
+            steps=none,
+            outcome=jnp.where(jnp.any(mine), CODE.found, CODE.beyond).astype(jnp.int8),
+            settings=self.settings,
+        )
+        return orbit, point.parameter
 
 
 class Branch(AbstractResult):

@@ -44,7 +44,9 @@ from ..solvers import AbstractFold
 PARTED = 0.1  # of the largest state: the ends of the last interval have parted
 DECADE = 10.0  # of growth from one look at the ratio to the next
 CERTAIN = 0.05  # of the largest relative derivative: the looks may differ by so much
-WIDE = 1.5e-3  # relative, of a threshold's interval: 2 % of the derivatives are wrong
+# By so much of themselves may the numbers that a line moves change over the last
+# interval: 2 % of the derivatives are wrong.
+WIDE = 1.5e-3
 FAR = 0.1  # and by so much the phase may shift the ratio
 ACROSS = 0.1  # of a tangent lies across the flow: it does not leave along that
 
@@ -188,8 +190,7 @@ def carried(
 
     It is NaN where no threshold is `known` well enough, or tangents disagree.
     """
-    x = fixed(x)
-    known &= fixed(width) <= WIDE * jnp.abs(x)
+    x, width = fixed((x, width))
     dtype = jnp.result_type(float)
     _, make = moving(scene(x)[0], dtype)
 
@@ -202,6 +203,8 @@ def carried(
         return _slope(make, numbers, place, method)
 
     at, line = jax.jvp(numbers, (x,), (jnp.ones_like(x),))
+    change, size = fixed((line, jnp.where(line != 0, at, 0.0)))
+    known &= width * jnp.linalg.norm(change) <= WIDE * jnp.linalg.norm(size)
     return implicit((), slope, at, Place(line, width, known, window, patience))
 
 

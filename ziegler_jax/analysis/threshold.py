@@ -23,8 +23,8 @@ first changes. A motion's verdict is
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -32,9 +32,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
-from ..motion.checks import check_maker, check_scene, check_takes, made
+from ..motion.checks import check_maker, check_scene, check_takes, made, scene_at
 from ..motion.implicit import fixed, lost
-from ..motion.method import explicit_method
+from ..motion.method import check_explicit, explicit_method
 from ..motion.options import Method, Windows, recorded
 from ..motion.sequence import run_in_sequence
 from ..numerics.numbers import Flag, Pair, Scalar, Two, is_concrete
@@ -159,22 +159,19 @@ def threshold(
     of the columns and starts; not in the bracket and the options, on which a threshold
     does not depend. They come from the tangents of the motion on the threshold (see
     `analysis/manifold.py`) and are as good as that is near: measured, of the largest
-    relative derivative, 2e-2 where the `width` is 1.5e-3 of the threshold, 3e-3 at
-    4e-4, 2e-3 at 5e-5, 4e-5 at 3e-6, or the steps' error if that is larger. They are
-    NaN where it is wider, and where tangents disagree. The width counts against the
-    number itself: let the line's zero be that of the load or the kick, and not near the
-    threshold, where all are NaN, nor far off. And they are NaN unless the
-    outcome is `found`: where the verdict changes more than once (`repeated`), as along
-    a fractal boundary, or gives out (`undecided`), as in chaos, choose a narrower
-    bracket.
+    relative derivative, 2e-2 where what changes along the line (the load, the kick)
+    changes over the `width` by 1.5e-3 of itself, 3e-3 at 4e-4, 2e-3 at 5e-5, 4e-5 at
+    3e-6, or the steps' error if that is larger. They are NaN where it changes by more,
+    and where tangents disagree. And they are NaN unless the outcome is `found`: where
+    the verdict changes more than once (`repeated`), as along a fractal boundary, or
+    gives out (`undecided`), as in chaos, choose a narrower bracket.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
     check_takes("Argument `cell` must be a function of one number", cell, 1)
-    instance("search", search, Search)
-    instance("windows", windows, Windows)
-    instance("method", method, Method)
-    return _search(_Problem(cell, search, windows, method), bracket)
+    meaning = "threshold: the number at which the verdict first changes"
+    question = _Question("threshold", meaning, cell, search, windows, method)
+    return _search(question, bracket)
 
 
 @requires_x64
@@ -211,6 +208,7 @@ def critical_kick(
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
+    instance("column", column, Column)
     instance("direction", direction, State)
     if all(is_concrete(x) and x == 0 for x in direction.y):
         raise ValueError("Argument `direction` must not be zero, but is.")
@@ -219,9 +217,9 @@ def critical_kick(
         scaled = [s * x for x in direction.y]
         return column, State(scaled[:2], scaled[2:])
 
-    onset = threshold(cell, bracket, search=search, windows=windows, method=method)
     meaning = "critical kick, as a multiple of its direction"
-    return dataclasses.replace(onset, long_name=meaning)
+    question = _Question("critical_kick", meaning, cell, search, windows, method)
+    return _search(question, bracket)
 
 
 @requires_x64
@@ -260,42 +258,42 @@ def flutter_onset(
     **Raises:** `ValueError` for arguments that break a rule.
     """
     check_maker(make_column)
+    instance("start", start, State)
 
     def cell(x: Scalar) -> tuple[Column, State]:
         return made(make_column, x), start
 
-    onset = threshold(cell, bracket, search=search, windows=windows, method=method)
     meaning = "onset: the parameter at which the verdict first changes"
-    return dataclasses.replace(onset, long_name=meaning)
+    question = _Question("flutter_onset", meaning, cell, search, windows, method)
+    return _search(question, bracket)
 
 
-class _Problem(NamedTuple):
+class _Question(NamedTuple):
     """What is searched for, and how."""
 
+    name: str  # by which it was called
+    meaning: str  # of the threshold
     cell: Callable[[Scalar], tuple[Column, State]]
     search: Search
     windows: Windows
     method: Method
 
+    def check(self) -> None:
+        """Refuse what is no such option (ValueError)."""
+        instance("search", self.search, Search)
+        instance("windows", self.windows, Windows)
+        instance("method", self.method, Method)
+
     def motion(self, x: Scalar) -> CertifiedMotion:
         """The motion at a place of the bracket."""
-        column, start = fixed(self.scene(x))
+        column, start = fixed(scene_at(self.cell, x))
         check_scene(column, start)
         windows, method = fixed((self.windows, self.method))
         if column.system().has_series:
             # the derivative is carried along the steps of the same method
+            check_explicit(self.name, method)
             method = explicit_method("threshold", method)
         return CertifiedMotion(column, start, "threshold", windows, None, method)
-
-    def scene(self, x: Scalar) -> tuple[Column, State]:
-        """Column and start there, if they are."""
-        scene = self.cell(x)
-        if not isinstance(scene, tuple) or len(scene) != 2:
-            raise ValueError(
-                "Argument `cell` must return a column and its start, but returns "
-                f"{scene!r}."
-            )
-        return scene
 
 
 class _Search(NamedTuple):
@@ -316,24 +314,25 @@ class _Search(NamedTuple):
     over: Bool[Array, ""]
 
 
-def _search(problem: _Problem, bracket: Two) -> Threshold:
+def _search(question: _Question, bracket: Two) -> Threshold:
+    question.check()
     given = pair("bracket", bracket)
     least, largest = fixed(given)
     if is_concrete(least) and is_concrete(largest) and not least < largest:
         raise ValueError(
             f"Argument `bracket` must increase, but is ({least:g}, {largest:g})."
         )
-    scan, halvings = problem.search.scan, problem.search.halvings
+    scan, halvings = question.search.scan, question.search.halvings
     dtype = jnp.result_type(float)
     least, largest = jnp.asarray(least, dtype), jnp.asarray(largest, dtype)
 
     def motion(search: _Search) -> CertifiedMotion:
-        return problem.motion(search.x)
+        return question.motion(search.x)
 
     def update(search: _Search, motion: CertifiedMotion, run: Certifying) -> _Search:
         del motion
         verdict = verdict_of(run.outcome, run.moves)
-        return _updated(search, verdict, run.outcome, (least, largest), problem.search)
+        return _updated(search, verdict, run.outcome, (least, largest), question.search)
 
     zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
     nan = zero + jnp.nan
@@ -357,7 +356,7 @@ def _search(problem: _Problem, bracket: Two) -> Threshold:
     outcome = _outcome(search, scan, halvings)
     last = motion(first)
     change = carried(
-        problem.scene,
+        partial(scene_at, question.cell),
         jnp.where(exists, value, least),
         width,
         search.over & (outcome == CODE.found),
@@ -374,7 +373,7 @@ def _search(problem: _Problem, bracket: Two) -> Threshold:
         obstacle=search.obstacle.astype(jnp.int8),
         steps=steps,
         outcome=outcome,
-        long_name="threshold: the number at which the verdict first changes",
+        long_name=question.meaning,
         settings=recorded(**last.settings(), scan=scan, halvings=halvings),
     )
 

@@ -93,21 +93,7 @@ def of_orbit(orbit: PeriodicOrbit, first: Float[Array, ""]) -> Beginning:
 
 def of_points(kind: Kind, points: CyclePoints) -> Beginning:
     """The first of the points that is of this kind."""
-    points = fixed(points)
-    if points.period.ndim != 1:
-        raise ValueError(
-            "Argument `start` must be the points of one branch, but holds branches of "
-            f"shape {points.period.shape[:-1]}: take one, or `jax.vmap` over them."
-        )
-    mine = points.kind == CODE[kind]
-    first = jnp.argmax(mine)
-    y = jnp.concatenate([points.phi[first], points.omega[first]])
-    at = SectionPlane(points.coordinate, rising=points.rising)
-    section = SectionPlane(at.coordinate, y[at.index], at.rising)
-    z = jnp.stack([*(y[i] for i in section.others), points.period[first]])
-    failure = jnp.where(jnp.any(mine), 0, CODE.beyond).astype(jnp.int32)
-    known = points.parameter[first], points.monodromy[first]
-    return Beginning(section, z, *known, failure, jnp.zeros((), jnp.int32))
+    return of_orbit(*points.first_of(kind))
 
 
 def cycle_of(

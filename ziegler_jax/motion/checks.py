@@ -74,6 +74,20 @@ def made(make_column: Callable[[Scalar], Column], x: Scalar) -> Column:
     return column
 
 
+def scene_at(
+    cell: Callable[..., tuple[Column, State]], *numbers: Scalar, **named: Scalar
+) -> tuple[Column, State]:
+    """The column and the start that `cell` gives, if it does."""
+    match cell(*numbers, **named):
+        case Column() as column, State() as start:
+            return column, start
+        case other:
+            raise ValueError(
+                "Argument `cell` must return a column and a start, as `return column, "
+                f"start`, but returns {other!r}."
+            )
+
+
 def increasing_times(ts: Times, dtype: DTypeLike) -> Float[Array, " n"]:
     """Output times, validated; NaN where traced ones do not increase."""
     if np.ndim(ts) != 1 or np.shape(ts)[0] < 2:

@@ -21,6 +21,17 @@ def explicit_method(
 
     **Raises:** `ValueError` for a solver that is not explicit.
     """
+    solver = check_explicit(question, method)
+    if solver is None:
+        solver = Explicit() if usual is None else usual
+    return complete(question, method, solver)
+
+
+def check_explicit(question: str, method: Method) -> Explicit | None:
+    """The explicit solver, if one is named.
+
+    **Raises:** `ValueError` for another.
+    """
     instance("method", method, Method)
     solver = method.solver
     if solver is not None and not isinstance(solver, Explicit):
@@ -28,9 +39,7 @@ def explicit_method(
             "Argument `solver` must be an explicit method of diffrax, `Explicit(...)` "
             f"or None in `{question}`, but is `{solver.name}`."
         )
-    if solver is None:
-        solver = Explicit() if usual is None else usual
-    return complete(question, method, solver)
+    return solver
 
 
 def method_of(question: str, method: Method, system: System, usual: Solver) -> Method:

@@ -105,6 +105,7 @@ class Method(AbstractOptions):
     | `trajectory` | Dopri8, set-valued Taylor8 | 1e-8 | 1000000 |
     | `periodic_orbit` | Dopri8, set-valued Tsit5 | 1e-10 | 100000 |
     | `continue_cycle`, `cycle_fold` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
+    | `branch_off` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
     | `bifurcation_curve` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
     | `lyapunov_exponents` | Tsit5 | 1e-8 | 10000000 |
     | `verdict` | Tsit5 | 1e-7 | 10000000 |
@@ -277,6 +278,7 @@ _METHODS = {
     "trajectory": (1e-8, 1_000_000),
     "periodic_orbit": (1e-10, 100_000),
     "continue_cycle": (1e-10, 10_000_000),
+    "branch_off": (1e-10, 10_000_000),
     "cycle_fold": (1e-10, 10_000_000),
     "bifurcation_curve": (1e-10, 10_000_000),
     "lyapunov_exponents": (1e-8, 10_000_000),

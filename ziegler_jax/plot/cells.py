@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from ..model.column import Column, State
+from ..motion.checks import scene_at
 from ..motion.options import Method, Solver
 from ..motion.trajectory import Trajectory, trajectory
 from ..results import CODE, DIMENSIONS
@@ -72,14 +73,7 @@ def scene_of(here: xr.Dataset, cell: Cell) -> tuple[Column, State]:
                 f"Argument `cell` must be a function of the map's axes, which are "
                 f"{axes}, but has a parameter `{name}`."
             )
-    match cell(**values):
-        case Column() as column, State() as start:
-            return column, start
-        case other:
-            raise ValueError(
-                "Argument `cell` must give a column and a start, as `return column, "
-                f"start`, but gives {other!r}."
-            )
+    return scene_at(cell, **values)
 
 
 def method_of(attributes: Mapping[str, object]) -> Method:
