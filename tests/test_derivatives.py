@@ -387,6 +387,7 @@ CONSTANT = {
     "configure_cache": "an action",
     "configure_cpu": "an action",
     "is_stiff": "yes or no",
+    "label_cycles": "of datasets",
     "merge": "of datasets",
     "motion": "of datasets",
     "open_sweep": "of datasets",

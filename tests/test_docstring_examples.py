@@ -53,6 +53,13 @@ def dry(q, tau):
     return zj.uniform_rods(q, friction=law)
 
 
+def folding_cell(q, kick):
+    load = zj.ConstantLoad(1.0)
+    law = zj.SmoothCoulomb(0.1, pin_radius=1.0, v_smooth=0.05, load=load)
+    column = zj.uniform_rods(q, friction=law, damping=zj.Viscous(0.002, 0.002))
+    return zj.settle(column, zj.State(omega=(0.0, kick)))
+
+
 def flipping(q):
     law = zj.SetValuedCoulomb(
         (0.0956765, 0.1696786), pin_radius=1.0, load=zj.ConstantLoad(1.0)
@@ -228,6 +235,10 @@ CASES = {
             "settled": lambda: zj.settle(make_column(2.0), HARD, certify=False),
         },
         of_a_branch,
+    ),
+    "maps/which_cycle.py 0": (
+        {"point": folding_cell, "q": [1.638, 1.64], "kick": [1.0, 2.0, 2.1, 2.7]},
+        lambda names: names["ds"].cycle_label.values.tolist() == [[0, 1, 1, 2]] * 2,
     ),
     "analysis/branch_off.py 0": (
         {"make_column": flipping, "orbit": before_a_flip},

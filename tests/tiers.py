@@ -212,6 +212,7 @@ SLOW = {
         "[Method]",
     ],
     OTHER_WAY: [
+        "maps/test_which_cycle.py::test_in_a_map_with_two_attracting_cycles_no_label",
         "sweep/test_what_is_asked.py::test_a_scene_is_the_same_beside_a_profiler",
         "steady/test_endings.py::test_a_window_of_less_than_a_return_tells_nothing",
         "sweep/test_stages.py::test_every_place_of_a_batch_rounds_alike",
@@ -268,6 +269,7 @@ SLOW = {
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/least",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/threshold",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/branch_off",
+        "test_docstring_examples.py::test_a_block_runs_as_it_stands[maps/which_cycle",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/cont",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[analysis/hyst",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[curves/",

@@ -39,6 +39,7 @@ from .linear.spectrum import (
 from .linear.stabilise import stabilise
 from .maps.merge import merge
 from .maps.refine import refine
+from .maps.which_cycle import label_cycles
 from .model.column import (
     Column,
     State,
@@ -154,6 +155,7 @@ __all__ = [
     "energy",
     "flutter_onset",
     "is_stiff",
+    "label_cycles",
     "least_kick",
     "linearise",
     "lyapunov_exponents",
