@@ -22,14 +22,15 @@ def folds():
 
         kicked = zj.settle(column(1.95), zj.State(omega=(0.0, 3.0)), certify=False)
         orbit = zj.periodic_orbit(column(1.95), kicked.final)
-        return zj.cycle_fold(column, orbit, 1.95, arc=zj.Arc(step=0.05))
+        arc = zj.Arc(step=0.05)
+        return zj.bifurcation(column, "fold", orbit, 1.95, arc=arc)
 
     lines, taus = {}, np.array([0.01, 0.03, 0.1, 0.26])
     found = fold(taus)
     for i, tau in enumerate(taus):
         mu = np.asarray(found.cycle.multipliers)[i, 0]
         lines |= {
-            f"fold, tau = {tau:g}": number(found.fold[i], 1e-9),
+            f"fold, tau = {tau:g}": number(found.parameter[i], 1e-9),
             f"fold, tau = {tau:g}: period": number(found.cycle.period[i, 0], 1e-9),
             f"fold, tau = {tau:g}: multipliers": array([mu.real, mu.imag], 1e-6),
             f"fold, tau = {tau:g}: outcome": whole(found.outcome[i]),

@@ -19,7 +19,8 @@ def scene(tau, q):  # constant torque in both joints, mu_s = mu_k
 @jax.jit
 @jax.vmap
 def folds(tau):
-    return zj.cycle_fold(*scene(tau, 1.95))
+    column, orbit, q = scene(tau, 1.95)
+    return zj.bifurcation(column, "fold", orbit, q)
 
 
 @jax.jit
@@ -31,7 +32,7 @@ def branch(tau):
 def main():
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14, 4.6))
     tau = np.linspace(0.01, 0.1, 10)  # above, another fold comes first
-    fold = np.asarray(folds(tau).fold)
+    fold = np.asarray(folds(tau).parameter)
     tau, fold = tau[np.isfinite(fold)], fold[np.isfinite(fold)]
     q_cr = float(zj.critical_load(zj.uniform_rods()).q_cr)
     both = np.append(14 / 11, fold)  # from its limit on

@@ -444,11 +444,11 @@ def _branch(p):
         return column(p, smooth, q)
 
     orbit, arc = known_orbit(), zj.Arc(direction=-1)
-    fold = zj.cycle_fold(make, orbit, p.q, arc=arc)
+    fold = zj.bifurcation(make, "fold", orbit, p.q, arc=arc)
     short = zj.Arc(direction=-1, points=3)
     branch = zj.continue_cycle(make, orbit, p.q, arc=short, max_special_points=1)
     return {
-        "fold": fold.fold,
+        "fold": fold.parameter,
         "period": fold.period,
         "cycle": numbers_of_points(fold.cycle),
         "branch": numbers_of_points(branch.points),
@@ -501,7 +501,9 @@ def known_fold():
     """The fold of its branch, likewise."""
     at, orbit, arc = P(BRANCH), known_orbit(), zj.Arc(direction=-1)
     fold = jax.jit(
-        lambda: zj.cycle_fold(lambda q: column(at, smooth, q), orbit, at.q, arc=arc)
+        lambda: zj.bifurcation(
+            lambda q: column(at, smooth, q), "fold", orbit, at.q, arc=arc
+        )
     )()
     assert fold.outcome == zj.CODE.found
     return fold.cycle
@@ -596,7 +598,7 @@ SLOW = {
         batch=True,
     ),
     # of these some numbers stand for all, which are differentiated as one vector
-    "cycle_fold, continue_cycle": Case(
+    "bifurcation, continue_cycle": Case(
         _branch,
         {name: BRANCH[name] for name in ("q", "kappa", "c1", "mu_s")},
         {(f"branch.{n}", "*"): ON_THE_ARC for n in OF_POINTS},
@@ -643,7 +645,7 @@ SLOW = {
 @pytest.mark.parametrize("name", SLOW)
 def test_derivatives_of_long_motions_are_right_or_listed(name):
     for known in {
-        "cycle_fold, continue_cycle": [known_orbit],
+        "bifurcation, continue_cycle": [known_orbit],
         "bifurcation_curve": [known_fold],
     }.get(name, []):
         known()

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -235,6 +236,11 @@ CASES = {
             "settled": lambda: zj.settle(make_column(2.0), HARD, certify=False),
         },
         of_a_branch,
+    ),
+    "curves/bifurcation.py 0": (
+        {},
+        # the cycle ends at the fold that a branch of it passes (`test_branches`)
+        lambda names: 1.5 < float(jax.jit(names["fold_of"])(0.1)) < 1.6,
     ),
     "maps/which_cycle.py 0": (
         {"point": folding_cell, "q": [1.638, 1.64], "kick": [1.0, 2.0, 2.1, 2.7]},

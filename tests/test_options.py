@@ -62,7 +62,7 @@ QUESTIONS = {
     zj.least_kick: (column(), (0.0, 1.0)),
     zj.periodic_orbit: (column(), KICK),
     zj.continue_cycle: (column, orbit, 2.6),
-    zj.cycle_fold: (column, orbit, 2.6),
+    zj.bifurcation: (column, "fold", orbit, 2.6),
     zj.branch_off: (column, "flip", a_flip),
     zj.bifurcation_curve: (plane, "fold", orbit),
     zj.lyapunov_exponents: (column(), KICK),
@@ -172,7 +172,7 @@ def test_a_partial_value_leaves_the_rest_to_the_question():
         assert changed == expected, question.__name__
         assert set(after) == set(before)
     assert asked == {
-        value: {zj.Method: 14, zj.Windows: 6, zj.Search: 3}.get(value, 2)
+        value: {zj.Method: 15, zj.Windows: 6, zj.Search: 3}.get(value, 2)
         for value in PARTS
     }
 

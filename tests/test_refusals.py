@@ -54,8 +54,8 @@ def orbit():
 
 
 def fold(**options):
-    options = options_of(zj.cycle_fold, **options)
-    return zj.cycle_fold(sliding, orbit(), 2.6, **options)
+    options = options_of(zj.bifurcation, **options)
+    return zj.bifurcation(sliding, "fold", orbit(), 2.6, **options)
 
 
 def branch(**options):
@@ -117,7 +117,7 @@ TRACED = {
     ),
     "periodic_orbit": (found_orbit, {**STEPS, "max_time": 50.0}, CODE.invalid),
     "its period": (found_orbit, {"period": 4.0}, CODE.invalid),
-    "cycle_fold": (fold, WALK, CODE.invalid),
+    "bifurcation": (fold, WALK, CODE.invalid),
     "continue_cycle": (branch, WALK, CODE.invalid),
     "critical_kick": (kick, CERTIFIED, CODE.invalid),
     "sweep_up_down": (up_down, WINDOWS, CODE.invalid),
@@ -177,7 +177,7 @@ PLAIN = {
     "poincare": lambda: zj.poincare(COLUMN, KICK),
     "periodic_orbit": lambda: zj.periodic_orbit(SLIDING, KICK),
     "continue_cycle": lambda: zj.continue_cycle(bare, KICK, 2.0),
-    "cycle_fold": lambda: zj.cycle_fold(bare, KICK, 2.0),
+    "bifurcation": lambda: zj.bifurcation(bare, "fold", KICK, 2.0),
     "branch_off": lambda: zj.branch_off(bare, "flip", KICK),
     "critical_kick": lambda: zj.critical_kick(SLIDING, KICK, (0.0, 1.0)),
     "threshold": lambda: zj.threshold(lambda q: (bare(q), KICK), (0.0, 1.0)),

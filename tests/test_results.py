@@ -227,7 +227,7 @@ def questions():
 
 def test_each_code_has_one_number_one_word_one_sentence_and_is_an_answer():
     asked = questions()
-    assert len(asked) == 12
+    assert len(asked) == 13
     for codes in asked.values():
         assert list(codes) == sorted(set(codes))  # in order of precedence
     answers = {zj.CODE.not_computed}.union(*asked.values())

@@ -100,7 +100,7 @@ SLOW = {
         "test_refusals.py::test_traced_options_are_finite_and_positive[verdict]",
         "test_refusals.py::test_traced_options_are_finite_and_positive[periodic_orbit]",
         "test_refusals.py::test_traced_options_are_finite_and_positive[its period]",
-        "test_refusals.py::test_traced_options_are_finite_and_positive[cycle_fold]",
+        "test_refusals.py::test_traced_options_are_finite_and_positive[bifurcation]",
         "test_refusals.py::test_traced_options_are_finite_and_positive[continue_cycle]",
         "test_refusals.py::test_traced_options_are_finite_and_positive[critical_kick]",
         "test_refusals.py::test_traced_options_that_may_be_zero_are_finite[found_orbit",

@@ -7,10 +7,8 @@ from .analysis.branch_point import Arc
 from .analysis.classify import Verdict, verdict
 from .analysis.continuation import (
     Branch,
-    CycleFold,
     CyclePoints,
     continue_cycle,
-    cycle_fold,
 )
 from .analysis.hysteresis import UpDownSweep, sweep_up_down
 from .analysis.least_kick import Directions, LeastKick, least_kick
@@ -24,6 +22,7 @@ from .analysis.threshold import (
     flutter_onset,
     threshold,
 )
+from .curves.bifurcation import Bifurcation, bifurcation
 from .curves.bifurcations import BifurcationCurve, BifurcationPoints
 from .curves.course import Course
 from .curves.curve import bifurcation_curve
@@ -99,11 +98,11 @@ __all__ = [
     "Arc",
     "BifurcationCurve",
     "BifurcationPoints",
+    "Bifurcation",
     "Branch",
     "Column",
     "ConstantLoad",
     "Course",
-    "CycleFold",
     "CyclePoints",
     "Directions",
     "EnergyBalance",
@@ -143,6 +142,7 @@ __all__ = [
     "Verdict",
     "Viscous",
     "Windows",
+    "bifurcation",
     "bifurcation_curve",
     "branch_off",
     "compare",
@@ -151,7 +151,6 @@ __all__ = [
     "continue_cycle",
     "critical_kick",
     "critical_load",
-    "cycle_fold",
     "energy",
     "flutter_onset",
     "is_stiff",

@@ -157,6 +157,9 @@ EDGES = _codes(  # what a motion on a threshold draws near, between rest and flu
 ORBITS = _codes(  # how the search for a periodic orbit ended
     "invalid no_return not_integrated not_converged collapsed beyond found"
 )
+OFFSHOOTS = _codes(  # how the search for a cycle of a branch that crosses ended
+    "invalid not_integrated not_converged no_start found"
+)
 SPECIALS = _codes("ordinary fold torus flip pitchfork")  # points of a branch
 MEETINGS = _codes(  # points of a curve of bifurcations
     "beyond ordinary cusp unit minus pair modes_change"

@@ -118,7 +118,7 @@ print(
 # two cycles which meet. Below this load the smoothed column has no flutter cycle on
 # this branch, however hard it is kicked.
 #
-# `cycle_fold` goes straight to the fold, and its number has derivatives: `jax.grad` of
+# `bifurcation` goes straight to the fold, and its number has derivatives: `jax.grad` of
 # it in the friction, the damping or the masses says how the fold moves.
 # `bifurcation_curve` follows it over two parameters:
 #

@@ -394,8 +394,8 @@ def test_bad_arguments_are_named(refuses):
         return call
 
     def fold(**fields):
-        return lambda: zj.cycle_fold(
-            make, known, 2.0, **options_of(zj.cycle_fold, **fields)
+        return lambda: zj.bifurcation(
+            make, "fold", known, 2.0, **options_of(zj.bifurcation, **fields)
         )
 
     def orbit(guess=guess, **fields):
@@ -415,7 +415,7 @@ def test_bad_arguments_are_named(refuses):
     )
     refuses(follow(bounds=1.0), "`bounds`", "two numbers", "1.0")
     refuses(follow(direction=0), "`direction`", '1, -1 or "both"', "0")
-    refuses(fold(direction="both"), "`direction`", "1 or -1", "to a fold")
+    refuses(fold(direction="both"), "`direction`", "1 or -1", "to a bifurcation")
     refuses(follow(step=-0.1), "`step`", "positive", "-0.1")
     refuses(follow(points=0), "`points`", "at least 1", "0")
     refuses(follow(arc=0.1), "`arc`", "`Arc`", "0.1")

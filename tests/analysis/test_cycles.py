@@ -182,8 +182,9 @@ def folds():
         kicked = zj.settle(column(start), zj.State(omega=(0.0, kick)), certify=False)
         guess = jax.lax.stop_gradient(kicked.final)
         orbit = zj.periodic_orbit(column(start), guess)
-        found = zj.cycle_fold(column, orbit, start, arc=zj.Arc(step=0.05))
-        return found.fold, found
+        arc = zj.Arc(step=0.05)
+        found = zj.bifurcation(column, "fold", orbit, start, arc=arc)
+        return found.parameter, found
 
     # with less friction the cycle of 1.95 has lost its symmetry
     tau = np.array([*FOLDS, 0.1 + STEP, 0.1 - STEP, 0.005, 0.0025])

@@ -343,6 +343,24 @@ def test_where_a_line_begins_changes_no_derivative_and_no_doubt():
     assert np.isnan(slopes(4)[1]).all()  # the interval is too wide, of whatever numbers
 
 
+def test_a_load_that_hardly_moves_vouches_for_no_kick():
+    """The kick changes by 3e-3 of itself in the last interval: too wide."""
+
+    def along(tau, share):
+        def cell(s):
+            return dry(1.8 + share * s, tau), zj.State(omega=(0.0, s))
+
+        search = zj.Search(scan=4, halvings=8)
+        found = zj.threshold(cell, (0.0, 0.8), search=search)
+        return found.threshold, found
+
+    each = jax.vmap(jax.value_and_grad(along, has_aux=True), in_axes=(None, 0))
+    (_, found), slopes = jax.jit(each)(0.03, jnp.array([0.0, 1e-9]))
+    assert (found.outcome == zj.CODE.found).all()
+    assert (found.width / found.threshold > 2e-3).all()
+    assert np.isnan(slopes).all()
+
+
 def test_second_derivatives_of_a_threshold_are_refused(refuses):
     method = Method(Explicit(), 1e-6, 1e-6, 1000)
 

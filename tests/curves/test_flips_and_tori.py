@@ -3,9 +3,12 @@
 Of columns that a search over random ones came upon.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
+from jax import lax
 from near import Near, points
 from newton_euler import Rods, motion
 
@@ -62,8 +65,11 @@ def test_along_a_curve_of_flips_a_multiplier_is_minus_one_and_it_moves_as_it_say
             numbers = FLIP | {"c": (c1, FLIP["c"][1])}
             course = zj.Course(values=values, second=(0.07, 0.3))
             make = maker(**numbers)
+            # where the start moves is no matter of the curve's
+            moving = start.parameter + (c1 - lax.stop_gradient(c1))
+            begin = eqx.tree_at(lambda s: s.parameter, start, moving)
             curve = zj.bifurcation_curve(
-                make, "flip", start, second=NEAR_FLIP.tau, course=course
+                make, "flip", begin, second=NEAR_FLIP.tau, course=course
             )
             found = curve.points
             cycle = found.phi[:, 1], found.omega[:, 0], found.omega[:, 1], found.period
@@ -144,6 +150,62 @@ def test_along_a_curve_of_pitchforks_one_more_multiplier_is_one():
         start = np.array([*found.phi[i], *found.omega[i]])
         half = motion(rods, start, [0.0, found.period[i] / 2])[0][-1]
         assert np.abs(half + start).max() < 1e-8  # measured 4.1e-10
+
+
+@pytest.mark.parametrize(
+    "kind, numbers, near",
+    [
+        ("flip", FLIP, NEAR_FLIP),
+        ("torus", TORUS, NEAR_TORUS),
+        ("pitchfork", PITCHFORK, NEAR_PITCHFORK),
+    ],
+)
+def test_one_bifurcation_is_where_the_multiplier_says_and_moves_as_it_says(
+    kind, numbers, near
+):
+    """Multipliers by another code; the derivative in a damping by differences."""
+    step, q = 1e-5, near.q * (1 - 1e-4)
+
+    @jax.jit
+    @jax.vmap
+    def search(c1):
+        def place(c1):
+            make = maker(**numbers | {"c": (c1, numbers["c"][1])})
+
+            def column(q):
+                return make(q, near.tau)
+
+            guess = zj.State((0.0, near.y[0]), near.y[1:])
+            orbit = zj.periodic_orbit(column(q), guess, period=near.period)
+            arc = zj.Arc(direction=1, step=0.02, bounds=(0.9 * q, 1.1 * q))
+            found = zj.bifurcation(column, kind, orbit, q, arc=arc)
+            numbers_of = jnp.stack(
+                [found.parameter, found.period, found.cycle.phi[0, 1]]
+            )
+            return numbers_of, found
+
+        values, moves, found = jax.jvp(place, (c1,), (jnp.ones_like(c1),), has_aux=True)
+        return values, moves, found
+
+    c1 = numbers["c"][0]
+    values, moves, found = search(c1 * np.array([1.0, 1 + step, 1 - step]))
+    assert (found.outcome == CODE.found).all()
+    assert (found.cycle.kind == CODE[kind]).all()
+    assert abs(values[0, 0] - near.q) < 2e-5  # of rounded numbers
+    differences = (values[1] - values[2]) / (2 * step * c1)
+    np.testing.assert_allclose(moves[0], differences, rtol=1e-4)  # measured 7e-6
+    y = np.array([*found.cycle.phi[0, 0], *found.cycle.omega[0, 0]])
+    period = float(found.cycle.period[0, 0])
+    q = float(found.parameter[0])
+    end, moved = map_by_another_code(numbers, q, near.tau, y, period)
+    exact = np.linalg.eigvals(moved)
+    assert np.abs(end - y).max() < 1e-8  # measured 1.1e-9
+    off_by = {
+        "flip": np.abs(exact + 1).min(),
+        "torus": np.abs(np.abs(exact[np.argmax(exact.imag)]) - 1),
+        "pitchfork": np.sort(np.abs(exact - 1))[1],
+    }[kind]
+    assert off_by < 1e-5  # measured 5.1e-7
 
 
 def off(numbers, kind, near, **options):
@@ -236,6 +298,8 @@ def test_bad_arguments_of_a_crossing_are_named(refuses):
     refuses(lambda: leave(start=many), "`start`", "one branch", "(2,)")
     refuses(lambda: leave(side=0), "`side`", "0")
     refuses(lambda: leave(side=True), "`side`", "True")
+    refuses(lambda: leave(side=np.array([1, -1])), "`side`", "array([ 1, -1])")
+    refuses(lambda: jax.jit(lambda s: leave(side=s))(1), "`side`", "Tracer")
     refuses(lambda: leave(distance=-0.5), "`distance`", "-0.5")
     refuses(lambda: leave(method=zj.Method(zj.Taylor(8))), "`solver`", "`branch_off`")
 
@@ -244,9 +308,23 @@ def test_where_nothing_leaves_no_cycle_is_said_to():
     """At an ordinary cycle, whose double is a cycle of twice the period, too."""
     near = NEAR_PITCHFORK
     found, _ = off(PITCHFORK, "flip", near)
-    assert found.outcome == CODE.not_converged
+    assert found.outcome == CODE.no_start
     assert np.isnan([found.parameter, found.orbit.period]).all()
-    none = points("fold", near)
     make = maker(**PITCHFORK)
-    none = zj.branch_off(lambda q: make(q, near.tau), "flip", none)
-    assert none.outcome == CODE.beyond
+
+    @jax.jit
+    def leave(start):
+        return zj.branch_off(lambda q: make(q, near.tau), "pitchfork", start)
+
+    assert leave(points("fold", near)).outcome == CODE.no_start
+    assert leave(points("pitchfork", near)).outcome == CODE.invalid  # no multipliers
+    # a cycle beside the pitchfork that is no mirror image of itself
+    found, _ = off(PITCHFORK, "pitchfork", near, distance=1e-3)
+    assert found.outcome == CODE.found
+    there = Near(
+        tuple(map(float, found.orbit.state.y[1:])), float(found.orbit.period),
+        float(found.parameter), near.tau,
+    )  # fmt: skip
+    again = leave(points("pitchfork", there, found.orbit.monodromy))
+    assert again.outcome == CODE.no_start
+    assert np.isnan([again.parameter, again.orbit.period]).all()

@@ -157,11 +157,11 @@ def test_a_branch_ends_within_its_budget(cycle):
     assert int(part.outcome) == CODE.not_integrated
     assert 0 < int(part.count) < 5 and int(part.steps) <= half
     fine = {"rtol": 1e-9, "atol": 1e-9, "max_steps": half}
-    fold = zj.cycle_fold(
-        sliding, cycle, 2.6, arc=zj.Arc(step=0.05), method=zj.Method(**fine)
+    fold = zj.bifurcation(
+        sliding, "fold", cycle, 2.6, arc=zj.Arc(step=0.05), method=zj.Method(**fine)
     )
     assert int(fold.outcome) == CODE.not_integrated
-    assert int(fold.steps) <= half and np.isnan(fold.fold)
+    assert int(fold.steps) <= half and np.isnan(fold.parameter)
     named = {**fine, "step": 0.05, "bounds": "-inf to inf", "points": 200}
     assert named.items() <= fold.attributes().items()
 

@@ -111,6 +111,17 @@ def test_a_scene_is_the_same_beside_a_profiler():
     assert beside == {alone}
 
 
+@pytest.mark.parametrize("shape", [(), (3,)])
+@pytest.mark.parametrize("within", [jax.jit, jax.checkpoint])
+def test_a_table_that_is_changed_in_place_makes_another_program(shape, within):
+    table = np.full(shape, 2.0)
+    law = within(lambda x: (x * table).sum())
+    before = digest(lambda x, a: law(x) + a)
+    assert digest(lambda x, a: law(x) + a) == before
+    table[...] = 7.0
+    assert digest(lambda x, a: law(x) + a) != before
+
+
 def both(x, a):
     return lax.sort((jnp.stack([x, a]), jnp.stack([a, x])), num_keys=1)
 

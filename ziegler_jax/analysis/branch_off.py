@@ -10,8 +10,8 @@ a distance d, is sought on
 
 $$R(z, \lambda) = 0, \qquad v \cdot (z - z_0) = d,$$
 
-from $z_0 + d\,v$ on. It is another one if half a period later it is not where the first
-branch would be: back at its start, or at the mirror image of that.
+from $z_0 + d\,v$ on. Half a period later the cycle at the crossing is back at its
+start, or at the mirror image of that, and the other one is not.
 
 Source: H. B. Keller (1977); Y. A. Kuznetsov, Elements of Applied Bifurcation Theory
 (2004), sections 10.2 and 10.3.
@@ -20,21 +20,25 @@ Source: H. B. Keller (1977); Y. A. Kuznetsov, Elements of Applied Bifurcation Th
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from functools import partial
+from typing import Literal, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column, State
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, recorded
 from ..motion.trajectory import trajectory
+from ..numerics.eigenvalues import eigenvalues
 from ..numerics.numbers import Scalar
 from ..numerics.rules import choice, keeps, number
 from ..results import (
     CODE,
-    ORBITS,
+    OFFSHOOTS,
     AbstractResult,
     Settings,
     Variable,
@@ -42,11 +46,14 @@ from ..results import (
 )
 from ..runtime import requires_x64
 from .branch_point import Arc, Continuation
-from .continuation import Branch, CyclePoints
+from .continuation import Branch, CyclePoints, first_of
 from .periodic_orbit import PeriodicOrbit
 from .shooting import start_of
 
 TURNS = {"flip": 2, "pitchfork": 1}
+# Of a point that is known to some four digits: by how much a multiplier may be off, and
+# half a period may miss the start, or its mirror image.
+NEAR, MIRRORED = 0.02, 1e-3
 
 
 class Offshoot(AbstractResult):
@@ -61,7 +68,7 @@ class Offshoot(AbstractResult):
     parameter: Float[Array, "*lanes"] = eqx.field(metadata=quantity("parameter"))
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the search for the orbit ended", codes=ORBITS)
+        metadata=quantity("how the search for the orbit ended", codes=OFFSHOOTS)
     )
     settings: Settings = eqx.field(static=True)
 
@@ -96,13 +103,16 @@ def branch_off(
         where two cycles leave that are no mirror images of themselves.
     - `start`: a branch, or points such as `branch.special`, whose first one of this
         kind is taken.
-    - `distance`: how far from it the cycle is sought, in rad.
+    - `distance`: how far from it the cycle is sought, as on the arc: in rad, and in
+        $\sqrt{k/(m l^2)}$ for the rates.
     - `side`: 1 or -1. From a pitchfork one cycle leaves to each side, from a flip the
         same one to both.
     - `method`: an explicit one; its step budget is that of all motions together.
 
-    **Returns:** `Offshoot`. The `outcome` is `beyond` where there is no such point,
-    and `not_converged` where no other cycle is found at this distance.
+    **Returns:** `Offshoot`. The `outcome` is `no_start` where there is no such point,
+    or none whose multiplier and, at a pitchfork, whose symmetry say so; `not_converged`
+    where no other cycle is found at this distance; `not_integrated` where the budget
+    is spent; `invalid` where numbers break a rule or the point's are not finite.
 
     **Derivatives:** NaN: how far from the crossing it lies is a matter of the distance.
     Ask `periodic_orbit` for those of the cycle at a parameter.
@@ -115,33 +125,44 @@ def branch_off(
         raise ValueError(
             f"Argument `start` must be a `Branch` or `CyclePoints`, but is {start!r}."
         )
-    if side not in (1, -1) or isinstance(side, bool):
+    if not isinstance(side, int | np.integer) or isinstance(side, bool | np.bool_):
         raise ValueError(f"Argument `side` must be 1 or -1, but is {side!r}.")
+    choice("side", str(side), ("1", "-1"))
     apart = fixed(number("distance", distance, "positive"))
-    once, parameter = fixed(points.first_of(kind))
+    once, parameter, there = first_of(points, kind)
     longer = eqx.tree_at(lambda o: o.period, once, TURNS[kind] * once.period)
     scene = make_column, longer, parameter
     problem = Continuation("branch_off", *scene, Arc(), method)
-    good = (problem.failure == 0) & keeps("positive", apart)
+    known = jnp.all(jnp.isfinite(once.monodromy)) & (once.period > 0)
+    good = known & keeps("positive", apart) & (problem.failure == 0)
     x0 = jnp.where(good, problem.first, jnp.nan)
-    across = _across(kind, once)
+    across, is_one = _across(kind, once)
+    budget = problem.method.budget
     ahead = x0 + side * apart * across
-    point, closed, tries, left = problem.correct(ahead, across, problem.method.budget)
-    x = fixed(jnp.where(closed, point.x, jnp.nan)) * problem.scale
-    y, half, end, steps = _turn(problem, x)
-    # half a period later a cycle of the first branch would be
-    image = y if kind == "flip" else -y
-    closed &= jnp.max(jnp.abs(half - image)) > apart / 2
-    outcome = jnp.where(closed, CODE.found, CODE.not_converged)
-    outcome = jnp.where(left > 0, outcome, CODE.not_integrated)
-    outcome = jnp.where(problem.failure == 0, outcome, problem.failure)
-    outcome = jnp.where(keeps("positive", apart), outcome, CODE.invalid)
-    outcome = outcome.astype(jnp.int8)
-    options = {"kind": kind, "distance": distance, "side": side}
-    settings = recorded(**problem.method.settings(), **options)
+    point, closed, tries, left = problem.correct(ahead, across, budget)
+    x = fixed(jnp.where(closed, point.x, jnp.nan))
+    # the cycle at the crossing, and the other: what they are after half of their turn
+    turn = jax.vmap(partial(_turn, problem, left))
+    turned = turn(jnp.stack([x0 * problem.scale, x * problem.scale]))
+    image = turned.start if kind == "flip" else -turned.start
+    off = jnp.max(jnp.abs(turned.half - image), axis=1)
+    residual = jnp.max(jnp.abs(turned.end - turned.start), axis=1)[1]
+    is_one &= off[0] < MIRRORED
+    another = off[1] > apart / 2 + 10 * residual
+    outcome = jnp.where(closed & another, CODE.found, CODE.not_converged)
+    spent = (left <= 0) & ~closed | closed & ~turned.arrived[1]
+    outcome = jnp.where(spent, CODE.not_integrated, outcome)
+    outcome = jnp.where(is_one, outcome, CODE.no_start)
+    outcome = jnp.where(good, outcome, CODE.invalid)
+    outcome = jnp.where(there, outcome, CODE.no_start).astype(jnp.int8)
+    options = {"kind": kind, "distance": distance, "side": int(side)}
+    section = problem.section.settings()
+    settings = recorded(**problem.method.settings(), **section, **options)
     mark = jnp.where(outcome == CODE.found, 1.0, jnp.nan)
-    y, x, extent = y * mark, x * mark, point.extent * mark
-    steps += problem.method.budget - left
+    x, extent = x * problem.scale * mark, point.extent * mark
+    y = start_of(problem.section, x[:4]) * mark
+    steps = budget - left + jnp.sum(turned.steps, dtype=jnp.int32)
+    closes = jnp.where(outcome == CODE.found, CODE.found, CODE.not_converged)
     orbit = PeriodicOrbit(
         state=State((y[0], y[1]), (y[2], y[3])),
         section=problem.section,
@@ -149,10 +170,10 @@ def branch_off(
         rod_amplitude=extent[:2],
         joint_amplitude=extent[jnp.array([0, 2])],
         monodromy=point.moved * mark,
-        residual=jnp.max(jnp.abs(end - y)),
+        residual=residual * mark,
         iterations=tries,
         steps=steps,
-        outcome=outcome,
+        outcome=closes.astype(jnp.int8),
         settings=settings,
     )
     offshoot = Offshoot(
@@ -161,22 +182,35 @@ def branch_off(
     return lost(offshoot, (problem.live, points, distance))
 
 
-def _turn(
-    problem: Continuation, x: Float[Array, "5"]
-) -> tuple[Float[Array, "4"], Float[Array, "4"], Float[Array, "4"], Int[Array, ""]]:
-    """Where a cycle begins, is after half a period, and ends; steps."""
-    y = start_of(problem.section, x[:4])
-    start, column = State((y[0], y[1]), (y[2], y[3])), problem.make(x[4])
-    ts = x[3] * jnp.array([0.0, 0.5, 1.0])
-    course = trajectory(column, start, ts, method=problem.method)
+class Turn(NamedTuple):
+    """A cycle, as a motion: where it begins, is after half a period, and ends."""
+
+    start: Float[Array, "*n 4"]
+    half: Float[Array, "*n 4"]
+    end: Float[Array, "*n 4"]
+    arrived: Bool[Array, "*n"]
+    steps: Int[Array, "*n"]
+
+
+def _turn(problem: Continuation, left: Int[Array, ""], z: Float[Array, "5"]) -> Turn:
+    """The motion from the section; of two each has half of the steps that are left."""
+    y = start_of(problem.section, z[:4])
+    start, column = State((y[0], y[1]), (y[2], y[3])), problem.make(z[4])
+    ts = z[3] * jnp.array([0.0, 0.5, 1.0])
+    method = problem.method.at_most(jnp.maximum(left // 2, 1))
+    course = trajectory(column, start, ts, method=method)
     half, end = jnp.concatenate([course.phi, course.omega], axis=-1)[1:]
-    return y, half, end, course.steps
+    return Turn(y, half, end, course.outcome == CODE.complete, course.steps)
 
 
-def _across(kind: str, cycle: PeriodicOrbit) -> Float[Array, "5"]:
+def _across(
+    kind: str, cycle: PeriodicOrbit
+) -> tuple[Float[Array, "5"], Bool[Array, ""]]:
     r"""The unit vector of the section along which the other branch leaves.
 
     With the monodromy M, $M f = f$ along the motion and $M v = \mp v$ across it.
+
+    **Returns:** v, and whether M has such a multiplier.
     """
     moved, i = cycle.monodromy, cycle.section.index
     known = jnp.all(jnp.isfinite(moved))
@@ -193,4 +227,7 @@ def _across(kind: str, cycle: PeriodicOrbit) -> Float[Array, "5"]:
     # which of the two signs is a matter of the library's: the same side everywhere
     v = v * jnp.sign(v[jnp.argmax(jnp.abs(v))])
     v = v[jnp.asarray(cycle.section.others)]
-    return jnp.concatenate([jnp.where(known, v, jnp.nan), jnp.zeros(2, v.dtype)])
+    across = jnp.concatenate([jnp.where(known, v, jnp.nan), jnp.zeros(2, v.dtype)])
+    values = eigenvalues(jnp.where(known, moved, 2.0 * one))
+    off = jnp.abs(values + 1) if kind == "flip" else jnp.sort(jnp.abs(values - 1))[1:]
+    return across, jnp.min(off) < NEAR

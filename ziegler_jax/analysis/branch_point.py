@@ -21,7 +21,7 @@ from ..numerics.numbers import Count, Flag, Pair, Scalar, is_concrete
 from ..numerics.rules import instance, keeps, number, whole_number
 from ..results import CODE, Codes
 from .periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
-from .shooting import Shot, blank_shot, newton, shot_motion, shot_of
+from .shooting import Shot, blank_shot, mirrored, newton, shot_motion, shot_of
 
 NEWTON_STEPS = 10  # more say that the step was too long
 TESTS = CODE.fold, CODE.torus, CODE.flip, CODE.pitchfork  # zero there, in this order
@@ -36,16 +36,16 @@ class Arc(eqx.Module):
     **Arguments:**
 
     - `direction`: 1 or -1, in which the parameter moves at first; `"both"` of a
-        branch; None is 1 for a branch, -1 for a fold.
+        branch; None is 1 for a branch, -1 on the way to a bifurcation.
     - `step`: the longest on the arc: rad for the state, the first cycle's period for T,
         the first value for the parameter.
     - `points`: at most so many in each direction; None is 400 for a branch, 200 on the
-        way to a fold.
+        way to a bifurcation.
     - `bounds`: around the first value; the branch ends where the parameter leaves them.
     - `error`: how far a point may lie from the tangent at the one before, in angle,
         period and parameter, measured as on the arc; where it lies farther the step is
         shorter. The line through both points is about a quarter of that off the branch.
-        Not on the way to a fold.
+        Not on the way to a bifurcation.
 
     **Raises:** `ValueError` for numbers that break a rule.
     """
@@ -86,7 +86,7 @@ def _is_real(x: object) -> bool:
     return isinstance(x, int | float | np.number) and x == x
 
 
-_ARCS = {"continue_cycle": (1, 400), "cycle_fold": (-1, 200), "branch_off": (1, 1)}
+_ARCS = {"continue_cycle": (1, 400), "bifurcation": (-1, 200), "branch_off": (1, 1)}
 
 
 class BranchPoint(NamedTuple):
@@ -168,8 +168,12 @@ class AbstractContinuation(abc.ABC):
 
 
 class Continuation(AbstractContinuation):
-    """What a continuation needs: the problem, its scales, and where it starts."""
+    """What a continuation needs: the problem, its scales, and where it starts.
 
+    Its motions last one period (`sign` = 1) or half of one, to the mirror image (-1).
+    """
+
+    sign: float
     crossing, along = 1 + TESTS.index(CODE.pitchfork), 4
 
     def __init__(
@@ -180,8 +184,10 @@ class Continuation(AbstractContinuation):
         parameter: Scalar,
         arc: Arc,
         method: Method,
+        half: bool = False,
     ):
-        """Check it, and set the scales."""
+        """Check it and set the scales; `half`: to the mirror image, half a period."""
+        self.sign = -1.0 if half else 1.0
         dtype = jnp.result_type(float)
         check_maker(make_column)
         check_orbit("orbit", orbit)
@@ -193,8 +199,8 @@ class Continuation(AbstractContinuation):
         direction = direction if arc.direction is None else arc.direction
         if direction == "both" and question != "continue_cycle":
             raise ValueError(
-                "Argument `direction` must be 1 or -1 on the way to a fold, but is "
-                "'both'."
+                "Argument `direction` must be 1 or -1 on the way to a bifurcation, but "
+                "is 'both'."
             )
         self.direction = -1.0 if direction == -1 else 1.0
         points = points if arc.points is None else arc.points
@@ -205,7 +211,8 @@ class Continuation(AbstractContinuation):
         self.make = fixed(self.live)
         self.section = fixed(orbit.section)
         y0 = fixed(float_state(orbit.state))
-        z = [*(y0[i] for i in self.section.others), fixed(orbit.period)]
+        span = fixed(orbit.period) / (2 if half else 1)
+        z = [*(y0[i] for i in self.section.others), span]
         z = jnp.stack([jnp.asarray(x, dtype) for x in z])
         good = keeps("finite", start) & keeps("positive", arc.step, arc.error)
         good &= keeps("positive", self.method.rtol, self.method.atol)
@@ -271,6 +278,8 @@ class Continuation(AbstractContinuation):
             )
 
         def equations(x, flow):
+            if self.sign < 0:
+                flow = mirrored(flow)
             shot = shot_of(self.section, (x * self.scale)[:4], flow)
             matrix = _matrix(shot) * self.scale[None]
             r = jnp.concatenate([shot.residual, (row @ (x - x0))[None]])

@@ -31,11 +31,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int, Shaped
 
 from ..model.column import Column, State
-from ..motion.implicit import fixed, implicit, lost, moving, solve
+from ..motion.implicit import fixed, lost
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
 from ..motion.section import Coordinate, SectionPlane
-from ..numerics.numbers import Scalar, is_concrete
+from ..numerics.numbers import Option, Scalar, is_concrete
 from ..numerics.rules import whole_number
 from ..results import (
     CODE,
@@ -49,7 +49,6 @@ from ..results import (
     quantity,
 )
 from ..runtime import requires_x64
-from ..steady.jets import Bundle, carried_extent, carried_monodromy, follow_bundle
 from .branch_point import TESTS, Arc, BranchPoint, Continuation, codes_of
 from .march import ContinuationState, Walk
 from .periodic_orbit import PeriodicOrbit, attracts, multipliers
@@ -116,39 +115,42 @@ class CyclePoints(AbstractResult):
         """Whether the others lie inside the unit circle, (n,)."""
         return attracts(self.monodromy)
 
-    def first_of(self, kind: str) -> tuple[PeriodicOrbit, Float[Array, ""]]:
-        """The cycle at the first point of this kind, and its parameter.
 
-        Its `outcome` is `beyond` where there is no such point. How well it closes is
-        not known.
+def first_of(
+    points: CyclePoints, kind: str
+) -> tuple[PeriodicOrbit, Float[Array, ""], Bool[Array, ""]]:
+    """The cycle at the first point of this kind, its parameter, whether there is one.
 
-        **Raises:** `ValueError` for points of more than one branch.
-        """
-        if jnp.ndim(self.period) != 1:
-            raise ValueError(
-                "Argument `start` must be the points of one branch, but holds branches "
-                f"of shape {self.period.shape[:-1]}: take one, or `jax.vmap` over them."
-            )
-        mine = jnp.asarray(self.kind) == CODE[kind]
-        first = jnp.argmax(mine)
-        point = jax.tree.map(lambda x: jnp.asarray(x)[first], self)
-        y = (*point.phi, *point.omega)
-        plane = SectionPlane(self.coordinate, rising=self.rising)
-        none = jnp.zeros((), jnp.int32)
-        orbit = PeriodicOrbit(
-            state=State(y[:2], y[2:]),
-            section=SectionPlane(self.coordinate, y[plane.index], self.rising),
-            period=point.period,
-            rod_amplitude=point.rod_amplitude,
-            joint_amplitude=point.joint_amplitude,
-            monodromy=point.monodromy,
-            residual=jnp.full((), jnp.nan),
-            iterations=none,
-            steps=none,
-            outcome=jnp.where(jnp.any(mine), CODE.found, CODE.beyond).astype(jnp.int8),
-            settings=self.settings,
+    How well it closes is not known; derivatives are left out.
+
+    **Raises:** `ValueError` for points of more than one branch.
+    """
+    if jnp.ndim(points.period) != 1:
+        raise ValueError(
+            "Argument `start` must be the points of one branch, but holds branches of "
+            f"shape {jnp.shape(points.period)[:-1]}: take one, or `jax.vmap` over them."
         )
-        return orbit, point.parameter
+    mine = jnp.asarray(points.kind) == CODE[kind]
+    first = jnp.argmax(mine)
+    point = fixed(jax.tree.map(lambda x: jnp.asarray(x)[first], points))
+    y = (*point.phi, *point.omega)
+    plane = SectionPlane(points.coordinate, rising=points.rising)
+    none = jnp.zeros((), jnp.int32)
+    outcome = jnp.where(jnp.any(mine), CODE.found, CODE.beyond)
+    orbit = PeriodicOrbit(
+        state=State(y[:2], y[2:]),
+        section=SectionPlane(points.coordinate, y[plane.index], points.rising),
+        period=point.period,
+        rod_amplitude=point.rod_amplitude,
+        joint_amplitude=point.joint_amplitude,
+        monodromy=point.monodromy,
+        residual=jnp.full((), jnp.nan),
+        iterations=none,
+        steps=none,
+        outcome=outcome.astype(jnp.int8),
+        settings=points.settings,
+    )
+    return orbit, point.parameter, jnp.any(mine)
 
 
 class Branch(AbstractResult):
@@ -184,33 +186,6 @@ class Branch(AbstractResult):
         return named | super().variables()
 
 
-class CycleFold(AbstractResult):
-    """The fold at which two cycles meet, as a value of the parameter.
-
-    `fold`; `cycle`: `CyclePoints` of one, there; `outcome`: a `CODE`, unless
-    that is `found`, fold and cycle are NaN; `steps` of all motions.
-    """
-
-    fold: Float[Array, "*lanes"] = eqx.field(
-        metadata=quantity("parameter at the fold of cycles")
-    )
-    cycle: CyclePoints
-    steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
-    outcome: Int[Array, "*lanes"] = eqx.field(
-        metadata=quantity("how the search for the fold ended", codes=ORBITS)
-    )
-    settings: Settings = eqx.field(static=True)
-
-    DERIVED: ClassVar[Mapping[str, Variable]] = {
-        "period": Variable(None, "period at the fold", TIME)
-    }
-
-    @property
-    def period(self) -> Float[Array, "*lanes"]:
-        """The period at the fold."""
-        return self.cycle.period[0]
-
-
 @requires_x64
 def continue_cycle(
     make_column: Callable[[Scalar], Column],
@@ -243,7 +218,7 @@ def continue_cycle(
     its cycle ends: begin once more beyond, at a cycle that `settle` finds there.
 
     **Derivatives:** NaN: where its points lie on the arc is a matter of the steps. Of a
-    cycle take those of `periodic_orbit`, of a special point those of `cycle_fold` or
+    cycle take those of `periodic_orbit`, of a special point those of `bifurcation` or
     `bifurcation_curve`, which may begin at a branch.
 
     **Raises:** `ValueError` for arguments that break a rule.
@@ -263,13 +238,13 @@ def continue_cycle(
     ordinary = jnp.zeros(way.points.modes.shape, jnp.int32)
     ends = ways.outcome.astype(jnp.int8)
     return Branch(
-        points=lost(_points(problem, way.points, ordinary), scene),
-        special=lost(_points(problem, way.special, way.kind), scene),
+        points=lost(cycle_points(problem, way.points, ordinary), scene),
+        special=lost(cycle_points(problem, way.special, way.kind), scene),
         count=jnp.maximum(jnp.sum(ways.filled) - ends.size + 1, 0).astype(jnp.int32),
         outcome=jnp.where(ends[0] == CODE.found, ends[-1], ends[0]),
         ends=ends,
         steps=jnp.sum(problem.method.budget - ways.left).astype(jnp.int32),
-        settings=_settings(problem),
+        settings=settings_of(problem),
     )
 
 
@@ -309,110 +284,7 @@ def along_arc(ways: ContinuationState) -> InOrder:
     )
 
 
-@requires_x64
-def cycle_fold(
-    make_column: Callable[[Scalar], Column],
-    orbit: PeriodicOrbit,
-    parameter: Scalar,
-    *,
-    arc: Arc = Arc(),
-    method: Method = Method(),
-) -> CycleFold:
-    r"""The fold at which a cycle, followed as a parameter moves, meets another.
-
-    It is the first fold on the way along the branch on which `orbit` lies. The branch
-    may fold again, and others may have folds at lower loads, where the column then
-    still flutters after some kick: with set-valued friction at tau = 0.1 one branch
-    folds at q = 1.57105, 1.71105 and 1.61206, and the orbit decides which is found. The
-    lowest of a branch is the least `special.parameter` of `continue_cycle`.
-
-    **Arguments:** as `continue_cycle`.
-
-    **Returns:** `CycleFold`.
-
-    **Derivatives:** of `fold` and `cycle`, forward and reverse, first order, in every
-    number that `make_column` was made from: at the fold a row w annuls the Jacobian in
-    z, so that $d\lambda = -w \cdot R_p\,dp / (w \cdot R_\lambda)$. The cycle's have
-    second derivatives in them, central differences, good to some four digits. On the
-    orbit and the `parameter` where the way begins the fold does not depend.
-    """
-    problem = Continuation("cycle_fold", make_column, orbit, parameter, arc, method)
-    end = fixed(Walk(problem, 1, (True, False, False, False), True).follow())
-    there = end.special
-    is_fold = codes_of(end.kind[0], TESTS) == CODE.fold
-    moves = _fold_moves(problem, make_column, there)
-    x = there.x.at[0].add(moves / problem.scale)
-    z = x[0] * problem.scale
-    y0, column = start_of(problem.section, z[:4]), make_column(z[4])
-    extent = carried_extent(column, y0, z[3], problem.method)
-    bends = carried_monodromy(column, y0, z[3], problem.method)
-    there = there._replace(
-        x=x, extent=there.extent.at[0].add(extent), moved=there.moved.at[0].add(bends)
-    )
-    outcome = jnp.where(is_fold, CODE.found, end.outcome)
-    return CycleFold(
-        fold=z[4] * jnp.where(is_fold, 1.0, jnp.nan),
-        cycle=_points(problem, there, end.kind),
-        steps=problem.method.budget - end.left,
-        outcome=outcome.astype(jnp.int8),
-        settings=_settings(problem),
-    )
-
-
-def _fold_moves(
-    problem: Continuation,
-    make_column: Callable[[Scalar], Column],
-    there: BranchPoint,
-) -> Float[Array, "5"]:
-    r"""Zeros that carry the derivatives of the first point's cycle and its parameter.
-
-    With the null vector v and the row w of $R_z$, and S = w R_z v, which is zero at a
-    fold, $R_z\,dz + R_\lambda\,d\lambda + R_p\,dp = 0$ and $dS = w\,(\partial_v R_z\,dz
-    + \partial_v R_\lambda\,d\lambda + \partial_v R_p\,dp) = 0$.
-    """
-    z, matrix = there.x[0] * problem.scale, there.matrix[0]
-    dtype, others = z.dtype, [*problem.section.others, 4]
-    # the row that annuls R_z, with 1 for R_lambda; the tangent there annuls from right
-    bordered = jnp.zeros((5, 5), dtype).at[:4, :4].set(matrix[:, :4].T)
-    null = there.tangent[0, :4] * problem.scale[:4]
-    bordered = bordered.at[:4, 4].set(null).at[4, :4].set(matrix[:, 4])
-    row = solve(bordered, jnp.eye(5, dtype=dtype)[4])[:4]
-    p, make = moving(make_column(fixed(z[4])), dtype)
-    if not p.size:
-        return jnp.zeros(5, dtype)
-
-    def leaves(x):
-        return moving(problem.make(x), dtype)[0]
-
-    line = jax.jvp(leaves, (z[4],), (jnp.ones_like(z[4]),))[1]
-
-    def slope(
-        p: Float[Array, " n"],
-        y0: Float[Array, "4"],
-        span: Float[Array, ""],
-        null: Float[Array, "4"],
-        row: Float[Array, "4"],
-        line: Float[Array, " n"],
-        method: Method,
-    ) -> Float[Array, "5 n"]:
-        a = jnp.concatenate([y0, span[None], p])
-        along = jnp.zeros_like(a).at[jnp.asarray(others)].set(null)
-        jet = follow_bundle(Bundle(make, a, along[None], method), jnp.ones((), dtype))
-        first = jet.first.at[:, :4].add(-jnp.eye(4, dtype=dtype))
-        both = jnp.concatenate([first, (row @ jet.second[0])[None]])
-        in_z, in_p = both[:, jnp.asarray(others)], both[:, 5:]
-        moves = -solve(jnp.concatenate([in_z, (in_p @ line)[:, None]], axis=1), in_p)
-        mark = jnp.where(jet.arrived & ~jet.mixed, 1.0, jnp.nan)
-        # the parameter's own has no difference in it
-        fold = -(row @ first[:, 5:]) * jnp.where(jet.arrived, 1.0, jnp.nan)
-        return jnp.concatenate([moves[:4] * mark, fold[None]])
-
-    y0 = start_of(problem.section, z[:4])
-    still = y0, z[3], null, row, line, problem.method
-    return implicit((5,), slope, p, *still)
-
-
-def _settings(problem: Continuation) -> Settings:
+def settings_of(problem: Continuation, **more: Option) -> Settings:
     """How a branch was followed, for the record."""
     arc = problem.arc
     bounds = " to ".join(f"{x:g}" if is_concrete(x) else "?" for x in arc.bounds)
@@ -424,25 +296,29 @@ def _settings(problem: Continuation) -> Settings:
         error=arc.error,
         bounds=bounds,
         **problem.section.settings(),
+        **more,
     )
 
 
-def _points(
+def cycle_points(
     problem: Continuation, cycles: BranchPoint, kind: Int[Array, " n"]
 ) -> CyclePoints:
     """The points of a branch in their own units."""
     x = cycles.x * problem.scale[None]
     y = start_of(problem.section, x[:, :4])
+    period, moved = x[:, 3], cycles.moved
+    if problem.sign < 0:  # the return to the mirror image, twice
+        period, moved = 2 * period, moved @ moved
     return CyclePoints(
         parameter=x[:, 4],
         phi=y[:, :2],
         omega=y[:, 2:],
-        period=x[:, 3],
+        period=period,
         rod_amplitude=cycles.extent[:, :2],
         joint_amplitude=cycles.extent[:, jnp.array([0, 2])],
-        monodromy=cycles.moved,
+        monodromy=moved,
         kind=codes_of(kind, TESTS),
-        settings=_settings(problem),
+        settings=settings_of(problem),
         coordinate=problem.section.coordinate,
         rising=problem.section.rising,
     )

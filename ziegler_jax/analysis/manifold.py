@@ -203,8 +203,9 @@ def carried(
         return _slope(make, numbers, place, method)
 
     at, line = jax.jvp(numbers, (x,), (jnp.ones_like(x),))
-    change, size = fixed((line, jnp.where(line != 0, at, 0.0)))
-    known &= width * jnp.linalg.norm(change) <= WIDE * jnp.linalg.norm(size)
+    # sizes count as they move: a load that hardly does vouches for no kick
+    moves, sizes = fixed((line, line * at))
+    known &= width * (moves @ moves) <= WIDE * jnp.sqrt(sizes @ sizes)
     return implicit((), slope, at, Place(line, width, known, window, patience))
 
 

@@ -187,6 +187,11 @@ def shot_of(section: SectionPlane, z: Float[Array, "4"], flow: Flow) -> Shot:
     return Shot(residual, closing(section, flow.moved, flow.slope), flow)
 
 
+def mirrored(flow: Flow) -> Flow:
+    """Seen in the mirror: the motion from half a period on is the start's image."""
+    return flow._replace(y=-flow.y, slope=-flow.slope, moved=-flow.moved)
+
+
 def start_of(section: SectionPlane, z: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:
     """The state (4,) on the section, or states (n, 4) of z (n, 4)."""
     level = 0.0 * z[..., 0] + section.level

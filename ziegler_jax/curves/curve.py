@@ -27,7 +27,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..analysis.branch_point import Arc, BranchPoint, codes_of
-from ..analysis.continuation import Branch, CycleFold, CyclePoints
+from ..analysis.continuation import Branch, CyclePoints
 from ..analysis.march import ContinuationState, Walk
 from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from ..analysis.shooting import start_of
@@ -39,6 +39,7 @@ from ..numerics.numbers import Scalar, is_concrete
 from ..numerics.rules import choice, instance, number
 from ..results import CODE, Settings
 from ..runtime import requires_x64
+from .bifurcation import Bifurcation
 from .bifurcations import BifurcationCurve, BifurcationPoints
 from .course import Course
 from .degeneracy import Torus
@@ -60,7 +61,7 @@ from .start import (
 SPECIALS = 6  # in each direction there is room for so many
 MEETS = 0.02  # the sine of the angle at which a torus' pair is all but one
 
-Start = PeriodicOrbit | CyclePoints | CycleFold | Branch
+Start = PeriodicOrbit | CyclePoints | Bifurcation | Branch
 
 
 @requires_x64
@@ -78,7 +79,7 @@ def bifurcation_curve(
     r"""The curve of a bifurcation of cycles in the plane of two parameters.
 
     ```python
-    # fold = zj.cycle_fold(lambda q: make(q, 0.26), orbit, 1.95).cycle
+    # fold = zj.bifurcation(lambda q: make(q, 0.26), "fold", orbit, 1.95)
     course = zj.Course(values=[0.1, 0.2, 0.26], second=(0.1, 0.26))
     curve = zj.bifurcation_curve(make, "fold", fold, second=0.26, course=course)
     curve.points.first  # 1.61206, ..., 1.86140
@@ -98,7 +99,7 @@ def bifurcation_curve(
         branch is followed in the first parameter, as `arc` says, to the first
         bifurcation of this kind; but for sticking and grazing Newton's method starts at
         the cycle itself, which must be near. Or what knows a bifurcation and its
-        first parameter already: `CycleFold`, `Branch`, or `CyclePoints` such as
+        first parameter already: `Bifurcation`, `Branch`, or `CyclePoints` such as
         `branch.special`, whose first one of this kind is taken; then `first` is left
         out.
     - `course`: how far and how finely the curve is followed, see `Course`.
@@ -229,14 +230,14 @@ def _begun(
             "Argument `first` must be left out where `start` is no `PeriodicOrbit`: "
             f"its points have theirs, but is {first!r}."
         )
-    if isinstance(start, CycleFold):
+    if isinstance(start, Bifurcation):
         start = start.cycle
     if isinstance(start, Branch):
         start = start.special
     if not isinstance(start, CyclePoints):
         raise ValueError(
             "Argument `start` must be a `PeriodicOrbit`, `CyclePoints`, a `Branch` or "
-            f"a `CycleFold`, but is {start!r}."
+            f"a `Bifurcation`, but is {start!r}."
         )
     begin = of_points(kind, start)
     return begin, made(lambda x: make_column(x, second), begin.first)

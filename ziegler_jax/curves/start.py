@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..analysis.branch_point import TESTS, Arc, Continuation, codes_of
-from ..analysis.continuation import CyclePoints
+from ..analysis.continuation import CyclePoints, first_of
 from ..analysis.march import Walk
 from ..analysis.periodic_orbit import PeriodicOrbit
 from ..analysis.shooting import start_of
@@ -69,7 +69,7 @@ def met_on_branch(
 ) -> Beginning:
     """The first bifurcation of this kind on the orbit's branch."""
     arc = Arc(arc.direction or -1, arc.step, arc.points or 200, arc.bounds, arc.error)
-    branch = Continuation("cycle_fold", make_column, orbit, first, arc, method)
+    branch = Continuation("bifurcation", make_column, orbit, first, arc, method)
     kinds = [code is CODE[kind] for code in TESTS]
     end = fixed(Walk(branch, 1, kinds, True).follow())
     x = end.special.x[0] * branch.scale
@@ -93,7 +93,8 @@ def of_orbit(orbit: PeriodicOrbit, first: Float[Array, ""]) -> Beginning:
 
 def of_points(kind: Kind, points: CyclePoints) -> Beginning:
     """The first of the points that is of this kind."""
-    return of_orbit(*points.first_of(kind))
+    orbit, parameter, _ = first_of(points, kind)
+    return of_orbit(orbit, parameter)
 
 
 def cycle_of(

@@ -104,7 +104,7 @@ class Method(AbstractOptions):
     | `least_kick` | Tsit5, set-valued Taylor8 | 1e-8 | 1000000 (a motion) |
     | `trajectory` | Dopri8, set-valued Taylor8 | 1e-8 | 1000000 |
     | `periodic_orbit` | Dopri8, set-valued Tsit5 | 1e-10 | 100000 |
-    | `continue_cycle`, `cycle_fold` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
+    | `continue_cycle`, `bifurcation` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
     | `branch_off` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
     | `bifurcation_curve` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
     | `lyapunov_exponents` | Tsit5 | 1e-8 | 10000000 |
@@ -279,7 +279,7 @@ _METHODS = {
     "periodic_orbit": (1e-10, 100_000),
     "continue_cycle": (1e-10, 10_000_000),
     "branch_off": (1e-10, 10_000_000),
-    "cycle_fold": (1e-10, 10_000_000),
+    "bifurcation": (1e-10, 10_000_000),
     "bifurcation_curve": (1e-10, 10_000_000),
     "lyapunov_exponents": (1e-8, 10_000_000),
     "verdict": (1e-7, 10_000_000),

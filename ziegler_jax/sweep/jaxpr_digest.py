@@ -68,8 +68,10 @@ def digest_of_function(
     In whatever order they stand.
     """
     walk = _Walk()
-    given = [*map(walk.number, traced.consts), *(f"argument {n!r}" for n in inputs)]
-    walk.tokens += [_kind(v.aval) for v in traced.jaxpr.invars]
+    arguments = zip(inputs, traced.jaxpr.invars, strict=True)
+    given = [f"argument {name!r}:{_kind(v.aval)}" for name, v in arguments]
+    walk.tokens += sorted(given)
+    given = [*map(walk.number, traced.consts), *given]
     results, _ = walk.equations(traced.jaxpr, given, (True,) * len(outputs))
     for name, result in sorted(zip(outputs, results, strict=True)):
         walk.tokens.append(f"{name!r} is {result}")
@@ -287,10 +289,9 @@ class _Walk:
         aval = jax.typeof(value) if aval is None else aval
         if jnp.issubdtype(aval.dtype, jax.dtypes.extended):  # a key's type
             value = jax.random.key_data(value)
-        if isinstance(value, bool | int | float | complex):
-            value = np.asarray(value, aval.dtype)
-        array = np.asarray(value)
-        self.lasts &= isinstance(value, jax.Array) or not array.ndim
+        made = isinstance(value, bool | int | float | complex)
+        array = np.asarray(value, aval.dtype if made else None)
+        self.lasts &= not isinstance(value, np.ndarray)  # which may be changed in place
         if array.nbytes <= 16:
             return f"{_kind(aval)}={array.tobytes().hex()}"
         if id(value) not in self.tables:
