@@ -86,6 +86,7 @@ SLOW = {
         "analysis/test_thresholds.py::test_a_threshold_moves_as_its_derivative_says",
         "analysis/test_thresholds.py::test_any_line_crosses_the_border_where_the_lin",
         "analysis/test_thresholds.py::test_where_a_line_begins_changes_no_derivative",
+        "analysis/test_thresholds.py::test_an_interval_is_too_wide_for_a_derivative",
         "curves/test_bifurcation_curves.py::test_two_curves_of_folds_meet_in_a_cusp",
         "curves/test_changes_of_modes.py",
         "curves/test_flips_and_tori.py",
