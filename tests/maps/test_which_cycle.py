@@ -103,6 +103,7 @@ def test_bad_datasets_are_named(refuses):
     ds, _ = drawn()
     refuses(lambda: zj.label_cycles(3), "`dataset`", "3")
     refuses(lambda: zj.label_cycles(ds.drop_vars("period")), "`period`", "`settle`")
+    refuses(lambda: zj.label_cycles(ds.sel(joint=2)), "`dataset`", "both joints")
     refuses(lambda: zj.label_cycles(ds, jump=0.0), "`jump`", "0")
     refuses(lambda: zj.label_cycles(ds, reach=1.5), "`reach`", "1.5")
     refuses(lambda: zj.label_cycles(ds.drop_vars("q")), "`q`", "rise or fall")

@@ -125,9 +125,9 @@ def branch_off(
         raise ValueError(
             f"Argument `start` must be a `Branch` or `CyclePoints`, but is {start!r}."
         )
-    if not isinstance(side, int | np.integer) or isinstance(side, bool | np.bool_):
+    whole = isinstance(side, int | np.integer) and not isinstance(side, bool)
+    if not whole or side not in (1, -1):
         raise ValueError(f"Argument `side` must be 1 or -1, but is {side!r}.")
-    choice("side", str(side), ("1", "-1"))
     apart = fixed(number("distance", distance, "positive"))
     once, parameter, there = first_of(points, kind)
     longer = eqx.tree_at(lambda o: o.period, once, TURNS[kind] * once.period)

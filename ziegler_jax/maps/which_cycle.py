@@ -66,6 +66,11 @@ def label_cycles(
             "Argument `dataset` must be a sweep of `settle`, but has no "
             f"{', '.join(f'`{name}`' for name in missing)}."
         )
+    if "joint" not in dataset.joint_amplitude.dims:
+        raise ValueError(
+            "Argument `dataset` must have the amplitudes of both joints, but has one: "
+            "label the cycles before a joint is chosen."
+        )
     jump = float(number("jump", jump, "positive"))
     reach = whole_number("reach", reach)
     dims = tuple(str(name) for name in dataset.outcome.dims)
