@@ -5,8 +5,8 @@ reads, while anything holds the tracer: a collector of garbage that has not run,
 profiler that looks at a frame. A program is therefore known by what it is asked for.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import jax
@@ -116,11 +116,12 @@ def inside_of(equation: JaxprEqn, results: tuple[bool, ...]) -> Inside | None:
     if name == "while":
         return _inside_while(equation)
     if name == "scan":
-        constants, carried = of["num_consts"], of["num_carry"]
+        constants, carried = _counts_of_scan(of)
         results = (*(True,) * carried, *results[carried:])
         part = part_of(of["jaxpr"], operands[:constants], results)
-        said = {"jaxpr", "num_consts", "linear"}
-        return Inside(operands[constants:], [("jaxpr", part)], results, said)
+        parts = [(f"row, {carried} of it carried", part)]
+        said = {"jaxpr", "linear", "num_consts", "num_carry", "ft_in", "ft_out"}
+        return Inside(operands[constants:], parts, results, said)
     return None
 
 
@@ -151,10 +152,11 @@ def _inside_while(equation: JaxprEqn) -> Inside:
 def _inside_resumable(loop: JaxprEqn) -> Inside:
     bodies = loop.params["bodies"]
     constants, state = constants_of(bodies, loop.invars)
+    # not `part_of`: what they are closed with stands among the operands
     parts = [
-        (f"body {body.cost!r} {body.every}", part_of(jaxpr, mine))
+        (f"body {body.cost!r} {body.every}", Part(part, mine, _all_of(part)))
         for body, of_body in zip(bodies, constants, strict=True)
-        for jaxpr, mine in zip(body.parts, of_body, strict=True)
+        for part, mine in zip(body.parts, of_body, strict=True)
     ]
     return Inside(state, parts, (True,) * len(state), {"bodies"})
 
@@ -168,8 +170,21 @@ def part_of(
     jaxpr = equations.jaxpr if isinstance(equations, ClosedJaxpr) else equations
     closed = equations.consts if isinstance(equations, ClosedJaxpr) else []
     constants = [Literal(x, jax.typeof(x)) for x in closed]
-    results = (True,) * len(jaxpr.outvars) if results is None else results
+    results = _all_of(jaxpr) if results is None else results
     return Part(jaxpr, [*constants, *given], results)
+
+
+def _all_of(jaxpr: Jaxpr) -> tuple[bool, ...]:
+    """Flags of all its results."""
+    return (True,) * len(jaxpr.outvars)
+
+
+def _counts_of_scan(of: Mapping[str, Any]) -> tuple[int, int]:
+    """How many operands a scan only reads, and carries; JAX 0.12 says so in a tree."""
+    if "num_consts" in of:
+        return of["num_consts"], of["num_carry"]
+    constants, carried, _ = of["ft_in"].unpack()
+    return len(constants), len(carried)
 
 
 def _where(flags: Sequence[bool], values: Sequence) -> list:
