@@ -129,6 +129,7 @@ def test_in_a_map_with_two_attracting_cycles_no_label_is_wrong():
     ds = zj.label_cycles(zj.sweep(point, progress=False, **axes))
     large = ds.joint_amplitude.sel(joint=1).values > 0.7
     cycles = ds.outcome.values == zj.CODE.cycle
+    # 7007 and 2051
     assert cycles.sum() > 5000 and (cycles & ~large).sum() > 1000
     assert agree(ds.cycle_label.values, np.where(large, 1, 2) * cycles)
     small = ds.q.values[(ds.cycle_label == 2).any("kick").values]

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..analysis.branch_off import MIRRORED
 from ..analysis.branch_point import TESTS, Arc, Continuation, codes_of
 from ..analysis.continuation import CyclePoints, first_of
 from ..analysis.march import Walk
@@ -44,8 +45,6 @@ Kind = Literal[
 KINDS = get_args(Kind)
 DEGENERACIES = {"fold": Fold, "torus": Torus, "flip": Flip, "pitchfork": Flip}
 WATCHED = {"sticking": Landing, "grazing": Dip}
-# by how much half a period may miss the mirror image, of a cycle nearly known
-MIRRORED = 1e-3
 
 
 class Beginning(NamedTuple):
