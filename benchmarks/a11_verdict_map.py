@@ -1,7 +1,7 @@
-"""How narrow are the boundaries of a map of verdicts?
+"""How narrow are the boundaries of a map of kinds of motion?
 
 The scene of figures/verdict_map.py, uniform rods with set-valued friction: `refine` by
-verdict from 64 x 64 points. For each pair of verdicts that meet: the widths of the
+kind from 64 x 64 points. For each pair of kinds that meet: the widths of the
 boundary as shares of the ranges, and the uncertainty exponent (1 where halving finds a
 line, near 0 where the two are mixed throughout). Prints one JSON line.
 
@@ -20,7 +20,8 @@ import ziegler_jax as zj
 def point(q, mu_k):
     friction = zj.SetValuedCoulomb(4 * mu_k, mu_k, pin_radius=0.1)
     column = zj.uniform_rods(q, friction=friction)
-    return zj.verdict(column, zj.State(omega=(0.0, 0.3)), spans=zj.Spans(escape=60.0))
+    windows, start = zj.Windows(escape=60.0), zj.State(omega=(0.0, 0.3))
+    return zj.settle(column, start, windows=windows, exponents=2)
 
 
 def main():
@@ -38,16 +39,16 @@ def main():
     ds = zj.refine(
         point,
         coarse,
-        "verdict",
+        "kind",
         width=options.width,
         levels=2,
         max_points=options.max_points,
         progress=False,
     )
-    sides, widths = ds.boundary_verdict.values, ds.boundary_width.values
+    sides, widths = ds.boundary_kind.values, ds.boundary_width.values
     pairs = {}
     for pair, exponent in zip(
-        ds.pair_verdict.values, ds.pair_exponent.values, strict=True
+        ds.pair_kind.values, ds.pair_exponent.values, strict=True
     ):
         mine = (np.sort(sides, axis=1) == np.sort(pair)).all(axis=1)
         pairs[" ".join(zj.CODE(int(code)).name for code in pair)] = {

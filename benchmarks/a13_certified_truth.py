@@ -8,16 +8,20 @@
 - `kicks`: critical kicks of random columns with set-valued friction. The kicks at both
   ends of the interval are followed ten times as long, at 1e-10 instead of 1e-8: below
   it must rest, above not.
+- `kinds`: random scenes of three families. What `settle` calls at rest, on a torus,
+  chaotic or periodic is followed from the same start at 1e-9 to t = 40 000: false is a
+  rest that moves, a torus or chaos that rests or closes, a period that rests.
 
 Prints one JSON line each.
 
     python benchmarks/a13_certified_truth.py [share] [amplitudes] [cells] [kicks]
-        [--cells 2000] [--columns 200] [--seed 0]
+        [kinds] [--cells 2000] [--columns 200] [--scenes 1600] [--seed 0]
 """
 
 import argparse
 import json
 
+import diffrax as dfx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -188,11 +192,101 @@ def report_kicks(options, source):
     }
 
 
+def smoothed_scene(n):
+    q, tau, kick, v = 1.2 + 1.6 * n[0], 10 ** (2.2 * n[1] - 3), n[2], n[3]
+    v_smooth = tau * 10 ** (1.7 * v - 1)
+    law = zj.SmoothCoulomb(
+        tau, pin_radius=1.0, v_smooth=v_smooth, load=zj.ConstantLoad(1.0)
+    )
+    damped = jnp.where(n[4] < 0.3, n[5], 0.0)  # some columns
+    damping = zj.Viscous(0.02 * damped, 0.02 * damped)
+    start = zj.State(omega=(0.0, 10 ** (6.3 * kick - 6)))
+    return zj.uniform_rods(q, friction=law, damping=damping), start
+
+
+def dry_scene(n):
+    mu_k = 0.005 + 0.255 * n[1]
+    law = zj.SetValuedCoulomb((1 + 3 * n[2]) * mu_k, mu_k, pin_radius=0.1)
+    start = zj.State(omega=(0.0, 10 ** (2 * n[3] - 1.5)))
+    return zj.uniform_rods(1 + 6 * n[0], friction=law), start
+
+
+def viscous_scene(n):
+    damping = zj.Viscous(*(10 ** (1.5 * x - 3) for x in (n[1], n[2])))
+    column = zj.uniform_rods(
+        1.5 + 2 * n[0], damping=damping, follower=0.6 + 0.4 * n[3],
+        kappa=0.4 + 1.2 * n[4],
+    )  # fmt: skip
+    return column, zj.State(omega=(0.0, 3 * n[5]))
+
+
+FAMILIES = {"smoothed": smoothed_scene, "dry": dry_scene, "viscous": viscous_scene}
+RESTS, CLOSES = (zj.CODE.stuck, zj.CODE.rest), (zj.CODE.cycle,)
+FALSE = {  # what a motion must not be that is called so
+    zj.CODE.stuck: (*CLOSES, zj.CODE.escaped, zj.CODE.unsettled),
+    zj.CODE.rest: (*CLOSES, zj.CODE.escaped, zj.CODE.unsettled),
+    zj.CODE.quasi_periodic: RESTS + CLOSES,
+    zj.CODE.chaotic: RESTS + CLOSES,
+    zj.CODE.periodic: RESTS,
+}
+
+
+def called(scene, table):
+    """What kind of motion each scene leads to."""
+    numbers, windows = jnp.asarray(table), zj.Windows(escape=60.0)
+
+    def point(place):
+        return zj.settle(
+            *scene(numbers[place.astype(int)]), windows=windows, exponents=2
+        )
+
+    return swept(len(table), point).kind.values
+
+
+def followed_on(scene, table):
+    """The outcome of each scene to t = 40 000, at 1e-9."""
+    numbers, windows = jnp.asarray(table), zj.Windows(0.0, 40.0, 1000, escape=60.0)
+
+    def point(place):
+        column, start = scene(numbers[place.astype(int)])
+        solver = None if column.sticks else dfx.Dopri8()
+        method = zj.Method(solver, rtol=1e-9, max_steps=20_000_000)
+        return zj.settle(column, start, windows=windows, method=method, certify=True)
+
+    return swept(len(table), point).outcome.values
+
+
+def report_kinds(options, source):
+    count, result = options.scenes // len(FAMILIES) + 1, {}
+    for name, scene in FAMILIES.items():
+        table = source.uniform(size=(count, 6))
+        kinds = called(scene, table)
+        asked = np.flatnonzero(np.isin(kinds, list(FALSE)))
+        true = followed_on(scene, table[asked])
+        pairs = [
+            (zj.CODE(int(k)), zj.CODE(int(t)))
+            for k, t in zip(kinds[asked], true, strict=True)
+        ]
+        wrong = np.array([was in FALSE[kind] for kind, was in pairs])
+        result[name] = {
+            "scenes": count,
+            "called": outcomes(kinds),
+            "false": int(wrong.sum()),
+            "false_scenes": table[asked[wrong]].tolist(),
+            "followed_on": {
+                f"{kind.name}: {was.name}": pairs.count((kind, was))
+                for kind, was in sorted(set(pairs))
+            },
+        }
+    return result
+
+
 REPORTS = {
     "share": report_share,
     "amplitudes": report_amplitudes,
     "cells": report_cells,
     "kicks": report_kicks,
+    "kinds": report_kinds,
 }
 
 
@@ -201,6 +295,7 @@ def main():
     parser.add_argument("which", nargs="*", default=list(REPORTS))
     parser.add_argument("--cells", type=int, default=2000)
     parser.add_argument("--columns", type=int, default=200)
+    parser.add_argument("--scenes", type=int, default=1600)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     zj.configure_cpu()

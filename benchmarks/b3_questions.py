@@ -2,9 +2,9 @@
 
 At random cells of the main job's map: `settle` alone; `settle`, then `periodic_orbit`
 from where it ended, certified or not, stuck lanes included; `lyapunov_exponents`;
-`verdict`. Seconds without compiling, seconds to trace and compile, the share of useful
-steps, and how they ended. Prints one JSON line; writes `results/b3_questions.json`.
-Some three minutes.
+`settle` with the exponents of what has not settled. Seconds without compiling, seconds
+to trace and compile, the share of useful steps, and how they ended. Prints one JSON
+line; writes `results/b3_questions.json`. Some three minutes.
 
     python benchmarks/b3_questions.py [--cells 8192] [--seed 17]
 """
@@ -66,13 +66,13 @@ def questions(table):
         return zj.lyapunov_exponents(column(cell), start)
 
     def judged(cell):
-        return zj.verdict(column(cell), start)
+        return zj.settle(column(cell), start, exponents=2)
 
     return {
         "settle": (settled, 1.0, "outcome"),
         "settle and periodic_orbit": (closed, 1.0, "orbit"),
         "lyapunov_exponents": (exponents, 0.5, "outcome"),
-        "verdict": (judged, 0.5, "verdict"),
+        "kind": (judged, 0.5, "kind"),
     }
 
 

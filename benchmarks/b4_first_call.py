@@ -46,7 +46,7 @@ def verdict_map(q, mu):
     friction = zj.SmoothCoulomb(
         mu, 0.8 * mu, pin_radius=0.05, v_stribeck=0.1, v_smooth=0.01
     )
-    return zj.verdict(zj.uniform_rods(q, friction=friction), START)
+    return zj.settle(zj.uniform_rods(q, friction=friction), START, exponents=2)
 
 
 def joint_reactions(q, mu):

@@ -150,7 +150,7 @@ def thresholds():
     return lines
 
 
-VERDICTS = {  # q, tau, v_smooth, c, kick
+KINDS = {  # q, tau, v_smooth, c, kick
     "stuck": (1.2, 0.05, 0.1, 0.0, 0.2),
     "cycle": (2.6, 0.026, 0.1, 0.0, 0.3),
     "viscous cycle": (2.3, 0.0, 0.01, 0.2, 0.3),
@@ -158,23 +158,23 @@ VERDICTS = {  # q, tau, v_smooth, c, kick
 }
 
 
-def verdicts():
-    """Verdicts on motions of four kinds."""
+def kinds():
+    """Motions of four kinds."""
 
     @jax.jit
     @jax.vmap
     def judge(n):
         law = zj.SmoothCoulomb(n[1], pin_radius=1.0, v_smooth=n[2], load=UNIT)
         column = zj.uniform_rods(n[0], friction=law, damping=zj.Viscous(n[3], n[3]))
-        return zj.verdict(column, zj.State(omega=(0.0, n[4])), spans=zj.Spans(count=10))
+        return zj.settle(column, zj.State(omega=(0.0, n[4])), exponents=2)
 
-    found, lines = judge(np.array(list(VERDICTS.values()))), {}
-    for i, name in enumerate(VERDICTS):
+    found, lines = judge(np.array(list(KINDS.values()))), {}
+    for i, name in enumerate(KINDS):
         lines |= {
-            f"verdict, {name}": whole(found.verdict[i]),
-            f"verdict, {name}: period": number(found.period[i], 1e-9),
-            f"verdict, {name}: exponents": array(found.exponents[i], 1e-8),
-            f"verdict, {name}: steps": whole(found.steps[i]),
+            f"kind, {name}": whole(found.kind[i]),
+            f"kind, {name}: period": number(found.period[i], 1e-9),
+            f"kind, {name}: exponents": array(found.exponents[i], 1e-8),
+            f"kind, {name}: steps": whole(found.steps[i]),
         }
     return lines
 
@@ -233,6 +233,6 @@ SECTIONS = {
     "thresholds": thresholds,
     "orbits, viscous": functools.partial(orbits, kind="viscous"),
     "exponents": exponents,
-    "verdicts": verdicts,
+    "kinds": kinds,
     "linear": linear,
 }

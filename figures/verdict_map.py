@@ -13,15 +13,15 @@ import ziegler_jax as zj
 from ziegler_jax import CODE
 
 POINTS, KICK = 64, 0.3
-# cycles by their passages of phi1 = 0 a period: dark to light; then the other verdicts
+# cycles by their passages of phi1 = 0 a period: dark to light; then the other kinds
 BLUES = plt.get_cmap("Blues")
 KINDS = {
     "stuck": colours.REST,
     "cycle of 1 passage": BLUES(0.95),
     "cycle of 2": BLUES(0.7),
     "cycle of 3": BLUES(0.5),
-    "cycle of 4 to 16": BLUES(0.25),
-    "cycle of more, or slow": BLUES(0.1),
+    "cycle of 4 or 6": BLUES(0.3),
+    "cycle, not certified": BLUES(0.1),
     "quasi-periodic": colours.ORANGE,
     "chaotic": colours.VERMILLION,
     "undecided": "0.5",
@@ -31,20 +31,22 @@ KINDS = {
 def point(q, mu_k):
     friction = zj.SetValuedCoulomb(4 * mu_k, mu_k, pin_radius=0.1)
     column = zj.uniform_rods(q, friction=friction)
-    return zj.verdict(column, zj.State(omega=(0.0, KICK)), spans=zj.Spans(escape=60.0))
+    windows, start = zj.Windows(escape=60.0), zj.State(omega=(0.0, KICK))
+    return zj.settle(column, start, windows=windows, exponents=2)
 
 
 def main():
     q, mu_k = np.linspace(1, 7, POINTS), np.linspace(0.005, 0.26, POINTS)
     ds = zj.sweep(point, q=q, mu_k=mu_k)
-    verdict = ds.verdict.values
-    passages = np.searchsorted([1, 2, 3, 4, 17], ds.period_count.values, side="right")
-    kind = np.where(passages == 0, 6, passages + 1)  # of cycles
-    kind = np.where(verdict == CODE.stuck, 1, kind)
-    kind = np.where(verdict == CODE.quasi_periodic, 7, kind)
-    kind = np.where(verdict == CODE.chaotic, 8, kind)
-    unlike = CODE.failed, CODE.escaped, CODE.unclassified, CODE.conservative
-    kind = np.where(np.isin(verdict, (CODE.not_computed, *unlike)), 9, kind)
+    called = ds.kind.values
+    undecided = list(KINDS).index("undecided") + 1
+    kind = np.full(called.shape, undecided)
+    cycles = 1 + np.clip(ds.returns.values.astype(int), 1, 4)
+    kind = np.where(called == CODE.cycle, cycles, kind)
+    kind = np.where(called == CODE.stuck, 1, kind)
+    for code, number in ((CODE.periodic, 6), (CODE.quasi_periodic, 7)):
+        kind = np.where(called == code, number, kind)
+    kind = np.where(called == CODE.chaotic, 8, kind)
     codes = range(1, len(KINDS) + 1)
     names = " ".join(name.replace(" ", "_") for name in KINDS)
     flags = {"flag_values": list(codes), "flag_meanings": names}

@@ -66,7 +66,6 @@ QUESTIONS = {
     zj.branch_off: (column, "flip", a_flip),
     zj.bifurcation_curve: (plane, "fold", orbit),
     zj.lyapunov_exponents: (column(), KICK),
-    zj.verdict: (column(), KICK),
     zj.poincare: (column(), KICK),
 }
 TOLD = {question.__name__: question for question in QUESTIONS}
@@ -213,7 +212,12 @@ def test_what_is_no_value_is_refused_by_name(refuses):
         "`windows`",
         "`Windows`",
     )
-    refuses(lambda: zj.verdict(column(), KICK, spans=9), "`spans`", "`Spans`", "9")
+    refuses(
+        lambda: zj.lyapunov_exponents(column(), KICK, spans=9),
+        "`spans`",
+        "`Spans`",
+        "9",
+    )
     refuses(lambda: zj.poincare(column(), KICK, section=0), "`section`", "0")
     refuses(lambda: zj.critical_kick(column(), KICK, (0, 1), search=3), "`search`", "3")
     refuses(lambda: zj.continue_cycle(column, KICK, 2.6), "`orbit`", "`PeriodicOrbit`")

@@ -91,7 +91,6 @@ STEPS = {"rtol": 1e-4, "atol": 1e-4}
 CERTIFIED = {**STEPS, "length": 5.0, "escape": 3.0, "rate_cut": 1e-3}
 WINDOWS = {**CERTIFIED, "agreement": 1e-3}
 BLOCKS = {**STEPS, "length": 5.0, "escape": 3.0}
-WITNESSES = {**BLOCKS, "rtol_return": 1e-3, "zero_rate": 0.01, "rate_cut": 1e-3}
 WALK = {**STEPS, "step": 0.1}
 TRACED = {
     "settle": (settled, WINDOWS, CODE.invalid),
@@ -103,11 +102,6 @@ TRACED = {
     "lyapunov_exponents": (
         called(zj.lyapunov_exponents, COLUMN, KICK, count=1),
         BLOCKS,
-        CODE.invalid,
-    ),
-    "verdict": (
-        called(zj.verdict, COLUMN, KICK),
-        WITNESSES,
         CODE.invalid,
     ),
     "poincare": (
@@ -150,11 +144,11 @@ def test_traced_options_that_may_be_zero_are_finite(call, name, invalid):
     assert lanes.tolist() == [int(invalid)] * 2
 
 
-def test_an_invalid_verdict_has_failed():
-    found = jax.jit(lambda x: zj.verdict(COLUMN, KICK, method=zj.Method(rtol=x)))(
-        jnp.inf
-    )
-    assert int(found.verdict) == CODE.failed
+def test_an_invalid_motion_is_of_that_kind():
+    found = jax.jit(
+        lambda x: zj.settle(COLUMN, KICK, method=zj.Method(rtol=x), exponents=2)
+    )(jnp.inf)
+    assert int(found.kind) == CODE.invalid
 
 
 # 32 bits ------------------------------------------------------------------------------
@@ -173,7 +167,6 @@ PLAIN = {
         COLUMN, KICK, [0.0, 1.0], method=zj.Method(rtol=1e-3, atol=1e-3)
     ),
     "lyapunov_exponents": lambda: zj.lyapunov_exponents(COLUMN, KICK),
-    "verdict": lambda: zj.verdict(COLUMN, KICK),
     "poincare": lambda: zj.poincare(COLUMN, KICK),
     "periodic_orbit": lambda: zj.periodic_orbit(SLIDING, KICK),
     "continue_cycle": lambda: zj.continue_cycle(bare, KICK, 2.0),

@@ -98,7 +98,6 @@ SLOW = {
         "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew"
         "[orbit_damped",
         "test_derivatives.py::test_derivatives_of_long_motions",
-        "test_refusals.py::test_traced_options_are_finite_and_positive[verdict]",
         "test_refusals.py::test_traced_options_are_finite_and_positive[periodic_orbit]",
         "test_refusals.py::test_traced_options_are_finite_and_positive[its period]",
         "test_refusals.py::test_traced_options_are_finite_and_positive[bifurcation]",
@@ -153,10 +152,10 @@ SLOW = {
         "analysis/test_thresholds.py::test_flutter_onset_and_critical_kick_are_one",
         "analysis/test_thresholds.py::test_smoothing_moves_the_critical_kick_and_less",
         "analysis/test_thresholds.py::test_a_verdict_that_changes_twice_is_noticed",
-        "analysis/test_verdicts.py::test_stick_slip_has_chaos_and_cycles_of_many",
-        "analysis/test_verdicts.py::test_a_motion_on_a_torus",
-        "analysis/test_verdicts.py::test_slow_motions_are_neither",
-        "analysis/test_verdicts.py::test_a_motion_that_lingers_by_an_unstable_cycle",
+        "analysis/test_kinds.py::test_stick_slip_has_chaos_and_cycles_of_many",
+        "analysis/test_kinds.py::test_a_motion_on_a_torus",
+        "analysis/test_kinds.py::test_slow_motions_are_neither",
+        "analysis/test_kinds.py::test_a_motion_that_lingers_by_an_unstable_cycle",
         "linear/test_critical_edges.py::test_load_frequency_and_derivatives_to_50"
         "_digits[True]",
         "linear/test_critical_edges.py::test_forward_and_reverse_agree_to_second_order",
@@ -219,7 +218,6 @@ SLOW = {
         "sweep/test_stages.py::test_every_place_of_a_batch_rounds_alike",
         "sweep/test_sweeps.py::test_few_points_run_in_small_batches_with_the_same_bits"
         "[164-128",
-        "motion/test_every_motion_ends.py::test_a_verdict_that_rounding_shortens_is",
         "motion/test_stick_and_slip.py::test_the_reference_motions_and_their_events"
         "[Taylor-1e-09-4e-07-6e-08-c02",
         "sweep/test_stale_scenes.py::test_laws_that_read_an_attribute_are_traced_anew"
@@ -245,7 +243,7 @@ SLOW = {
         "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[two_settles-2",
         "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[under_vmap-0",
         "sweep/test_sweeps.py::test_several_motions_and_what_is_not_cut_agree_with_direct_calls[one_after_the_other-2",
-        "analysis/test_verdicts.py::test_each_motion_is_called_what_it_is[stuck",
+        "analysis/test_kinds.py::test_each_motion_is_called_what_it_is[stuck",
         "solvers/test_stiff_method.py::test_one_step_is_that_of_the_method_with_4_by_4"
         "_systems[column1]",
         "steady/test_rest.py::test_a_rod_that_turns_back_within_a_step_has_turned_over"

@@ -4,7 +4,6 @@ from importlib import metadata
 
 from .analysis.branch_off import Offshoot, branch_off
 from .analysis.branch_point import Arc
-from .analysis.classify import Verdict, verdict
 from .analysis.continuation import (
     Branch,
     CyclePoints,
@@ -139,7 +138,6 @@ __all__ = [
     "Trajectory",
     "UpDownSweep",
     "Variable",
-    "Verdict",
     "Viscous",
     "Windows",
     "bifurcation",
@@ -181,7 +179,6 @@ __all__ = [
     "trajectory",
     "uniform_rods",
     "vector_field",
-    "verdict",
 ]
 
 

@@ -51,7 +51,6 @@ class CODE(enum.IntEnum):
     step_vanished = 3, "no step, however small, met the tolerances"
     budget_spent = 4, "the step budget was spent before the span was over"
     chattering = 5, "stick and slip changed again and again without time going on"
-    failed = 6, "the motion could not be followed: the outcome says why"
     escaped = 7, "a rod's angle passed the named bound, e.g. it turned over"
     no_return = 8, "the guess did not come back to its section in time"
     not_integrated = 9, "a motion could not be followed, or the step budget was spent"
@@ -73,7 +72,6 @@ class CODE(enum.IntEnum):
     aperiodic = 24, "its returns do not draw near: a torus, chaos, a long transient"
     growing = 25, "it grows slowly, on its way to a motion farther out"
     lasting = 26, "it neither falls nor draws near a cycle: a torus or chaos that lasts"
-    unclassified = 27, "neither sections nor exponents decide within the budget"
     undecided = (
         28,
         "a motion that mattered neither rested nor settled in time, or was misjudged",
@@ -90,9 +88,9 @@ class CODE(enum.IntEnum):
         36,
         "nothing dissipates, none attracts: another start swings otherwise",
     )
-    periodic = 37, "sections repeat, or only one exponent is zero and no other positive"
-    quasi_periodic = 38, "two exponents are zero and sections do not repeat"
-    chaotic = 39, "the largest exponent is positive, beyond its error"
+    periodic = 37, "by its exponents it is on a cycle, too long or slow to certify"
+    quasi_periodic = 38, "a torus: two exponents are zero and returns do not repeat"
+    chaotic = 39, "the largest exponent is positive: chaos, which may yet end"
     # how a small motion at phi = 0 goes on
     stable = 40, "every small motion decays"
     marginal = 41, "no motion grows exponentially, not all decay (undamped, a boundary)"
@@ -139,11 +137,13 @@ OUTCOMES = _codes(  # how a motion ended
     "unsettled stuck rest cycle complete repeats conservative"
 )
 UNSETTLED = _codes(  # of which kind a motion is that neither settles nor rests
-    "no_passages unstable_near slow aperiodic growing lasting decided"
+    "no_passages unstable_near slow aperiodic growing lasting decided conservative "
+    "periodic quasi_periodic chaotic"
 )
-VERDICTS = _codes(  # what kind of motion a start leads to
-    "failed escaped unclassified stuck rest conservative periodic quasi_periodic "
-    "chaotic"
+KINDS = _codes(  # how a motion ended, and where it has not settled, of which kind it is
+    "invalid not_finite step_vanished budget_spent chattering escaped no_passages "
+    "unstable_near slow aperiodic growing lasting stuck rest cycle conservative "
+    "periodic quasi_periodic chaotic"
 )
 REGIMES = _codes("invalid stable marginal flutter divergence")  # stability at phi = 0
 CRITICAL_LOADS = _codes(  # how the search for a critical load ended

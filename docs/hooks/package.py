@@ -24,7 +24,7 @@ import ziegler_jax as zj
 from ziegler_jax import results
 
 # names that are as often those of a number or an argument: links only behind `zj.`
-AMBIGUOUS = {"energy", "power", "motion", "scene", "regime", "verdict", "reactions"}
+AMBIGUOUS = {"energy", "power", "motion", "scene", "regime", "reactions"}
 AMBIGUOUS |= {"threshold"}
 CODES = re.compile(r"^<!-- codes (\w+) -->$", re.M)
 

@@ -64,9 +64,8 @@ def test_a_sweep_whose_windows_are_lost_in_rounding_ends():
             rubbing(), KICK, windows=zj.Windows(length=x), certify=False
         ),
         lambda x: zj.lyapunov_exponents(rubbing(), KICK, spans=zj.Spans(length=x)),
-        lambda x: zj.verdict(rubbing(), KICK, spans=zj.Spans(length=x)),
     ],
-    ids=["settle", "lyapunov_exponents", "verdict"],
+    ids=["settle", "lyapunov_exponents"],
 )
 def test_a_window_that_rounding_would_lose_is_refused(refuses, call):
     refuses(lambda: call(1e-300), "`length`", "1e-300", "rounding", "longer")
@@ -87,18 +86,6 @@ def test_windows_that_rounding_lengthens_end_unsettled():
     assert int(found.outcome) == CODE.unsettled
     # measured 399
     assert 390 <= int(found.windows) <= 400
-
-
-def test_a_verdict_that_rounding_shortens_is_undecided():
-    @jax.jit
-    def point(length):
-        spans = zj.Spans(1100.0, length, count=400)
-        options = {"rtol_return": 1e-30, "rate_cut": 1e-6, "method": QUICK}
-        return zj.verdict(rubbing(2.6), KICK, spans=spans, **options)
-
-    found = point(83 * UNIT)
-    assert int(found.outcome) == CODE.unsettled
-    assert int(found.verdict) == CODE.unclassified
 
 
 # The steps of a search ----------------------------------------------------------------
@@ -180,6 +167,5 @@ def test_results_of_searches_name_their_options(near):
     load = zj.sweep(lambda q: zj.critical_load(zj.uniform_rods(q)), q=[0.0])
     assert load.attrs["kind"] == "flutter"
     few = zj.Method(max_steps=9)
-    for call in (zj.lyapunov_exponents, zj.verdict):
-        result = jax.eval_shape(lambda call=call: call(sliding(), KICK, method=few))
-        assert result.attributes()["max_steps"] == 9
+    result = jax.eval_shape(lambda: zj.lyapunov_exponents(sliding(), KICK, method=few))
+    assert result.attributes()["max_steps"] == 9

@@ -12,11 +12,11 @@ from PIL import Image
 import ziegler_jax as zj
 from ziegler_jax.results import (
     CRITICAL_LOADS,
+    KINDS,
     ONSETS,
     ORBITS,
     OUTCOMES,
     REGIMES,
-    VERDICTS,
 )
 
 KICK = zj.State(omega=(0.0, 0.3))
@@ -129,7 +129,7 @@ def lab(colour, eye):
 
 
 @pytest.mark.parametrize("eye", EYES)
-@pytest.mark.parametrize("codes", [OUTCOMES, VERDICTS, REGIMES])
+@pytest.mark.parametrize("codes", [OUTCOMES, KINDS, REGIMES])
 def test_codes_of_a_map_are_told_apart_by_any_eye(codes, eye):
     from ziegler_jax.plot.style import code_colours
 
@@ -142,7 +142,7 @@ def test_codes_of_a_map_are_told_apart_by_any_eye(codes, eye):
 def test_stuck_has_one_colour_and_no_other_verdict_wears_it():
     from ziegler_jax.plot.style import REST_COLOUR, code_colours
 
-    families = (OUTCOMES, VERDICTS, REGIMES, CRITICAL_LOADS, ONSETS, ORBITS)
+    families = (OUTCOMES, KINDS, REGIMES, CRITICAL_LOADS, ONSETS, ORBITS)
     for codes in families:
         names = [code.name for code in codes]
         colours = dict(zip(names, code_colours(names), strict=True))

@@ -139,10 +139,14 @@ def test_undecided_cells_are_hatched_by_their_kind(plane):
     ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
     layers = {layer.get_label(): layer for layer in ax.collections[1:]}
     words = "no returns", "unstable near", "slow", "aperiodic", "growing", "lasting"
-    names = [*(f"unsettled, {w}" for w in words), "unsettled"]
+    names = [f"unsettled, {w}" for w in words]
+    names += ["conservative", "periodic, not certified", "quasi-periodic", "chaotic"]
+    names += ["unsettled"]
     assert list(layers) == names
     assert len({layer.get_hatch() for layer in layers.values()}) == len(names)
-    for number, name in enumerate(names):
+    for number, name in enumerate(
+        [*names[:6], names[-1], *names[6:-1]]
+    ):  # as in UNSETTLED
         (cell,) = layers[name].get_paths()
         row, column = np.unravel_index(number, codes.shape)
         assert cell.contains_point((Q[row], MU[column]))

@@ -329,7 +329,7 @@ def test_it_is_refused_where_it_has_no_series(friction):
 
 @pytest.mark.parametrize(
     "function",
-    [zj.periodic_orbit, zj.lyapunov_exponents, zj.verdict, zj.poincare],
+    [zj.periodic_orbit, zj.lyapunov_exponents, zj.poincare],
 )
 def test_it_is_refused_where_derivatives_or_sections_are_asked_for(function):
     column = zj.uniform_rods(2.0, friction=LAW)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.results import CRITICAL_LOADS, ONSETS, ORBITS, OUTCOMES, VERDICTS
+from ziegler_jax.results import CRITICAL_LOADS, KINDS, ONSETS, ORBITS, OUTCOMES
 from ziegler_jax.sweep.assembly import REMEDIES
 
 ENDS = float(zj.CODE.step_vanished), float(zj.CODE.complete)
@@ -56,7 +56,7 @@ def test_each_failure_has_a_remedy(codes, code):
     "codes, names",
     [
         (OUTCOMES, ("not_computed", "escaped", "unsettled", "stuck", "cycle")),
-        (VERDICTS, ("unclassified", "chaotic")),
+        (KINDS, ("slow", "chaotic")),
         (ONSETS, ("undecided", "rests")),
         (ORBITS, ("collapsed", "found")),
     ],

@@ -1,1 +1,1 @@
-"""Questions about motions: cycles, branches, thresholds, exponents, verdicts."""
+"""Questions about motions: cycles, branches, thresholds, exponents."""

@@ -11,35 +11,31 @@ itself; their sum is the mean divergence of the flow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypedDict, cast
+from typing import TypedDict, cast
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..model.column import Column, State
-from ..model.state import PhasePoint
-from ..model.system import System
 from ..motion.checks import check_scene
 from ..motion.ending import ending, nan_where
 from ..motion.method import explicit_method
 from ..motion.not_finite import motion
 from ..motion.options import Method, Spans, recorded, spans_for
-from ..motion.spans import AbstractSpans, SpanState, follow_spans
-from ..motion.tangents import AbstractGrowth, TangentFrame, in_logs, unit_tangents
+from ..motion.spans import follow_spans
 from ..numerics.no_number import refused
-from ..numerics.numbers import Flag, Option, Scalar
+from ..numerics.numbers import Option, Scalar
 from ..numerics.rules import whole_number
-from ..results import CODE, RATE, AbstractMotionResult, Settings, Variable
+from ..results import CODE, AbstractMotionResult, Settings
 from ..solvers import Explicit
+from ..steady.exponents import ERRORS, EXPONENTS, GrowthRates, standard_errors
 
 NO_DERIVATIVE = (
     "`{}` has no derivatives: differences grow along a motion, and what is summed of "
     "them says nothing of its averages. Take it out of what is differentiated "
     "(`jax.lax.stop_gradient` of its arguments), or take differences of its results."
 )
-EXPONENTS = Variable(None, "Lyapunov exponent", RATE, ("exponent",))
-ERRORS = Variable(None, "standard error of the exponent", RATE, ("exponent",))
 
 
 class Exponents(AbstractMotionResult[State]):
@@ -153,84 +149,3 @@ def growth_settings(method: Method, spans: Spans, **more: Option) -> Settings:
         escape=spans.escape,
         **more,
     )
-
-
-class GrowthSums(NamedTuple):
-    """Tangents, and the rates at which they grow, from block to block."""
-
-    tangents: TangentFrame
-    mean: tuple[Scalar, ...]  # of the blocks so far
-    squares: tuple[Scalar, ...]  # of the deviations from it, their sums
-
-
-def no_growth(system: System, y: PhasePoint, count: int) -> GrowthSums:
-    """Unit tangents that have not grown."""
-    zero = (0.0 * y[0],) * count
-    return GrowthSums(unit_tangents(system, y, count), zero, zero)
-
-
-def with_block(
-    growth: GrowthSums, blocks: Int[Array, ""], block: Scalar, ended: Flag
-) -> tuple[GrowthSums, tuple[Scalar, ...]]:
-    """One block more where it has ended (Welford's update); the transient's is lost.
-
-    **Arguments:** `blocks`: how many there are with it; `block`: its length.
-
-    **Returns:** the growth, and the logarithms of what the block has added to it.
-    """
-    tangents = in_logs(growth.tangents, ended)
-    counted = ended & (blocks > 0)
-    count = blocks.astype(jnp.result_type(tangents.logs[0]))
-    means, squares = [], []
-    rows = zip(tangents.logs, growth.mean, growth.squares, strict=True)
-    for log, mean, square in rows:
-        rate = log / block
-        # two infinities that agree do not differ
-        off = jnp.where(rate == mean, 0.0, rate - mean)
-        new = mean + off / jnp.where(counted, count, 1.0)
-        still = jnp.where(rate == new, 0.0, rate - new)
-        means.append(jnp.where(counted, new, mean))
-        squares.append(jnp.where(counted, square + off * still, square))
-    added = tuple(jnp.where(ended, x, 0.0) for x in tangents.logs)
-    logs = tuple(jnp.where(ended, 0.0, x) for x in tangents.logs)
-    growth = GrowthSums(tangents._replace(logs=logs), tuple(means), tuple(squares))
-    return growth, added
-
-
-def standard_errors(growth: GrowthSums, blocks: Int[Array, ""]) -> tuple[Scalar, ...]:
-    """Those of the means; none (NaN) of fewer than two blocks, 0 of infinity."""
-    n = blocks.astype(jnp.result_type(growth.mean[0]))
-    pairs = jnp.where(n > 1, n * (n - 1), jnp.nan)
-    return tuple(
-        jnp.where(jnp.isinf(mean), 0.0, jnp.sqrt(square / pairs))
-        for mean, square in zip(growth.mean, growth.squares, strict=True)
-    )
-
-
-class GrowthRates(AbstractSpans[GrowthSums], AbstractGrowth[SpanState[GrowthSums]]):
-    """A transient, then blocks of growth."""
-
-    solver: Explicit
-    rtol: Scalar
-    count: int
-
-    def begin(self, system, t0, y0):
-        """Unit tangents that have not grown."""
-        del t0
-        return no_growth(system, y0, self.count)
-
-    def tangents(self, state):
-        """Those of the blocks."""
-        return state.watch.tangents
-
-    def watch(self, system, state, step):
-        """Let the tangents grow."""
-        tangents, longest = self.advance_frame(system, state, step)
-        return state.watch._replace(tangents=tangents), False, longest
-
-    def judge(self, system, state, step, ended):
-        """Take the block's rates."""
-        del system, step
-        growth, _ = with_block(state.watch, state.spans, self.span, ended)
-        last = state.spans >= self.most
-        return growth, jnp.where(last, CODE.complete, state.outcome)

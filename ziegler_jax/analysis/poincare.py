@@ -11,86 +11,19 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..model.column import Column, State
-from ..model.state import PhasePoint
 from ..motion.checks import check_scene
 from ..motion.implicit import forward_only
 from ..motion.method import explicit_method
 from ..motion.not_finite import motion
 from ..motion.options import Method, recorded
-from ..motion.section import Passage, SectionPlane, passage
+from ..motion.section import SectionPlane, passage
 from ..motion.spans import AbstractSpans, follow_spans
-from ..numerics.materialise import tree_where
 from ..numerics.numbers import Flag, Scalar
 from ..numerics.rules import instance, keeps, number, whole_number
 from ..results import CODE, OUTCOMES, RATE, TIME, AbstractResult, Settings, quantity
-
-LONGEST_PERIOD = 16  # passages
-
-
-class CycleDetector(NamedTuple):
-    """Brent's cycle detection on the passages of a section."""
-
-    point: PhasePoint  # the reference
-    time: Scalar
-    since: Scalar  # so many passages; -1 before the first
-    most: Scalar  # after so many the reference is renewed
-    passages: Scalar  # the period in passages, once there is one; else 0
-    period: Scalar
-    nearest: Scalar  # the least relative distance from a reference, in this block
-    growth: Scalar  # logarithm of the tangent's growth up to the reference
-    confirmed: Bool[Array, ""]
-
-
-def detect_cycle(
-    returns: CycleDetector,
-    here: Passage,
-    growth: Scalar,
-    rtol: Scalar,
-    zero_rate: Scalar,
-) -> CycleDetector:
-    """Hear one passage more, up to which the tangent has grown by e^`growth`.
-
-    A motion that lingers by an unstable cycle comes back as well; its tangents grow.
-    """
-    count = returns.since + 1.0
-    apart, size = 0.0 * count, 0.0 * count
-    for x, x0 in zip(here.y, returns.point, strict=True):
-        apart = jnp.maximum(apart, jnp.abs(x - x0))
-        size = jnp.maximum(size, jnp.abs(x0))
-    back = (count > 0) & (apart <= rtol * size)
-    first = back & (returns.passages == 0)
-    again = (returns.passages > 0) & (count == 2 * returns.passages)
-    # growth is no number where the tangent was lost: nothing grows there
-    lingers = growth - returns.growth > zero_rate * (here.time - returns.time)
-    repeats = again & back & ~lingers
-    # a period that was not confirmed was none
-    renew = (count == 0) | (again & jnp.logical_not(repeats))
-    renew |= ~first & (returns.passages == 0) & (count >= returns.most)
-    doubled = jnp.where(
-        returns.most >= LONGEST_PERIOD, 1.0 + 0.0 * count, 2 * returns.most
-    )
-    new = CycleDetector(
-        point=tree_where(renew, here.y, returns.point),
-        time=jnp.where(renew, here.time, returns.time),
-        since=jnp.where(renew, 0.0, count),
-        most=jnp.where(renew & (count > 0), doubled, returns.most),
-        passages=jnp.where(renew, 0.0, jnp.where(first, count, returns.passages)),
-        period=jnp.where(first, here.time - returns.time, returns.period),
-        nearest=jnp.minimum(returns.nearest, jnp.where(count > 0, apart / size, 1.0)),
-        growth=jnp.where(renew, growth, returns.growth),
-        confirmed=returns.confirmed | repeats,
-    )
-    return tree_where(here.there, new, returns)
-
-
-def no_cycle(t: Scalar, y: PhasePoint) -> CycleDetector:
-    """Before the first passage."""
-    zero, one = 0.0 * y[0], 0.0 * y[0] + 1
-    no = jnp.zeros((), bool)
-    return CycleDetector(y, t + zero, zero - 1, one, zero, zero, one, zero, no)
 
 
 class PoincareSection(AbstractResult):

@@ -108,7 +108,6 @@ class Method(AbstractOptions):
     | `branch_off` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
     | `bifurcation_curve` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
     | `lyapunov_exponents` | Tsit5 | 1e-8 | 10000000 |
-    | `verdict` | Tsit5 | 1e-7 | 10000000 |
     | `poincare` | Tsit5 | 1e-9 | 10000000 |
 
     Taylor8 stands for Tsit5 with the load `JointReaction()` and with a damping law of
@@ -256,7 +255,7 @@ class Spans(AbstractOptions):
 
     | question | transient | length | count | escape |
     |---|---|---|---|---|
-    | `lyapunov_exponents`, `verdict` | 200 | 50 | 20 | pi |
+    | `lyapunov_exponents` | 200 | 50 | 20 | pi |
 
     **Raises:** `ValueError` for numbers that break a rule.
     """
@@ -282,7 +281,6 @@ _METHODS = {
     "bifurcation": (1e-10, 10_000_000),
     "bifurcation_curve": (1e-10, 10_000_000),
     "lyapunov_exponents": (1e-8, 10_000_000),
-    "verdict": (1e-7, 10_000_000),
     "poincare": (1e-9, 10_000_000),
 }
 # question: transient, length, max_windows, agreement
@@ -292,7 +290,7 @@ _WINDOWS = {
     "threshold": (0.0, 40.0, 1000, None),  # cycles are certified
     "least_kick": (0.0, 40.0, 200, None),
 }
-_SPANS = {name: (200.0, 50.0, 20) for name in ("lyapunov_exponents", "verdict")}
+_SPANS = {"lyapunov_exponents": (200.0, 50.0, 20)}
 
 
 def complete(question: str, method: Method, solver: Solver) -> Method:

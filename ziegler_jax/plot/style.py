@@ -28,6 +28,10 @@ UNSETTLED = {
     CODE.aperiodic: ("unsettled, aperiodic", "ooooo"),
     CODE.growing: ("unsettled, growing", "|||||"),
     CODE.lasting: ("unsettled, lasting", "++++"),
+    CODE.conservative: ("conservative", "OO"),
+    CODE.periodic: ("periodic, not certified", "\\\\\\\\"),
+    CODE.quasi_periodic: ("quasi-periodic", "oo.."),
+    CODE.chaotic: ("chaotic", "xx.."),
 }
 # Of codes, by their names: one colour in the whole package. Those of one map are at
 # least 10 apart (CIE 1976) for normal eyes and for three kinds of colour-blind ones.
@@ -43,13 +47,18 @@ COLOUR_OF = {
     "stuck": REST_COLOUR,
     "rest": "#C9B58F",
     "cycle": BLUE,
-    "periodic": BLUE,
+    "periodic": "#2840B8",
     "saddle_cycle": BLUE,
     "repeats": "#7848F0",
     "complete": "#A8F078",
-    "failed": "#5A5A5A",
     "undecided": "#9A9A9A",
-    "unclassified": "#9A9A9A",
+    # of which kind a motion is that has not settled
+    "no_passages": "#C8C8C8",
+    "unstable_near": "#884028",
+    "slow": "#A0E870",
+    "aperiodic": "#A028E8",
+    "growing": "#70A058",
+    "lasting": "#582858",
     "conservative": SKY,
     "quasi_periodic": ORANGE,
     "chaotic": VERMILLION,

@@ -10,30 +10,31 @@ A cycle is certified when
     the orbit's norm and its return follows the orbit's linear map; else the motion goes
     on until its own returns do.
 
-What is refused goes on, to the horizon at most. Both kinds of motion, with tangents and
-without, are programs of their own: phases of one loop, between which a lane goes to and
-fro at its own pace.
+What is refused goes on, to the horizon at most. From there on, where they are asked
+for, its exponents tell a torus from chaos (`exponents`). These kinds of motion, without
+tangents and with, are programs of their own: phases of one loop, between which a lane
+goes to and fro at its own pace.
 """
 
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..model.column import Column, State
 from ..model.state import PhasePoint
 from ..motion.checks import float_state, valid_scene, with_amplitude
-from ..motion.integrate import Motion
+from ..motion.integrate import Motion, Run
 from ..motion.method import explicit_method, method_of, rate_cut_of, usual_method
-from ..motion.observers import AbstractObserver, Period
+from ..motion.observers import AbstractObserver, Observation, Period, Record
 from ..motion.options import Method, Windows, windows_for
+from ..motion.spans import SpanState
 from ..numerics.materialise import replaced, tree_where
 from ..numerics.numbers import Count, Flag, Option, Scalar
 from ..numerics.resumable import Decision, Phase, Stop, phase_of, resumable
 from ..numerics.rules import instance, keeps
-from ..results import CODE
+from ..results import CODE, Variable
 from ..solvers import Explicit
 from .contraction import (
     contraction_norm,
@@ -42,9 +43,9 @@ from .contraction import (
     size_of,
     spectral_radius,
 )
+from .exponents import Naming, Witness, exponent_variables, name_of
 from .growth import Growth
-from .lane import Certifying, Orbit, going_on
-from .observation import Observation, Record
+from .lane import GROWTH, MARCH, SHOTS, Certifying, Orbit, going_on
 from .oddness import is_odd
 from .rest import Rest, decays
 from .returns import (
@@ -65,11 +66,14 @@ from .returns import (
     with_return,
 )
 from .shots import (
+    COARSE,
     Attempt,
     ShotState,
     after_shot,
     attempt_at,
     blank_attempt,
+    run_that_is_over,
+    shooting,
     shot_motion,
     start_of,
     to_be_begun,
@@ -87,7 +91,7 @@ class CertifiedMotion:
     """The motion that `settle(certify=True)` asks for.
 
     **Arguments:** those of `settle`, a scene that has been checked; `question`: whose
-    defaults hold; `observers`: None for a verdict alone.
+    defaults hold; `observers`: None for a verdict alone, without `exponents`.
     """
 
     def __init__(
@@ -99,6 +103,7 @@ class CertifiedMotion:
         observers: Sequence[AbstractObserver] | None,
         method: Method,
         odd: Flag | None = None,
+        exponents: int = 0,
     ):
         """Set it up; `odd`: whether it is its own mirror image, if known."""
         instance("windows", windows, Windows)
@@ -134,11 +139,23 @@ class CertifiedMotion:
         if halves:
             self.odd = is_odd(system) if odd is None else odd
         transient, length, most = self.windows.spans
+        self.exponents = exponents
+        self.naming = Naming(
+            transient=transient,
+            span=length,
+            most=most,
+            escape=self.windows.bound,
+            solver=shooting(self.method),
+            rtol=COARSE * self.method.tolerances[0],
+            count=exponents,
+        )
         self.last = length  # the span that is observed where nothing is certain
         self.horizon = transient + length * (most - 1)
         good = keeps("nonnegative", transient)
         good &= keeps("positive", length, self.windows.escape, self.windows.rate_cut)
         good &= keeps("positive", self.method.rtol, self.method.atol)
+        if exponents:
+            good &= self.naming.valid()
         self.valid = good & valid_scene(column, self.y0) & self.observation.valid()
 
     # ---- the loop
@@ -151,14 +168,12 @@ class CertifiedMotion:
         blank = Candidate(no, none, point, matrix, matrix, zero)
         attempt = blank_attempt(zero)
         march = self._march(none).begin()
-        shapes = jax.eval_shape(lambda: self._shot(self.y0, attempt, none).begin())
-        shot = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-        shot = shot._replace(outcome=shot.outcome + CODE.complete)
+        shot = run_that_is_over(lambda: self._shot(self.y0, attempt, none).begin())
         states = self.observation.init(self.system, zero, self.y0)
         record = Record(states, zero, self.y0)
         outcome = jnp.where(march.running, CODE.not_computed, march.outcome)
-        return Certifying(
-            shoots=no,
+        lane = Certifying(
+            stage=none + MARCH,
             march=march,
             returns=no_returns(zero),
             shot=shot,
@@ -170,10 +185,15 @@ class CertifiedMotion:
             spent=none,
             outcome=outcome.astype(jnp.int32),
         )
+        if not self.exponents:
+            return lane
+        return lane._replace(
+            growth=run_that_is_over(lambda: self._growth(lane).begin())
+        )
 
     @property
     def phases(self) -> list[Phase[Certifying]]:
-        """The two programs; each decides where a lane goes that has ended there."""
+        """The programs; each decides where a lane goes that has ended there."""
         march = [
             Decision(self._has_returned, self._after_return),
             Decision(self._march_is_over, self._after_march),
@@ -186,11 +206,18 @@ class CertifiedMotion:
             *(observed if self.watches else []),
             Decision(self._is_to_begin, self._next_shot),
         ]
+        growth = [
+            Decision(self._has_grown, self._after_growth),
+            Decision(self._is_to_grow, self._begin_growth),
+        ]
         every = self.at_once
-        return [
+        phases = [
             phase_of(Stop(self.march_on, march, every)),
             phase_of(Stop(self.shoot_on, shots, every), COST),
         ]
+        if self.exponents:
+            phases.append(phase_of(Stop(self.grow_on, growth, every), COST))
+        return phases
 
     def follow(self) -> Certifying:
         """The last state."""
@@ -206,7 +233,7 @@ class CertifiedMotion:
         return now._replace(march=run)
 
     def _has_returned(self, now: Certifying) -> Bool[Array, ""]:
-        return now.running & ~now.shoots & (now.march.folded.waits > 0)
+        return now.running & (now.stage == MARCH) & (now.march.folded.waits > 0)
 
     def _after_return(self, now: Certifying) -> Certifying:
         """What the return that waits tells."""
@@ -219,7 +246,7 @@ class CertifiedMotion:
         return now._replace(march=run, returns=after)
 
     def _march_is_over(self, now: Certifying) -> Bool[Array, ""]:
-        return now.running & ~now.shoots & ~now.march.running
+        return now.running & (now.stage == MARCH) & ~now.march.running
 
     def shoot_on(self, now: Certifying, max_steps: Count) -> Certifying:
         """A shot."""
@@ -252,6 +279,31 @@ class CertifiedMotion:
         observes = now.observing != CODE.not_computed
         y0 = tree_where(observes, now.march.y, start_of(now.attempt.x))
         return now._replace(shot=self._shot(y0, now.attempt, self._left(now)).begin())
+
+    def grow_on(self, now: Certifying, max_steps: Count) -> Certifying:
+        """A motion that is given up, with the tangents of its exponents."""
+        run = self._growth(now).advance(_growth_of(now), max_steps)
+        return now._replace(growth=run)
+
+    def _has_grown(self, now: Certifying) -> Bool[Array, ""]:
+        run = _growth_of(now)
+        return now.running & now.grows & ~run.running & (run.steps >= 0)
+
+    def _after_growth(self, now: Certifying) -> Certifying:
+        """What it is called does not change what it ended as."""
+        return now._replace(outcome=now.observing)
+
+    def _is_to_grow(self, now: Certifying) -> Bool[Array, ""]:
+        return now.running & now.grows & (_growth_of(now).steps < 0)
+
+    def _begin_growth(self, now: Certifying) -> Certifying:
+        """Before its first step."""
+        return now._replace(growth=self._growth(now).begin())
+
+    def _growth(self, now: Certifying) -> Motion[SpanState[Witness]]:
+        """The motion on from the horizon: as long again, with tangents."""
+        scene = self.system, now.orbit.y, self.method
+        return self.naming.motion(*scene, self._left(now))
 
     def _march(self, spent: Count) -> Motion[Lookout]:
         carrier = self.method.explicit if self.grows else None
@@ -297,7 +349,7 @@ class CertifiedMotion:
         outcome = jnp.where(shoots, CODE.not_computed, ended)
         outcome = jnp.where(accepted, CODE.cycle, outcome)
         after = now._replace(
-            shoots=shoots,
+            stage=jnp.where(shoots, SHOTS, now.stage).astype(jnp.int32),
             shot=tree_where(shoots, to_be_begun(now.shot), now.shot),
             attempt=attempt,
             observing=watched.astype(jnp.int32),
@@ -311,11 +363,20 @@ class CertifiedMotion:
         well = run.outcome == CODE.complete
         record = Record(run.folded.record, span, run.y)
         outcome = jnp.where(well, now.observing, run.outcome)
-        return now._replace(
+        after = now._replace(
             orbit=Orbit(run.y, span, span + jnp.nan, record),
             spent=(now.spent + run.steps).astype(jnp.int32),
             outcome=outcome.astype(jnp.int32),
         )
+        if not now.growth:
+            return after
+        unsettled = after.outcome == CODE.unsettled
+        growing = after._replace(
+            stage=jnp.full_like(now.stage, GROWTH),
+            outcome=jnp.zeros_like(after.outcome),
+            growth=to_be_begun(now.growth),
+        )
+        return replaced(unsettled, growing, after)
 
     def _sign(self, returns: Count) -> Scalar:
         """-1 where an odd number of half returns closes."""
@@ -342,7 +403,7 @@ class CertifiedMotion:
         returns = tree_where(stable, with_candidate(state), ask_no_more(state))
         outcome = jnp.where(at_once, CODE.cycle, CODE.not_computed)
         return now._replace(
-            shoots=jnp.zeros_like(now.shoots),
+            stage=jnp.full_like(now.stage, MARCH),
             march=now.march.resumed(),
             returns=returns,
             candidate=tree_where(stable, orbit, now.candidate),
@@ -356,8 +417,23 @@ class CertifiedMotion:
     def kind(self, now: Certifying) -> Int[Array, ""]:
         """Of which kind an undecided lane is."""
         kind = now.returns.trend.kind(now.returns.nearest, now.unstable)
+        if now.growth:
+            name = name_of(now.growth.folded, self.last)
+            named = self.measured(now) & (name != CODE.not_computed)
+            kind = jnp.where(named, name, kind)
         kind = jnp.where(now.outcome == CODE.unsettled, kind, CODE.decided)
         return kind.astype(jnp.int8)
+
+    def measured(self, now: Certifying) -> Bool[Array, ""]:
+        """Whether it has exponents: of one that turned over there are none."""
+        whole = _growth_of(now).outcome == CODE.complete
+        return whole & (now.outcome == CODE.unsettled)
+
+    def exponents_of(self, now: Certifying) -> dict[str, Variable]:
+        """The exponents with their errors, NaN where none were measured."""
+        if not now.growth:
+            return {}
+        return exponent_variables(now.growth.folded, ~self.measured(now))
 
     def settings(self) -> dict[str, Option]:
         """The options, for the record."""
@@ -366,3 +442,8 @@ class CertifiedMotion:
             **self.windows.settings(),
             "rate_cut": self.rest.setting(),
         }
+
+
+def _growth_of(now: Certifying) -> Run[SpanState[Witness]]:
+    assert now.growth
+    return now.growth

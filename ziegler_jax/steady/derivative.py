@@ -24,13 +24,13 @@ from ..model.column import Column
 from ..model.state import PhasePoint
 from ..motion.implicit import fixed, moving, solve, zeros_of
 from ..motion.integrate import Motion
+from ..motion.observers import Observation, Record
 from ..motion.options import Method
 from ..numerics.eigenvalues import eigenvalues
 from ..numerics.numbers import Scalar
 from ..results import Variable
 from .certified import CertifiedMotion
 from .contraction import Matrix3
-from .observation import Observation, Record
 from .rest import Rest
 from .shots import SHORTEST, blank_attempt, return_of, shot_motion, start_of
 from .window_rule import SettleFold

@@ -7,15 +7,17 @@ from jaxtyping import Array, Bool, Int
 
 from ..model.state import PhasePoint
 from ..motion.integrate import Run
+from ..motion.observers import Record
+from ..motion.spans import SpanState
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Scalar
 from ..numerics.resumable import ENDED
 from ..results import CODE
-from .observation import Record
+from .exponents import Witness
 from .returns import Calm, Candidate, Lookout, Returns, ask_no_more
 from .shots import Attempt, ShotState
 
-MARCH, SHOTS = range(2)  # the phases
+MARCH, SHOTS, GROWTH = range(3)  # the phases
 
 
 class Orbit(NamedTuple):
@@ -30,7 +32,7 @@ class Orbit(NamedTuple):
 class Certifying(NamedTuple):
     """Where a lane is."""
 
-    shoots: Bool[Array, ""]  # whether it is in a shot
+    stage: Int[Array, ""]  # the phase that it is in while it runs
     march: Run[Lookout]
     returns: Returns
     shot: Run[ShotState]
@@ -41,6 +43,17 @@ class Certifying(NamedTuple):
     unstable: Bool[Array, ""]  # whether an unstable orbit was met
     spent: Int[Array, ""]  # steps of all shots that have ended
     outcome: Int[Array, ""]  # `not_computed` while it runs
+    growth: Run[SpanState[Witness]] | tuple[()] = ()  # where exponents are asked for
+
+    @property
+    def shoots(self) -> Bool[Array, ""]:
+        """Whether it is in a shot."""
+        return self.stage == SHOTS
+
+    @property
+    def grows(self) -> Bool[Array, ""]:
+        """Whether its exponents are measured."""
+        return self.stage == GROWTH
 
     @property
     def watched(self) -> Bool[Array, ""]:
@@ -63,7 +76,10 @@ class Certifying(NamedTuple):
         """Attempted steps, those of shots included."""
         shooting = jnp.where(self.shoots & self.running, self.shot.steps, 0)
         shooting = jnp.maximum(shooting, 0)  # of one to be begun it is -1
-        return (self.march.steps + self.spent + shooting).astype(jnp.int32)
+        steps = self.march.steps + self.spent + shooting
+        if self.growth:
+            steps = steps + jnp.maximum(self.growth.steps, 0)
+        return steps.astype(jnp.int32)
 
     @property
     def running(self) -> Bool[Array, ""]:
@@ -80,8 +96,7 @@ class Certifying(NamedTuple):
     @property
     def phase(self) -> Int[Array, ""]:
         """The program that it is in, or `ENDED`."""
-        phase = jnp.where(self.shoots, SHOTS, MARCH)
-        return jnp.where(self.running, phase, ENDED).astype(jnp.int32)
+        return jnp.where(self.running, self.stage, ENDED).astype(jnp.int32)
 
 
 def going_on(lane: Certifying) -> Certifying:

@@ -16,13 +16,14 @@ from ..motion.checks import check_scene
 from ..motion.ending import ending, nan_where
 from ..motion.implicit import fixed, forward_only, lost
 from ..motion.integrate import Run, follow
-from ..motion.observers import AbstractObserver
+from ..motion.observers import AbstractObserver, Record
 from ..motion.options import Method, Windows, recorded
 from ..motion.spans import SpanState
 from ..numerics.materialise import tree_where
 from ..numerics.rules import instance
 from ..results import (
     CODE,
+    KINDS,
     TIME,
     UNSETTLED,
     AbstractDescribed,
@@ -36,7 +37,6 @@ from .certified import CertifiedMotion
 from .derivative import Place, carried, floats, with_zeros
 from .growth import Grown, growth_variables
 from .lane import Certifying
-from .observation import Record
 from .rest import Rest
 from .window_rule import SettleProblem, WindowState
 
@@ -47,7 +47,8 @@ class Settled(AbstractDescribed, AbstractMotionResult[State]):
     Beside the fields, each observer adds attributes: `rod_amplitude` and
     `joint_amplitude` always, and `stick_fraction`, `mean_angle`, `follower_power`, ...
     where asked for. A certificate adds `period`, `returns`, `largest_multiplier`,
-    `undecided` and `shot_steps`; the rule of windows adds `windows`.
+    `undecided` and `shot_steps`, and, where exponents were asked for, those, their
+    `errors` and `kind`; the rule of windows adds `windows`.
     """
 
     numbers: dict[str, Shaped[Array, "..."]]
@@ -59,11 +60,18 @@ class Settled(AbstractDescribed, AbstractMotionResult[State]):
         )
     )
 
+    def coordinates(self) -> dict[str, Sequence[object]]:
+        """The exponents' numbers, from 1, where they were asked for."""
+        if "exponents" not in self.numbers:
+            return {}
+        return {"exponent": tuple(range(1, self.exponents.shape[-1] + 1))}
 
+
+MOST_EXPONENTS = 4  # as many as a state has numbers
 _FIELDS = {*Settled.__dataclass_fields__, "windows"}
 _CERTIFICATE = {
     "period", "returns", "largest_multiplier", "undecided", "shot_steps", "growth",
-    "sensitive",
+    "sensitive", "exponents", "errors", "kind",
 }  # fmt: skip
 
 
@@ -76,6 +84,7 @@ def settle(
     observers: Sequence[AbstractObserver] = (),
     method: Method = Method(),
     certify: bool | None = None,
+    exponents: int = 0,
 ) -> Settled:
     r"""Kick the column and wait: what its motion settles to, with a certificate.
 
@@ -118,6 +127,15 @@ def settle(
     job's map then repeat that a finer run does not confirm: most are on their slow way
     past an unstable cycle (`benchmarks/a4_settling.py`).
 
+    **Torus or chaos** (`exponents=2`): a certified motion that ends `unsettled` goes on
+    as long again, after another `transient` over `max_windows` of `length`, with
+    tangents: `exponents` are its largest Lyapunov exponents, with `errors` as
+    `lyapunov_exponents` has them, NaN of every other motion. By them `undecided` says
+    `chaotic`, `quasi_periodic`, `periodic` or `conservative` where that is sure
+    (`steady/exponents.py`): chaos that ends after the time of looking on is chaotic.
+    `kind` is that, or the outcome of a motion that has settled. Nothing else changes,
+    and a motion that settles pays for nothing.
+
     **Arguments:**
 
     - `column`, `start`: the scene.
@@ -131,6 +149,8 @@ def settle(
         an error of 4e-5 after 100 time units (`benchmarks/b0_work_precision.py`); from
         there Calvo7 is, with Vern9 from 1e-9 on (in layers of 1e-4 and thinner Calvo7
         is not to be trusted, see `solvers.tableaus`).
+    - `exponents`: how many, 0 to 4, as above: two name tori, one chaos alone. None of
+        `certify` is then True.
     - `certify`: None certifies with explicit methods, where friction is not
         set-valued. With `SetValuedCoulomb` it has to be asked for: shots run on an
         explicit method, event by event, with tangents, far slower than the motion's own
@@ -155,11 +175,11 @@ def settle(
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit session.
     """
     scene = column, start, "settle", windows, observers, method
-    motion = settling(*scene, certify)
+    motion = settling(*scene, certify, exponents)
     if not isinstance(motion, CertifiedMotion):
         return forward_only("settle", settled(motion, follow(motion)), once=True)
     fixed_scene = (*fixed((column, start)), "settle", *fixed(scene[3:]))
-    still = CertifiedMotion(*fixed_scene, odd=fixed(motion.odd))
+    still = CertifiedMotion(*fixed_scene, fixed(motion.odd), exponents)
     return forward_only("settle", settled(motion, still.follow()), once=True)
 
 
@@ -174,26 +194,46 @@ def settling(
     observers: Sequence[AbstractObserver],
     method: Method,
     certify: bool | None,
+    exponents: int = 0,
 ) -> Settling:
     """The motion that is followed until it has settled.
 
-    **Raises:** `ValueError` where a certificate is asked for that cannot be given.
+    **Raises:** `ValueError` where a certificate is asked for that cannot be given, or
+    exponents without one.
     """
     scene = column, start, question, windows, observers, method
     check_scene(column, start)
     instance("method", method, Method)
+    exponents = _exponents(exponents, certify)
     if certify is None:
-        certify = may_certify(column, method)
-    elif not isinstance(certify, bool):
+        certify = exponents > 0 or may_certify(column, method)
+    if not isinstance(certify, bool):
         raise ValueError(
             f"Argument `certify` must be True, False or None, but is {certify!r}."
         )
-    elif certify and isinstance(method.solver, Rosenbrock):
+    if certify and isinstance(method.solver, Rosenbrock):
         raise ValueError(
-            "Argument `certify` must be False or None with `Rosenbrock()`, whose steps "
-            "carry no tangents, but is True."
+            "Argument `certify` must be False or None, and `exponents` 0, with "
+            "`Rosenbrock()`, whose steps carry no tangents, but "
+            f"{f'`exponents` is {exponents}' if exponents else '`certify` is True'}."
         )
-    return CertifiedMotion(*scene) if certify else SettleProblem(*scene)
+    if certify:
+        return CertifiedMotion(*scene, exponents=exponents)
+    return SettleProblem(*scene)
+
+
+def _exponents(count: int, certify: bool | None) -> int:
+    if isinstance(count, bool) or count not in range(MOST_EXPONENTS + 1):
+        raise ValueError(
+            f"Argument `exponents` must be a whole number from 0 to {MOST_EXPONENTS}, "
+            f"but is {count!r}."
+        )
+    if count and certify is False:
+        raise ValueError(
+            "Argument `exponents` must be 0 with `certify=False`, where no motion is "
+            f"given up, but is {count}."
+        )
+    return count
 
 
 def may_certify(column: Column, method: Method) -> bool:
@@ -274,6 +314,12 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
         "shot_steps": Variable(end.spent, "steps of shots, with three tangents each"),
     }
     named |= certificate
+    scene = motion.column, motion.y0, motion.windows
+    for name, variable in motion.exponents_of(end).items():
+        named[name] = variable._replace(value=lost(variable.value, scene))
+    if motion.exponents:
+        kind = jnp.where(unsettled, motion.kind(end), end.outcome.astype(jnp.int8))
+        named["kind"] = Variable(kind, "what the motion is", codes=KINDS)
     if motion.grows:
         largest = cast(Grown, end.march.folded.grown).largest
         largest = lost(largest, (motion.column, motion.y0))

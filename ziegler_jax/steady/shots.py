@@ -12,15 +12,18 @@ $$H(x) = a + \delta t\,F, \qquad DH = V - \frac{F\,V_1}{F_1}, \qquad x \leftarro
 Steps are ten, at last a hundred times finer than the motion's own.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..model.state import PhasePoint
 from ..model.system import System
-from ..motion.integrate import Motion, Run
+from ..motion.integrate import Folded, Motion, Run
+from ..motion.observers import Observation
 from ..motion.options import Method
 from ..motion.tangents import Vectors, apart, joined, past
 from ..motion.variational import events_number
@@ -35,7 +38,6 @@ from .contraction import (
     largest,
     size_of,
 )
-from .observation import Observation
 from .push_along import push_along, tangent_field
 
 COARSE, FINE = 0.1, 0.01  # tolerances against the motion's own
@@ -139,12 +141,17 @@ def shot_motion(
     """The next shot of an attempt; `method`: that of the motion itself."""
     share = jnp.where(attempt.fine, FINE, COARSE)
     rtol, atol = (jnp.maximum(share * x, FINEST) for x in method.tolerances)
-    solver = method.solver
-    solver = solver if isinstance(solver, Explicit) else Explicit()
+    solver = shooting(method)
     fold = Shot(solver, observation)
     finer = Method(solver, rtol, atol).at_most(method.budget)
     span = jnp.maximum(attempt.span, SHORTEST)
     return Motion(system, y0, fold, finer, end=span)
+
+
+def shooting(method: Method) -> Explicit:
+    """The solver with which tangents go along."""
+    solver = method.solver
+    return solver if isinstance(solver, Explicit) else Explicit()
 
 
 def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
@@ -200,8 +207,8 @@ def return_of(run: Run[ShotState], attempt: Attempt) -> Return:
     return Return(reached, slope, move, late - jnp.sum(first * move))
 
 
-def to_be_begun(run: Run[ShotState]) -> Run[ShotState]:
-    """A shot that is over, marked so that the next one begins where shots run.
+def to_be_begun(run: Run[Folded]) -> Run[Folded]:
+    """A run that is over, marked so that the next one begins in its own phase.
 
     There lanes are looked at before their first step (`steps_of_turn`), so that this
     one takes none.
@@ -210,6 +217,13 @@ def to_be_begun(run: Run[ShotState]) -> Run[ShotState]:
         steps=jnp.full_like(run.steps, -1),
         outcome=jnp.full_like(run.outcome, CODE.not_computed),
     )
+
+
+def run_that_is_over(begin: Callable[[], Run[Folded]]) -> Run[Folded]:
+    """A run of that kind that is over, in place of one to come."""
+    shapes = jax.eval_shape(begin)
+    run = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    return run._replace(outcome=run.outcome + CODE.complete)
 
 
 def start_of(x: Vector3) -> PhasePoint:

@@ -10,7 +10,7 @@ from ..model.system import System
 from ..motion.checks import float_state, valid_scene, with_amplitude
 from ..motion.integrate import Motion
 from ..motion.method import method_of, rate_cut_of, usual_method
-from ..motion.observers import AbstractObserver, Amplitude
+from ..motion.observers import AbstractObserver, Amplitude, Observation
 from ..motion.options import Method, Windows, windows_for
 from ..motion.spans import AbstractSpans, SpanState
 from ..numerics.materialise import if_any_lane, tree_where
@@ -19,7 +19,6 @@ from ..numerics.rules import keeps
 from ..results import CODE
 from ..solvers.explicit import Integrand
 from .growth import Growth
-from .observation import Observation
 from .repeats import Before, Noise, Window, at_end, at_start, begun, compared, watched
 from .rest import Rest, Speeds
 

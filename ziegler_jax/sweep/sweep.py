@@ -74,7 +74,7 @@ def sweep(
         reads is read again, but compiled only if that changed its program. (A function
         that you give to `jax.jit` yourself and call on plain numbers is JAX's to
         remember.) The motions that it follows one after the other (`settle`,
-        `periodic_orbit`, `verdict`, ...) run in chunks of steps, each in batches of its
+        `periodic_orbit`, ...) run in chunks of steps, each in batches of its
         own, in which a lane makes room for the next one as soon as its motion has
         ended. Motions inside a transformation of your own (`vmap`, `jvp`) or a loop or
         conditional (`lax.scan`, `lax.cond`) run whole; inside a call (`jit`,

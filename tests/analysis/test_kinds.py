@@ -1,4 +1,6 @@
-"""What a motion is: every verdict on a motion known to be of its kind; sections."""
+"""What a motion is: each kind by a motion known to be of it; sections."""
+
+import functools
 
 import jax
 import numpy as np
@@ -18,28 +20,28 @@ pytestmark = pytest.mark.usefixtures("optimised")  # long runs
 # q, tau, v_smooth, c1, c2, kick
 SMOOTH = {
     "stuck": (1.2, 0.05, 0.1, 0, 0, 0.2),
-    "periodic": (2.6, 0.026, 0.1, 0, 0, 0.3),
-    "periodic, viscous": (2.3, 0, 0.01, 0.2, 0.2, 0.3),
+    "cycle": (2.6, 0.026, 0.1, 0, 0, 0.3),
+    "cycle, viscous": (2.3, 0, 0.01, 0.2, 0.2, 0.3),
     "conservative": (2.0, 0, 0.01, 0, 0, 0.2),
     "conservative, chaotic": (4.0, 0, 0.01, 0, 0, 0.3),
-    "unclassified": (1.0, 0, 0.01, 0.003, 0.003, 0.2),  # it still decays
-    "failed": (2.0, 0, 0.01, -1, 0, 0.2),
+    "slow": (1.0, 0, 0.01, 0.003, 0.003, 0.2),  # it still decays
+    "invalid": (2.0, 0, 0.01, -1, 0, 0.2),
     "escaped": (2.0, 0, 0.01, 0, 0, 40.0),
 }
 
 
-@jax.jit
-@jax.vmap
-def of_smooth(n):
+@functools.partial(jax.jit, static_argnums=1)
+def of_smooth(n, exponents=2):
     load = zj.ConstantLoad(1.0)
     friction = zj.SmoothCoulomb(n[1], pin_radius=1.0, v_smooth=n[2], load=load)
     column = zj.uniform_rods(n[0], friction=friction, damping=zj.Viscous(n[3], n[4]))
-    return zj.verdict(column, zj.State(omega=(0.0, n[5])), spans=zj.Spans(count=10))
+    return zj.settle(column, zj.State(omega=(0.0, n[5])), exponents=exponents)
 
 
 @pytest.fixture(scope="module")
 def smooth():
-    found = of_smooth(np.array(list(SMOOTH.values()), float))
+    numbers = np.array(list(SMOOTH.values()), float)
+    found = jax.vmap(of_smooth)(numbers)
     return {
         name: jax.tree.map(lambda x, i=i: np.asarray(x)[i], found)
         for i, name in enumerate(SMOOTH)
@@ -48,31 +50,41 @@ def smooth():
 
 @pytest.mark.parametrize("name", SMOOTH)
 def test_each_motion_is_called_what_it_is(smooth, name):
-    assert CODE(int(smooth[name].verdict)).name == name.split(",")[0]
+    assert CODE(int(smooth[name].kind)).name == name.split(",")[0]
 
 
-def test_a_cycle_has_its_period(smooth):
-    for name in ("periodic", "periodic, viscous"):
-        found = smooth[name]
-        start = np.hstack([found.final.phi, found.final.omega])
-        turn = flow(start, float(found.period), SMOOTH[name][:5]).y[:, -1]
-        assert found.period_count == 1
-        assert np.abs(turn - start).max() < 1e-5
+def test_exponents_change_nothing_of_what_a_motion_ends_as(smooth):
+    numbers = np.array(list(SMOOTH.values()), float)
+    without = jax.vmap(functools.partial(of_smooth, exponents=0))(numbers)
+    for i, more in enumerate(smooth.values()):
+        plain = jax.tree.map(lambda x, i=i: np.asarray(x)[i], without)
+        for field, variable in plain.variables().items():
+            if field == "steps":
+                extra = more.steps - plain.steps
+                assert (extra > 0) == (plain.outcome == CODE.unsettled)
+            elif field != "undecided":
+                # measured 0: the same steps in another program
+                np.testing.assert_allclose(
+                    getattr(more, field), variable.value, 1e-10, 0, err_msg=field
+                )
+        assert set(more.variables()) - set(plain.variables()) == {
+            "exponents", "errors", "kind",
+        }  # fmt: skip
+        settled = plain.outcome != CODE.unsettled
+        assert np.isnan(more.exponents).all() == settled
+        assert more.kind == (plain.outcome if settled else more.undecided)
 
 
 def test_chaos_without_dissipation_is_no_attractor_but_has_its_exponent(smooth):
     found = smooth["conservative, chaotic"]
     assert found.exponents[0] > 3 * found.errors[0]
-    assert smooth["failed"].outcome == CODE.invalid
-    assert np.isnan(smooth["failed"].exponents).all()
 
 
 def sticking(q, mu_k, omega2=0.3):
     friction = zj.SetValuedCoulomb(4 * mu_k, mu_k, pin_radius=0.1)
     column = zj.uniform_rods(q, friction=friction)
-    return zj.verdict(
-        column, zj.State(omega=(0.0, omega2)), spans=zj.Spans(escape=60.0)
-    )
+    windows, start = zj.Windows(escape=60.0), zj.State(omega=(0.0, omega2))
+    return zj.settle(column, start, windows=windows, exponents=2)
 
 
 def named(codes):
@@ -95,11 +107,11 @@ def growth(rods, y, span=90.0, renew=3.0, apart=1e-7):
 
 
 def test_stick_slip_has_chaos_and_cycles_of_many_passages():
-    """Each verdict holds of the motion that two free bodies go on with."""
+    """Each kind is that of the motion that two free bodies go on with."""
     q, mu_k = (x.ravel() for x in np.meshgrid([3.2, 4.0], [0.05, 0.145, 0.25]))
     found = jax.jit(jax.vmap(sticking))(q, mu_k)
-    names = named(found.verdict)
-    assert set(names) == {"periodic", "chaotic", "stuck"}
+    names = named(found.kind)
+    assert set(names) == {"cycle", "chaotic", "stuck"}
     final = np.hstack([np.transpose(found.final.phi), np.transpose(found.final.omega)])
     for i, name in enumerate(names):
         rods, y = bodies(q[i], mu_k[i]), final[i]
@@ -107,21 +119,22 @@ def test_stick_slip_has_chaos_and_cycles_of_many_passages():
             ends, log = moved(rods, (0.0, 0.0, 0.0, 0.3), [0.0, 500.0])
             assert log[-1][2] == (0, 0)
             assert np.abs(ends[-1] - y).max() < 5e-7  # measured 2.4e-8
-        elif name == "periodic":
-            period, count = float(found.period[i]), int(found.period_count[i])
+        elif name == "cycle":
+            period, count = float(found.period[i]), int(found.returns[i])
+            y = moved(rods, y, [0.0, 60 * period])[0][-1]  # a cycle is named from afar
             ts = np.linspace(0.0, period, 60 * count + 1)
             turn = moved(rods, y, ts)[0]
-            assert np.abs(turn[-1] - y).max() < 5e-5  # measured 6.3e-6
+            assert np.abs(turn[-1] - y).max() < 5e-5  # measured 7.9e-6
             up = (turn[:-1, 0] < 0) & (turn[1:, 0] >= 0)
             assert up.sum() == count
             for k in range(2, count + 1):  # nor is it a shorter one
                 assert np.abs(turn[:: 60 * count // k][1] - y).max() > 1e-2
         else:
             assert growth(rods, y) > 2.0  # measured 5 to 12; none on a cycle
-    assert found.period_count.max() > 1
+    assert found.returns.max() > 1
     ds = zj.sweep(sticking, q=[4.0], mu_k=[0.145], progress=False)
-    assert named(ds.verdict) == ["chaotic"]
-    about = ds.verdict.attrs
+    assert named(ds.kind) == ["chaotic"]
+    about = ds.kind.attrs
     place = about["flag_meanings"].split().index("chaotic")
     assert about["flag_values"][place] == CODE.chaotic
 
@@ -132,7 +145,7 @@ def test_a_motion_that_lingers_by_an_unstable_cycle_is_none():
     ds = zj.sweep(
         sticking, q=[4.0], mu_k=[0.14, 0.145, 0.1475], omega2=starts, progress=False
     )
-    assert set(named(ds.verdict)) == {"chaotic"}
+    assert set(named(ds.kind)) == {"chaotic"}
     assert (ds.exponents[..., 0] > 3 * ds.errors[..., 0]).all()
 
 
@@ -156,9 +169,8 @@ def test_slow_motions_are_neither_stuck_before_they_are_nor_quasi_periodic():
         law = zj.SmoothCoulomb(tau, pin_radius=1.0, v_smooth=smooth, load=load)
         column, start = zj.uniform_rods(q, friction=law), zj.State(omega=(0.0, kick))
         windows = zj.settle(column, start, certify=False)
-        return {
-            "verdict": zj.verdict(column, start).verdict, "windows": windows.outcome
-        }  # fmt: skip
+        named = zj.settle(column, start, exponents=2)
+        return {"kind": named.kind, "windows": windows.outcome}
 
     names = "q", "tau", "kick", "smooth"
     axes = {
@@ -166,12 +178,8 @@ def test_slow_motions_are_neither_stuck_before_they_are_nor_quasi_periodic():
         for name, numbers in zip(names, np.transpose(SLOW), strict=True)
     }
     ds = zj.sweep(point, axes=axes, progress=False)
-    verdicts = {CODE(int(x)).name for x in ds.verdict.values}
-    windows = {CODE(int(x)).name for x in ds.windows.values}
-    assert verdicts <= {"unclassified", "periodic"} and windows <= {
-        "unsettled",
-        "repeats",
-    }
+    assert set(named(ds.kind)) <= {"slow", "growing", "lasting", "aperiodic", "cycle"}
+    assert set(named(ds.windows)) <= {"unsettled", "repeats"}
 
 
 TORUS = {"q": 2.71, "c": (0.0109, 0.0181), "eta": 0.7054, "k": 0.5986, "kick": 2.76}
@@ -211,10 +219,10 @@ def test_a_motion_on_a_torus_is_quasi_periodic():
         column = zj.uniform_rods(
             TORUS["q"], damping=damping, follower=TORUS["eta"], kappa=TORUS["k"]
         )
-        spans = zj.Spans(count=10, escape=30.0)
-        return zj.verdict(column, zj.State(omega=(0.0, TORUS["kick"])), spans=spans)
+        windows, start = zj.Windows(escape=30.0), zj.State(omega=(0.0, TORUS["kick"]))
+        return zj.settle(column, start, windows=windows, exponents=2)
 
-    assert of().verdict == CODE.quasi_periodic
+    assert of().kind == CODE.quasi_periodic
     points = sections_of_the_torus(600)
     nearest = [
         np.median(KDTree(some).query(some, 2)[0][:, 1])
@@ -268,9 +276,17 @@ def test_what_breaks_a_rule_is_named(refuses):
     )  # fmt: skip
     refuses(lambda: zj.poincare(column, start, section=1), "`section`", "1")
     refuses(lambda: zj.poincare(column, start, points=0), "`points`", "0")
+    for bad in (-1, 5, 1.5, True):
+        refuses(
+            lambda bad=bad: zj.settle(column, start, exponents=bad),
+            "`exponents`", "from 0 to 4", repr(bad),
+        )  # fmt: skip
     refuses(
-        lambda: zj.verdict(column, start, spans=zj.Spans(count=1)),
-        "`count`",
-        "at least 2",
-    )
-    refuses(lambda: zj.verdict(column, start, rtol_return=0.0), "`rtol_return`", "0")
+        lambda: zj.settle(column, start, exponents=2, certify=False),
+        "`exponents`", "certify=False", "2",
+    )  # fmt: skip
+    stiff = zj.Method(zj.Rosenbrock())
+    refuses(
+        lambda: zj.settle(column, start, exponents=2, method=stiff),
+        "`exponents` is 2", "Rosenbrock",
+    )  # fmt: skip
