@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from moreau import motion
@@ -79,6 +80,45 @@ def test_the_way_down_leaves_the_cycle_at_the_fold_and_the_way_up_far_above():
     )
 
 
+def test_certified_cycles_of_both_ways_are_those_that_a_hard_kick_reaches():
+    """Smoothed friction: at 1.6 rest and a cycle coexist."""
+
+    def smooth(load):
+        law = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.1)
+        return zj.uniform_rods(load, friction=law, damping=zj.Viscous(0.02, 0.02))
+
+    @jax.jit
+    def both():
+        kick = zj.State(omega=(0, 0.1))
+        return zj.sweep_up_down(smooth, [1.4, 1.6, 1.8, 2.2], kick=kick)
+
+    found = both()
+    names = [[zj.CODE(int(x)).name for x in row] for row in found.outcome]
+    assert names == [["stuck"] * 2 + ["cycle"] * 2, ["stuck"] + ["cycle"] * 3]
+    assert dict(found.settings)["solver"] == "Tsit5"
+    assert found.to_dataset().joint_amplitude.dims == ("branch", "load", "joint")
+    # each is the orbit that closes there
+    for place, load in ((1, 1.6), (2, 1.8), (3, 2.2)):
+        start = zj.State(omega=(0, 1.5))
+        alone = jax.jit(lambda q, start=start: zj.settle(smooth(q), start))(load)
+        np.testing.assert_allclose(
+            found.joint_amplitude[1, place], alone.joint_amplitude, 5e-5
+        )  # measured 9.7e-6: an orbit closes to 1e-5
+        assert abs(found.period[1, place] / alone.period - 1) < 2e-6  # measured 2.4e-7
+
+
+def test_certified_ways_up_and_down_refuse_derivatives(refuses):
+    def amplitude(tau):
+        def make(q):
+            law = zj.SmoothCoulomb(tau, pin_radius=0.1, v_smooth=0.1)
+            return zj.uniform_rods(q, friction=law)
+
+        found = zj.sweep_up_down(make, [1.4, 1.6], kick=zj.State(omega=(0, 0.1)))
+        return found.joint_amplitude
+
+    refuses(lambda: jax.eval_shape(jax.jacfwd(amplitude), 0.1), "certify=False")
+
+
 class Pairs(AbstractResult):
     """A result with an outcome a joint: as one with branches, but cheap."""
 
@@ -110,5 +150,7 @@ def test_bad_arguments_are_named(refuses):
     refuses(lambda: up_down(values=(2.0, 1.0)), "`values`", "increase")
     refuses(lambda: up_down(values=[1.0]), "`values`", "at least two")
     refuses(lambda: up_down(kick=0.1), "`kick`", "`State`")
+    refuses(lambda: up_down(make=lambda joint: dry(joint, 0.1)), "`joint`", "unlike")
+    refuses(lambda: up_down(certify=1), "`certify`", "1")
     refuses(lambda: up_down(start=0.1), "`start`", "`State`")
     refuses(lambda: up_down(windows=zj.Windows(length=0.0)), "`length`", "0")

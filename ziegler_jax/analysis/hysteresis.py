@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,19 +16,22 @@ from ..model.column import Column, State
 from ..model.state import PhasePoint
 from ..motion.checks import Times, check_maker, check_scene, float_state, made
 from ..motion.implicit import forward_only
-from ..motion.integrate import Run
 from ..motion.observers import AbstractObserver
 from ..motion.options import Method, Windows, recorded
 from ..motion.sequence import run_in_sequence
-from ..motion.spans import SpanState
+from ..numerics.no_number import refused
 from ..numerics.numbers import Scalar, is_concrete
 from ..numerics.rules import instance
 from ..results import CODE, DIMENSIONS, AbstractDescribed, Settings, Variable
 from ..runtime import requires_x64
-from ..steady.settle import settled
-from ..steady.window_rule import SettleProblem, WindowState
+from ..steady.settle import Settling, may_certify, settled, settling
 
 BRANCHES = ("up", "down")
+NO_DERIVATIVE = (
+    "`sweep_up_down` has no derivatives where cycles are certified: a motion begins "
+    "where the one before had its verdict, and that place has none. Ask for "
+    "`certify=False`, or for `settle` at each load."
+)
 TAKEN = ("branch", *DIMENSIONS)  # dimensions of the results
 
 
@@ -64,10 +68,10 @@ def sweep_up_down(
     *,
     kick: State,
     start: State | None = None,
-    axis: str = "q",
     windows: Windows = Windows(),
     observers: Sequence[AbstractObserver] = (),
     method: Method = Method(),
+    certify: bool | None = None,
 ) -> UpDownSweep:
     r"""Raise the load step by step and lower it again, the last state carried on.
 
@@ -90,50 +94,43 @@ def sweep_up_down(
 
     **Arguments:**
 
-    - `make_column`: a function of one number, the load or any other.
+    - `make_column`: a function of one number, the load or any other; its argument's
+        name is the axis of a sweep's dataset.
     - `values`: that number's, increasing, shape (n,), at least two.
     - `kick`: the disturbance, added to the state at every value. Without one a column
         that rests stays at rest: with set-valued friction at any load.
     - `start`: the first state, and the one after a motion without numbers (`escaped`
         and the like); None is the upright column.
-    - `axis`: what the values are called in a sweep's dataset.
-    - `windows`, `observers`, `method`: of each motion, as in `settle`.
+    - `windows`, `observers`, `method`, `certify`: of each motion, as in `settle`. One
+        that draws near a certified cycle is followed no further: the next begins there.
 
     **Returns:** `UpDownSweep`.
 
-    **Derivatives:** forward, of every motion by its windows, see `settle`.
+    **Derivatives:** with `certify=False` forward, of every motion by its windows, see
+    `settle`; else they are refused (`ValueError`).
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
-    if not isinstance(axis, str) or not axis.isidentifier() or axis in TAKEN:
-        raise ValueError(
-            "Argument `axis` must be a name unlike those of the results' dimensions, "
-            f"but is {axis!r}."
-        )
     values = _increasing(values)
     start = State() if start is None else start
     check_maker(make_column)
+    axis = _name_of_the_number(make_column)
     instance("kick", kick, State)
     check_scene(made(make_column, values[0]), start)
     y0, shove = float_state(start), float_state(kick)
     n, dtype = values.size, jnp.result_type(float)
     way = np.stack([np.arange(n), 2 * n - 1 - np.arange(n)]).astype(np.int32)
 
-    def motion(now: UpDownState) -> SettleProblem:
+    def motion(now: UpDownState) -> Settling:
         here = jnp.where(way == now.place, jnp.asarray(values, dtype)[None, :], 0.0)
         y = [a + b for a, b in zip(now.y, shove, strict=True)]
-        return SettleProblem(
-            make_column(jnp.sum(here)),
-            State(y[:2], y[2:]),
-            "sweep_up_down",
-            windows,
-            observers,
-            method,
-        )
+        scene = make_column(jnp.sum(here)), State(y[:2], y[2:])
+        if certify is not False and (certify or may_certify(scene[0], method)):
+            scene = refused(NO_DERIVATIVE, scene)
+        how = windows, observers, method, certify
+        return settling(*scene, "sweep_up_down", *how)
 
-    def update(
-        now: UpDownState, motion: SettleProblem, run: Run[SpanState[WindowState]]
-    ) -> UpDownState:
+    def update(now: UpDownState, motion: Settling, run: Any) -> UpDownState:
         failed = run.outcome < CODE.unsettled
         y = PhasePoint(jnp.where(failed, a, b) for a, b in zip(y0, run.y, strict=True))
 
@@ -169,6 +166,20 @@ def sweep_up_down(
         axis=(axis, tuple(float(v) for v in values)),
         settings=recorded(**motion(first).settings()),
     )
+
+
+def _name_of_the_number(make_column: Callable[[Scalar], Column]) -> str:
+    """What the function calls its argument."""
+    try:
+        (name, *_) = inspect.signature(make_column).parameters
+    except (TypeError, ValueError):  # of a function that is not Python's own
+        return "value"
+    if name in TAKEN:
+        raise ValueError(
+            "The argument of `make_column` must be called unlike the results' "
+            f"dimensions, but is `{name}`."
+        )
+    return name
 
 
 def _increasing(values: Times) -> np.ndarray:
