@@ -1,0 +1,157 @@
+"""Which endings hang on the numbers of a certificate?
+
+Each variant changes one constant of `ziegler_jax.steady` (or several together), in four
+samples: random cells of the main job's map; loads beside its thresholds; columns with
+viscous damping, many of them on tori; set-valued friction, certified. Endings that
+change, the share of steps, and how the motions that changed end at 1e-9, to t = 40 000.
+Prints one JSON line a variant and sample.
+
+    python benchmarks/a14_constants.py [--cells 2000] [--seed 0] [--judge]
+        ["RETURNS=(1,)"] ["LEVELS=(6e-4,) EARLIEST=0.0"] ...
+"""
+
+import argparse
+import importlib
+import json
+import math
+
+import diffrax as dfx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from a5_certificates import cells_beside_thresholds, cells_of_the_map
+from a13_certified_truth import dry_scene, viscous_scene
+from measure import commit, rounded
+
+import ziegler_jax as zj
+from ziegler_jax.__main__ import point as main_point
+
+ROOMS = [
+    importlib.import_module(f"ziegler_jax.steady.{name}")
+    for name in ("returns", "certified", "shots", "trend", "contraction", "rest")
+]
+VARIANTS = (
+    "LEVELS=(6e-4,)",
+    "EARLIEST=0.0",
+    "LARGE=math.inf",
+    "LEAK=1.0",
+    "OWN=1",
+    "LOST=math.inf",
+    "NEAR=math.inf",
+    "ENTRY=0.0",
+    "FALL=1.0",
+    "TOO_FAR=1.0",
+    "MARGIN=0.0",
+)
+
+
+def changed(variant):
+    """Set the constants; how they were, to be set again."""
+    before = []
+    for pair in variant.split():
+        name, value = pair.split("=")
+        rooms = [room for room in ROOMS if hasattr(room, name)]
+        if not rooms:
+            raise SystemExit(f"No room has the constant {name}.")
+        before += [(room, name, getattr(room, name)) for room in rooms]
+        for room in rooms:
+            setattr(room, name, eval(value, {"math": math}))
+    return before
+
+
+def of_the_map(cells):
+    table = jnp.asarray(cells)
+
+    def point(place, **options):
+        return main_point(*table[place.astype(int)], **options)
+
+    return point
+
+
+def of_a_family(scene, numbers):
+    table = jnp.asarray(numbers)
+
+    def point(place, **options):
+        windows = options.pop("windows", zj.Windows(escape=60.0))
+        column, start = scene(table[place.astype(int)])
+        return zj.settle(column, start, windows=windows, certify=True, **options)
+
+    return point
+
+
+def samples(count, source):
+    """A point for each, and how many places it has."""
+    few = count // 2
+    tables = source.uniform(size=(2, few, 6))
+    return {
+        "map": (of_the_map(cells_of_the_map(count, source)), count),
+        "beside thresholds": (of_the_map(cells_beside_thresholds(few, source)), few),
+        "viscous": (of_a_family(viscous_scene, tables[0]), few),
+        "dry": (of_a_family(dry_scene, tables[1]), few),
+    }
+
+
+def ended(point, count):
+    ds = zj.sweep(lambda place: point(place), place=np.arange(count), progress=False)
+    steps = ds.steps.values + 3 * ds.shot_steps.values
+    return ds.outcome.values, steps.sum(), ds.joint_amplitude.values[:, 1]
+
+
+def truth(point, places):
+    """The endings at 1e-9, the constants as they stand in the code."""
+    windows = zj.Windows(0.0, 40.0, 1000, escape=60.0)
+
+    def fine(place):
+        dry = point.__closure__ and "scene" in point.__code__.co_freevars
+        solver = None if dry else dfx.Dopri8()
+        method = zj.Method(solver, rtol=1e-9, max_steps=20_000_000)
+        return point(place, windows=windows, method=method)
+
+    return zj.sweep(fine, place=places, progress=False).outcome.values
+
+
+def named(code):
+    return zj.CODE(int(code)).name
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("variants", nargs="*", default=[*VARIANTS, " ".join(VARIANTS)])
+    parser.add_argument("--cells", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--judge", action="store_true", help="those that changed")
+    options = parser.parse_args()
+    zj.configure_cpu()
+    jax.config.update("jax_enable_x64", True)  # for tables of cells
+    source = np.random.default_rng(options.seed)
+    for sample, (point, count) in samples(options.cells, source).items():
+        outcome, steps, amplitude = ended(point, count)
+        for variant in options.variants:
+            before = changed(variant)
+            after, more, other = ended(point, count)
+            for room, name, value in before:
+                setattr(room, name, value)
+            unlike = np.flatnonzero(after != outcome)
+            both = (after == outcome) & (after == zj.CODE.cycle)
+            off = np.abs(other[both] / amplitude[both] - 1)
+            line = {
+                "benchmark": "a14_constants",
+                "commit": commit(),
+                "sample": sample,
+                "cells": count,
+                "variant": variant,
+                "endings": unlike.size,
+                "steps": more / steps,
+                "amplitudes_off_by_1_percent": int((off > 0.01).sum()),
+            }
+            if options.judge and unlike.size:
+                true = truth(point, unlike)
+                line["were, are, at 1e-9"] = [
+                    f"{named(outcome[i])}, {named(after[i])}, {named(t)}"
+                    for i, t in zip(unlike, true, strict=True)
+                ]
+            print(json.dumps(rounded(line)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
