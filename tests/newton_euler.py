@@ -21,7 +21,10 @@ POINTS, WEIGHTS = (POINTS + 1) / 2, WEIGHTS / 2
 
 @dataclass(frozen=True)
 class Rods:
-    """Numbers of a column; `load`: the normal loads of both joints, None: reactions."""
+    """Numbers of a column; `load`: the normal loads of both joints, None: reactions.
+
+    `preload`: what is added to these.
+    """
 
     q: float
     mu_s: Any = (0.0, 0.0)
@@ -34,6 +37,7 @@ class Rods:
     l2: float = 1.0
     viscous: tuple = (0.0, 0.0)
     air: tuple = (0.0, 0.0)
+    preload: tuple = (0.0, 0.0)
 
     def response(self, y):
         """x at zero torques and its change by each joint's torque, (10, 3).
@@ -108,7 +112,8 @@ class Rods:
 
     def _normal(self, x, t1, t2):
         r = [row[0] + row[1] * t1 + row[2] * t2 for row in x[6:]]
-        return np.hypot(r[0], r[1]), np.hypot(r[2], r[3])
+        first, second = self.preload
+        return np.hypot(r[0], r[1]) + first, np.hypot(r[2], r[3]) + second
 
     def levers(self, modes):
         pairs = zip(modes, self.mu_k, strict=True)

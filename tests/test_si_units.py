@@ -357,6 +357,10 @@ SCALED = {
     ),
     "follower load": (zj.FollowerLoad(), zj.FollowerLoad()),
     "reaction": (zj.JointReaction(5), zj.JointReaction(5)),
+    "preload and reaction": (
+        zj.ConstantLoad(2) + zj.JointReaction(),
+        zj.ConstantLoad(2 / F) + zj.JointReaction(),
+    ),
     "windows": (
         zj.Windows(1, 2, 3, 4, 5, 6),
         zj.Windows(1 / T, 2 / T, 3, 4, 5, 6 * T),

@@ -52,7 +52,13 @@ from .model.friction import (
     AbstractRateFriction,
     SmoothCoulomb,
 )
-from .model.loads import AbstractNormalLoad, ConstantLoad, FollowerLoad, JointReaction
+from .model.loads import (
+    AbstractNormalLoad,
+    ConstantLoad,
+    FollowerLoad,
+    JointReaction,
+    LoadSum,
+)
 from .model.rods import point_masses, uniform_rods
 from .model.set_valued import SetValuedCoulomb
 from .model.state import PhasePoint
@@ -110,6 +116,7 @@ __all__ = [
     "FollowerLoad",
     "Growth",
     "JointReaction",
+    "LoadSum",
     "Lanes",
     "LeastKick",
     "Mean",

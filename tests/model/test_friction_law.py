@@ -142,6 +142,18 @@ LOADS = {
     "constant": (zj.ConstantLoad(0.7), lambda q, r: np.array([0.7, 0.7])),
     "one a joint": (zj.ConstantLoad((0.7, 1.3)), lambda q, r: np.array([0.7, 1.3])),
     "reaction": (zj.JointReaction(), lambda q, r: np.linalg.norm(r, axis=-1)),
+    "preload and reaction": (
+        zj.ConstantLoad((0.7, 1.3)) + zj.JointReaction(),
+        lambda q, r: np.array([0.7, 1.3]) + np.linalg.norm(r, axis=-1),
+    ),
+    "reaction and two preloads": (
+        zj.ConstantLoad(0.3) + (zj.JointReaction() + zj.ConstantLoad(0.4)),
+        lambda q, r: 0.7 + np.linalg.norm(r, axis=-1),
+    ),
+    "preload and follower": (
+        zj.ConstantLoad(0.7) + zj.FollowerLoad(),
+        lambda q, r: (0.7 + np.abs(q)) * np.ones(2),
+    ),
 }
 
 
@@ -195,6 +207,12 @@ ONE = {"pin_radius": 0.1, "v_smooth": 0.01}
         (lambda: zj.SmoothCoulomb(0.3, **GOOD), ("`mu_k`", "given")),
         (lambda: zj.ConstantLoad(-1.0), ("`n`", "-1", "nonnegative")),
         (lambda: zj.ConstantLoad((1.0, np.nan)), ("`n[1]`", "nan", "nonnegative")),
+        (
+            lambda: zj.JointReaction() + (zj.ConstantLoad(1.0) + zj.JointReaction()),
+            ("`second`", "no `JointReaction()`", "once"),
+        ),
+        (lambda: zj.ConstantLoad(1.0) + 0.2, ("`second`", "0.2", "normal load")),
+        (lambda: zj.Viscous(0, 0) + 0.2, ("`second`", "0.2", "damping law")),
         (lambda: zj.JointReaction(0), ("`newton_steps`", "0", "at least 1")),
         (lambda: zj.JointReaction(1.5), ("`newton_steps`", "1.5", "whole")),
     ],

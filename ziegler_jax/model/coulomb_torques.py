@@ -21,7 +21,7 @@ from .chain import (
     welded,
 )
 from .joint_reactions import Reactions, solve_loads
-from .loads import JointReaction
+from .loads import Reaction
 from .stick_slip_modes import Holding, agreeing, modes_of, with_one_held
 from .torques import AbstractTorques
 
@@ -45,7 +45,7 @@ class CoulombTorques(AbstractTorques):
 
     static: Numbers
     kinetic: Numbers
-    load: JointReaction | None = None
+    load: Reaction | None = None
 
     def rate_cut(self) -> Scalar | None:
         """None: a joint sticks or it does not."""
@@ -131,7 +131,7 @@ class CoulombInModes(CoulombTorques):
             moved = self.accelerations_under(rubbed, one, parts)
             slopes.append(balance.reactions.slope(*moved))
         base = balance.reactions.at(*free)
-        loads = solve_loads(base, slopes, self.load.newton_steps, unique=True)
+        loads = solve_loads(base, slopes, self.load, unique=True)
         static, kinetic = (
             tuple(x * n for x, n in zip(each, loads, strict=True))
             for each in (self.static, self.kinetic)

@@ -55,6 +55,10 @@ class AbstractDamping(AbstractRuled):
         """
         return None
 
+    def __add__(self, other: AbstractDamping) -> Sum:
+        """Both at once."""
+        return Sum(self, other)
+
 
 class Viscous(AbstractDamping):
     r"""Viscous joints: $c_1 u_1$ and $c_2 u_2$ against the joints' rates.
@@ -123,7 +127,7 @@ class Air(AbstractDamping):
 
 
 class Sum(AbstractDamping):
-    """Two damping laws at once, e.g. `Sum(Viscous(0.01, 0.01), Air(0.1, 0.1))`.
+    """Two damping laws at once: `Viscous(0.01, 0.01) + Air(0.1, 0.1)` is one as well.
 
     **Arguments:** `first`, `second`: damping laws; their matrices add.
     """

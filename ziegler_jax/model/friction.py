@@ -33,7 +33,7 @@ from ..numerics.numbers import (
 )
 from ..numerics.rules import AbstractRuled, Invariants, checked
 from ..results import RATE
-from .loads import AbstractNormalLoad, FollowerLoad, JointReaction, normal_load
+from .loads import AbstractNormalLoad, FollowerLoad, Reaction, normal_load
 from .torque_curve import Curve
 from .torques import AbstractRateTorques, AbstractTorques, SmoothTorques
 
@@ -304,9 +304,7 @@ class SmoothCoulomb(AbstractRateFriction):
         """The curves of both joints."""
         return self._torques(*self.load.split(q))
 
-    def _torques(
-        self, normal: Pair, load: JointReaction | None = None
-    ) -> SmoothTorques:
+    def _torques(self, normal: Pair, load: Reaction | None = None) -> SmoothTorques:
         lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
         rises, root = 2.0 * LOG2_E / self.v_smooth, math.sqrt(LOG2_E)
         curves = []
@@ -337,7 +335,7 @@ class LawTorques(AbstractRateTorques):
 
     law: AbstractRateFriction
     normal: Pair
-    load: JointReaction | None = None
+    load: Reaction | None = None
 
     def at(self, u: Numbers) -> Numbers:
         """Its levers, times that load."""

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from ..numerics.materialise import materialise
 from ..numerics.numbers import Pair, Scalar
+from .loads import Reaction
 
 
 class Bodies(NamedTuple):
@@ -69,10 +70,12 @@ def reactions_of(
 def solve_loads(
     base: tuple[Pair, Pair],
     slopes: Sequence[tuple[Pair, Pair]],
-    steps: int,
+    load: Reaction,
     unique: bool = False,
 ) -> Pair:
-    """Solve N_i = |base_i + p1_i N_1 + p2_i N_2| by Newton; NaN if that fails.
+    """Solve N_i = |base_i + p1_i N_1 + p2_i N_2| + n_i by Newton; NaN if that fails.
+
+    **Arguments:** `load`: the number of Newton's steps and the preload n, if any.
 
     With `unique` also where the right-hand side is no contraction, so that there may
     be more solutions: where the matrix of the lengths |pj_i| has an eigenvalue of one
@@ -84,9 +87,10 @@ def solve_loads(
     def magnitude(i, n1, n2):
         along, across = (base[i][k] + p1[i][k] * n1 + p2[i][k] * n2 for k in (0, 1))
         size = jnp.sqrt(along * along + across * across + tiny)
+        normal = size if load.preload is None else size + load.preload[i]
         d1 = (along * p1[i][0] + across * p1[i][1]) / size
         d2 = (along * p2[i][0] + across * p2[i][1]) / size
-        return size, d1, d2
+        return normal, d1, d2
 
     def newton(n1, n2):
         f1, d11, d12 = magnitude(0, n1, n2)
@@ -102,7 +106,7 @@ def solve_loads(
     n1, n2 = materialise(
         at, lambda: (magnitude(0, 0.0, 0.0)[0], magnitude(1, 0.0, 0.0)[0])
     )
-    n1, n2 = jax.lax.fori_loop(0, steps, lambda i, n: newton(*n), (n1, n2))
+    n1, n2 = jax.lax.fori_loop(0, load.steps, lambda i, n: newton(*n), (n1, n2))
     left = jnp.abs(magnitude(0, n1, n2)[0] - n1) + jnp.abs(magnitude(1, n1, n2)[0] - n2)
     solved = left <= 1e-6 * (1 + jnp.abs(n1) + jnp.abs(n2))
     if unique:

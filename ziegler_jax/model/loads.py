@@ -15,17 +15,24 @@ from ..numerics.rules import AbstractRuled, checked, whole_number
 class AbstractNormalLoad(AbstractRuled):
     """Where a joint's normal load comes from.
 
-    `of_motion`: whether the accelerations decide it, as of `JointReaction` alone; else
-    it is that at rest.
+    Two may be added: `ConstantLoad(0.2) + JointReaction()` is a pin that is preloaded
+    and transmits the joint's force.
     """
 
-    of_motion: ClassVar[bool] = False
+    @property
+    def of_motion(self) -> bool:
+        """Whether the accelerations decide it, as `JointReaction`'s; else it rests."""
+        return False
+
+    def __add__(self, other: AbstractNormalLoad) -> LoadSum:
+        """Both at once."""
+        return LoadSum(self, other)
 
     @abc.abstractmethod
     def at_rest(self, q: Scalar) -> Pair:
         """The normal loads of joints 1 and 2 at rest."""
 
-    def split(self, q: Scalar) -> tuple[Pair, JointReaction | None]:
+    def split(self, q: Scalar) -> tuple[Pair, Reaction | None]:
         """The loads known beforehand; 1 where the joints' reactions are to be found."""
         return self.at_rest(q), None
 
@@ -72,9 +79,12 @@ class JointReaction(AbstractNormalLoad):
     accelerations NaN, and the lane ends as `not_finite` or `step_vanished`.
     """
 
-    of_motion: ClassVar[bool] = True
-
     newton_steps: int = eqx.field(static=True, default=4)
+
+    @property
+    def of_motion(self) -> bool:
+        """It is."""
+        return True
 
     def __check_init__(self):
         """Refuse a loop that does not run."""
@@ -84,10 +94,69 @@ class JointReaction(AbstractNormalLoad):
         """Return |q| for both joints: the reactions balance the load alone."""
         return jnp.abs(q), jnp.abs(q)
 
-    def split(self, q: Scalar) -> tuple[Pair, JointReaction | None]:
-        """Itself."""
+    def split(self, q: Scalar) -> tuple[Pair, Reaction]:
+        """Reactions alone."""
         del q
-        return (1.0, 1.0), self
+        return (1.0, 1.0), Reaction(self.newton_steps)
+
+
+class LoadSum(AbstractNormalLoad):
+    """$N_i = N_i^{(1)} + N_i^{(2)}$, e.g. a preload and the joint's reaction.
+
+    **Arguments:** `first`, `second`: normal loads, of which one at most is, or holds,
+    `JointReaction()`: a joint transmits its force once. `first + second` is the same.
+
+    **Raises:** `ValueError` for anything else.
+    """
+
+    first: AbstractNormalLoad
+    second: AbstractNormalLoad
+
+    def __init__(self, first: AbstractNormalLoad, second: AbstractNormalLoad):
+        """Keep both loads."""
+        for name, load in (("first", first), ("second", second)):
+            if not isinstance(load, AbstractNormalLoad):
+                raise ValueError(
+                    f"Argument `{name}` must be a normal load, but is {load!r}."
+                )
+        if first.of_motion and second.of_motion:
+            raise ValueError(
+                "Argument `second` must hold no `JointReaction()` where `first` does, "
+                f"as a joint transmits its force once, but is {second!r}."
+            )
+        self.first, self.second = first, second
+
+    @property
+    def of_motion(self) -> bool:
+        """Whether one of them is."""
+        return self.first.of_motion or self.second.of_motion
+
+    def at_rest(self, q: Scalar) -> Pair:
+        """Return the sum of both for each joint."""
+        (a1, a2), (b1, b2) = self.first.at_rest(q), self.second.at_rest(q)
+        return a1 + b1, a2 + b2
+
+    def split(self, q: Scalar) -> tuple[Pair, Reaction | None]:
+        """Reactions and what is known beside them."""
+        (first, reaction), (second, other) = self.first.split(q), self.second.split(q)
+        if reaction is None and other is None:
+            return self.at_rest(q), None
+        if reaction is None:
+            reaction, known = other, first
+        else:
+            known = second
+        assert reaction is not None
+        if reaction.preload is not None:
+            (a1, a2), (b1, b2) = reaction.preload, known
+            known = a1 + b1, a2 + b2
+        return (1.0, 1.0), Reaction(reaction.steps, known)
+
+
+class Reaction(eqx.Module):
+    """What a `System` has of a load that the motion decides."""
+
+    steps: int = eqx.field(static=True)  # of Newton's method
+    preload: Pair | None = None
 
 
 def normal_load(load: AbstractNormalLoad | None) -> AbstractNormalLoad:
@@ -95,7 +164,7 @@ def normal_load(load: AbstractNormalLoad | None) -> AbstractNormalLoad:
     load = FollowerLoad() if load is None else load
     if not isinstance(load, AbstractNormalLoad):
         raise ValueError(
-            "Argument `load` must be `FollowerLoad()`, `ConstantLoad(n)` or "
-            f"`JointReaction()`, but is {load!r}."
+            "Argument `load` must be `FollowerLoad()`, `ConstantLoad(n)`, "
+            f"`JointReaction()` or a sum of these, but is {load!r}."
         )
     return load

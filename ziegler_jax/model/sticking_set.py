@@ -36,8 +36,11 @@ class StickingSet(eqx.Module):
     def static(self) -> Pair:
         """The static torques of both joints."""
         law, normal = self.column.system().coulomb, (1.0, 1.0)
-        if law.load is not None:
-            normal = law.load.at_rest(self.column.q)
+        friction = self.column.friction
+        if friction is not None and friction.on_reactions:
+            load = friction.load_law()
+            assert load is not None
+            normal = load.at_rest(self.column.q)
         one, two = (s * n for s, n in zip(law.static, normal, strict=True))
         return one, two
 

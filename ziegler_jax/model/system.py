@@ -18,6 +18,7 @@ from .chain import Rows, Turned, joint_angles, on_rods, solved, turned
 from .coulomb_torques import CoulombInModes, CoulombTorques, MassAndForces
 from .damping import AbstractDamping, is_polynomial
 from .joint_reactions import Bodies, Reactions, reactions_of, solve_loads
+from .loads import Reaction
 from .state import PhasePoint
 from .torques import AbstractRateTorques, AbstractTorques
 
@@ -218,7 +219,7 @@ class System(eqx.Module):
         torques = materialise(rates[0], self.friction.at, u)
         if load is None:
             return torques
-        normal = forces.loads(torques, load.newton_steps)
+        normal = forces.loads(torques, load)
         return tuple(g * n for g, n in zip(torques, normal, strict=True))
 
     def _energy(self, y: PhasePoint, sines: Turned) -> Scalar:
@@ -314,8 +315,8 @@ class _Forces:
             pull = (system.q * cos_f, -system.q * sin_f)
         return reactions_of(bodies, self.y.omega, self.turned[0, 1], pull, drag)
 
-    def loads(self, torques: Numbers, steps: int) -> Numbers:
-        """N_i = |R_i(N)| under friction torques g_i N_i (see `JointReaction`)."""
+    def loads(self, torques: Numbers, load: Reaction) -> Numbers:
+        """N_i = |R_i(N)| + n_i under friction torques g_i N_i (see `JointReaction`)."""
         reactions, zero = self.reactions(), 0.0 * torques[0]
         # accelerations without friction, and per unit of each load
         free, slopes = self.accelerations(self.right), []
@@ -323,7 +324,7 @@ class _Forces:
             one = [zero] * i + [g] + [zero] * (len(torques) - i - 1)
             moved = self.accelerations(tuple(-x for x in on_rods(one)))
             slopes.append(reactions.slope(*moved))
-        return solve_loads(reactions.at(*free), slopes, steps)
+        return solve_loads(reactions.at(*free), slopes, load)
 
 
 def _work(forces: Sequence[Scalar | None], rates: Sequence[Scalar]) -> Scalar:

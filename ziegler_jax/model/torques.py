@@ -6,7 +6,7 @@ from typing import ClassVar
 import equinox as eqx
 
 from ..numerics.numbers import Numbers, Scalar
-from .loads import JointReaction
+from .loads import Reaction
 from .torque_curve import Curve, torque
 
 
@@ -17,7 +17,7 @@ class AbstractTorques(eqx.Module):
     """
 
     sticks: ClassVar[bool] = False
-    load: eqx.AbstractVar[JointReaction | None]  # then torques are per unit of it
+    load: eqx.AbstractVar[Reaction | None]  # then torques are per unit of it
 
     @abc.abstractmethod
     def rate_cut(self) -> Scalar | None:
@@ -37,7 +37,7 @@ class SmoothTorques(AbstractRateTorques):
 
     curves: tuple[Curve, ...]
     cut: Scalar
-    load: JointReaction | None = None
+    load: Reaction | None = None
 
     def at(self, u: Numbers) -> Numbers:
         """Joint by joint."""

@@ -165,8 +165,8 @@ class SI(eqx.Module):
         - `v_smooth`: in rad/s; None is a tenth of v_stribeck, of the smaller one where
             joints differ.
         - `load`: `ConstantLoad(n)` of n in N, e.g.; None is `JointReaction()`. A
-            constant torque (`FRICTION_TORQUE_PRELOAD`) alone is `ConstantLoad`; axial
-            and bending reactions are none in the plane.
+            preload beside the reaction is `ConstantLoad(n) + JointReaction()`, as such
+            a program adds them up; axial and bending reactions are none in the plane.
 
         **Returns:** a law in SI units, as a column in SI units takes it: `scaled`
         scales both at once.
