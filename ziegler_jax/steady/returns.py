@@ -56,16 +56,13 @@ LEVELS = (6e-4, 2e-4, 7e-5)
 TIMES = (130.0, 250.0, 500.0, 800.0, 1100.0, 1400.0)
 LATER = 1.25  # and from the last of them on at times that grow by this
 SMALL, LARGE = 0.01, 0.03
-EARLIEST = 15.0
 ALIKE = 3.0  # of fewer returns more is put up with: they close as well
 CALM = 20.0  # time units for which a motion at rest stays below the cut
-# Its first share does not count: there the kick itself falls, and hides what grows.
-ENTRY = 0.25
 OWN = 3  # returns of its own by which a motion shows that it draws nearer
-# Distances, in the orbit's own size: what has left it, what may follow its linear map,
-# and, in the norm in which that contracts, what is so near that no torus, and no saddle
-# with one behind it, was seen to fit between (0.048 was too far).
-LOST, NEAR, ARRIVED = 0.3, 0.1, 0.025
+# Distances, in the orbit's own size: what has left it, and, in the norm in which that
+# contracts, what is so near that no torus, and no saddle with one behind it, was seen
+# to fit between (0.048 was too far).
+LOST, ARRIVED = 0.3, 0.025
 NOISE = 2e-4  # of the state: what steps, and their jitter, leave in a return
 LEAK = 1.05  # what is forgotten at each return of the smallest d_n
 # What a motion that has stopped asks for
@@ -211,8 +208,7 @@ def _longer(calm: Calm, step: Step, rate: Scalar) -> Calm:
     """The same calm a step later."""
     since = step.t1 - calm.start
     first_half = since <= CALM / 2
-    counts = first_half & (since > ENTRY * CALM)
-    early = jnp.where(counts, larger(calm.early, rate), calm.early)
+    early = jnp.where(first_half, larger(calm.early, rate), calm.early)
     late = jnp.where(first_half, calm.late, larger(calm.late, rate))
     return Calm(calm.start, early, late)
 
@@ -314,7 +310,7 @@ def _with_request(before: Returns, now: Returns, orbit: Candidate) -> Returns:
     t, least = now.times[0], jnp.min(now.last)
     level = jnp.where(least > LARGE, 0.0, now.level)
     bound = _nth((*LEVELS, 0.0), level)
-    passed = jnp.any((now.last < bound) & (now.last < before.last)) & (t > EARLIEST)
+    passed = jnp.any((now.last < bound) & (now.last < before.last))
     timed = t > now.due
     times, levels = (jnp.asarray(x, t.dtype) for x in (TIMES, LEVELS))
     following = jnp.min(jnp.where(now.due < times, times, jnp.inf))
@@ -347,7 +343,6 @@ def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
     distance, size = now.points[0] - orbit.x, size_of(orbit.x)
     was = now.points[orbit.returns] - orbit.x
     good = follows(orbit, was, distance, NOISE * size)
-    good &= largest(distance) < NEAR * size
     row = jnp.where(mine, jnp.where(good, now.follows + 1, 0.0), now.follows)
     arrived = mine & (row >= OWN) & (length(orbit.norm, distance) < ARRIVED * size)
     asks = jnp.where(arrived, ACCEPTANCE, now.asks)

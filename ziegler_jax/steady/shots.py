@@ -46,7 +46,6 @@ SHORTEST = 1e-3  # a span below it is none
 # Relative moves of Newton's method: from one above the first the orbit is too far, one
 # below the second is followed by a fine shot, and one below the third verifies.
 TOO_FAR, CLOSE, VERIFIED = 0.3, 3e-3, 1e-5
-FALL = 0.7  # of the moves, from one shot to the next
 MOST_SHOTS = 5  # of one attempt
 
 
@@ -165,7 +164,7 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
     if not isinstance(run.folded.modes, tuple):
         modes = run.folded.modes
         verified &= modes == attempt.modes
-    good = arrived & (size < TOO_FAR) & (first | (size < FALL * attempt.size))
+    good = arrived & (size < TOO_FAR) & (first | (size < attempt.size))
     span = attempt.span + back.longer
     after = Attempt(
         x=attempt.x + back.move,
