@@ -8,7 +8,7 @@ from models import floquet
 
 import ziegler_jax as zj
 from ziegler_jax.__main__ import KICK, point
-from ziegler_jax.steady import contraction
+from ziegler_jax.steady import certified, contraction
 from ziegler_jax.steady.certified import CertifiedMotion
 from ziegler_jax.steady.oddness import is_odd
 
@@ -209,3 +209,28 @@ def test_every_attempt_begins_with_a_shot_of_its_own(monkeypatch):
     found = point(1.6206896551724137, 0.16, 0.16)
     assert found.outcome == zj.CODE.cycle and attempts > 1
     assert (np.diff(spent) >= 0).all(), spent
+
+
+def test_how_often_a_batch_is_looked_at_moves_no_ending(monkeypatch):
+    """Where returns come faster than looks, as of rods that turn over."""
+    q, eta, kappa = (
+        np.array(x) for x in ([2.9, 3.4, 3.1], [0.9, 0.9, 0.8], [1, 1.6, 0.9])
+    )
+
+    def ended(every):
+        monkeypatch.setattr(certified, "STEPS_AT_ONCE", every)
+
+        @jax.jit
+        @jax.vmap
+        def point(q, eta, kappa):
+            damping = zj.Viscous(0.02, 0.002)
+            column = zj.uniform_rods(q, damping=damping, follower=eta, kappa=kappa)
+            windows, start = zj.Windows(escape=60.0), zj.State(omega=(0.0, 2.9))
+            return zj.settle(column, start, windows=windows)
+
+        return point(q, eta, kappa)
+
+    usual, seldom = ended(8), ended(64)
+    assert (usual.outcome == zj.CODE.cycle).all()
+    for name in ("outcome", "time", "returns"):
+        np.testing.assert_array_equal(getattr(usual, name), getattr(seldom, name))

@@ -41,7 +41,7 @@ def passing(point, time):
     after = (omega1 / 2, phi2 + omega2 / 2, omega1, omega2)
     none = (0.0 * phi2, 0.0 * phi2)
     ends = Ends(time, time + 1.0, before, after, none, none)
-    return Lookout(ends, jnp.asarray(1.0), (), jnp.asarray(NOTHING))
+    return Lookout(ends, jnp.asarray(1.0), jnp.asarray(0.0), (), jnp.asarray(NOTHING))
 
 
 @jax.jit

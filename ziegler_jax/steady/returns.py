@@ -104,6 +104,7 @@ class Lookout(NamedTuple):
 
     passed: Ends  # the step of a return that has not been looked at
     waits: Scalar  # how many have not
+    hurries: Scalar  # 1 where two have come before the first was looked at
     calm: Calm | tuple[()]
     asks: Int[Array, ""]
     grown: Grown | tuple[()] = ()
@@ -113,7 +114,8 @@ class March(AbstractFold[Lookout]):
     """Watches for a return, for rest and for a rod that turns over.
 
     A return is looked at some steps later, by all lanes of a batch together: what a
-    solve carries along it copies in each step.
+    solve carries along it copies in each step. A motion whose next one has come by then
+    stops at each from there on, until it is looked at.
 
     **Arguments:** `odd`: whether half returns count; `rest`: when it is at rest;
     `escape`: an angle that ends it; `carrier`: the method, where the kick's tangent
@@ -133,6 +135,7 @@ class March(AbstractFold[Lookout]):
         return Lookout(
             passed=Ends(start, start, y0, y0, none, none),
             waits=zero,
+            hurries=zero,
             calm=() if self.rest.by_modes else Calm(start, zero, zero),
             asks=jnp.zeros((), jnp.int32),
             grown=() if self.carrier is None else kick_tangent(y0),
@@ -187,8 +190,10 @@ class March(AbstractFold[Lookout]):
             anew = Calm(step.t1, 0.0 * rate, 0.0 * rate)
             calm = tree_where(goes_on > 0, _longer(cast(Calm, calm), step, rate), anew)
         calm, growth = replaced(accepts, (calm, growth), (state.calm, state.grown))
-        after = Lookout(passed, state.waits + there, calm, asks, growth)
-        return after, jnp.inf, asks != NOTHING
+        waits = state.waits + there
+        hurries = jnp.where(waits > 1, 1.0, state.hurries)
+        after = Lookout(passed, waits, hurries, calm, asks, growth)
+        return after, jnp.inf, (asks != NOTHING) | (hurries * waits > 0)
 
     def _rests(self, system: System, state: Lookout, step: Step) -> Flags:
         """Whether it rests for long enough, not on its way up; or is calm so far."""
