@@ -4,8 +4,9 @@ Each variant changes one constant of `ziegler_jax.steady` (or several together),
 samples: random cells of the main job's map; loads beside its thresholds; columns with
 viscous damping, many of them on tori; set-valued friction, certified. Endings that
 change, the share of steps, and how the motions that changed end at 1e-9, to t = 40 000.
-Prints one JSON line a variant and sample.
+Prints one JSON line a variant and sample; `--table` makes a table of such lines.
 
+    python benchmarks/a14_constants.py --table < results/a14_constants.jsonl
     python benchmarks/a14_constants.py [--cells 2000] [--seed 0] [--judge]
         ["returns.OWN=1"] ["shots.COARSE=0.05 shots.FINE=0.005"] ...
 """
@@ -14,6 +15,7 @@ import argparse
 import importlib
 import json
 import math
+import sys
 
 import diffrax as dfx
 import jax
@@ -129,6 +131,21 @@ def truth(point, places):
     return zj.sweep(fine, place=places, progress=False).outcome.values
 
 
+def table(lines):
+    """A row a variant: endings that change of so many cells, and the share of steps."""
+    rows, sizes = {}, {}
+    for line in map(json.loads, lines):
+        sizes[line["sample"]] = line["cells"]
+        cell = f"{line['endings']}, {line['steps']:.3f}"
+        rows.setdefault(line["variant"], {})[line["sample"]] = cell
+    head = ["changed to", *(f"{name} ({size})" for name, size in sizes.items())]
+    yield f"| {' | '.join(head)} |"
+    yield "|---" * len(head) + "|"
+    for variant, cells in rows.items():
+        row = [f"`{variant}`", *(cells.get(name, "") for name in sizes)]
+        yield f"| {' | '.join(row)} |"
+
+
 def named(code):
     return zj.CODE(int(code)).name
 
@@ -139,7 +156,11 @@ def main():
     parser.add_argument("--cells", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--judge", action="store_true", help="those that changed")
+    parser.add_argument("--table", action="store_true", help="of lines that come in")
     options = parser.parse_args()
+    if options.table:
+        print("\n".join(table(sys.stdin)))
+        return
     zj.configure_cpu()
     jax.config.update("jax_enable_x64", True)  # for tables of cells
     source = np.random.default_rng(options.seed)

@@ -3,7 +3,7 @@
 Twenty columns and loads with set-valued friction: `least_kick` against random kicks,
 whose directions are uniform in the norm of the energy and whose energies are uniform
 up to 1.25 of the least one; both have the same windows and tolerances, and each of the
-random kicks is followed to a certified cycle or to rest. Then the least kick itself,
+random kicks is followed until it repeats or rests. Then the least kick itself,
 0.998 and 1.002 of it. Before, how the least energy over the square of the torque
 departs from its limit at small torques. Prints one JSON line a case and one for all.
 
@@ -145,7 +145,7 @@ def judged(group, table, ds, case, count):
     around = fates(table, case, np.outer([0.998, 1.002], start))
     starts, energies = random_kicks(row, FREE[group], energy, count, 7 + case)
     fate = fates(table, case, starts)
-    flutter = np.isin(fate, (zj.CODE.cycle, zj.CODE.escaped))
+    flutter = np.isin(fate, (zj.CODE.repeats, zj.CODE.escaped))
     best = energies[flutter].min() if flutter.any() else np.inf
     return line | {
         "0.998": zj.CODE(int(around[0])).name,
@@ -206,7 +206,7 @@ def main():
         "random_a_case": options.random,
         "most_percent_over_best": max(x["percent_over_best"] for x in judged_ones),
         "rest_at_0.998": sum(x["0.998"] == "stuck" for x in judged_ones),
-        "flutter_at_1.002": sum(x["1.002"] == "cycle" for x in judged_ones),
+        "flutter_at_1.002": sum(x["1.002"] == "repeats" for x in judged_ones),
     }
     print(json.dumps(rounded(result)))
 
