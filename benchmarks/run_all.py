@@ -25,6 +25,7 @@ CALLS = {
     "a13_certified_truth": [
         ["share", "cells", "amplitudes"],
         ["kicks", "--columns", "205", "--seed", "2"],
+        ["kinds", "--seed", "2911"],
     ],
     "b0_work_precision": [["--scenes", *SCENES]],
 }

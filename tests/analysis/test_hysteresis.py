@@ -151,6 +151,10 @@ def test_bad_arguments_are_named(refuses):
     refuses(lambda: up_down(values=[1.0]), "`values`", "at least two")
     refuses(lambda: up_down(kick=0.1), "`kick`", "`State`")
     refuses(lambda: up_down(make=lambda joint: dry(joint, 0.1)), "`joint`", "unlike")
+    refuses(
+        lambda: up_down(make=lambda period: dry(period, 0.1), certify=True), "period"
+    )
+    refuses(lambda: up_down(make=lambda outcome: dry(outcome, 0.1)), "`outcome`")
     refuses(lambda: up_down(certify=1), "`certify`", "1")
     refuses(lambda: up_down(start=0.1), "`start`", "`State`")
     refuses(lambda: up_down(windows=zj.Windows(length=0.0)), "`length`", "0")

@@ -276,7 +276,7 @@ def test_what_breaks_a_rule_is_named(refuses):
     )  # fmt: skip
     refuses(lambda: zj.poincare(column, start, section=1), "`section`", "1")
     refuses(lambda: zj.poincare(column, start, points=0), "`points`", "0")
-    for bad in (-1, 5, 1.5, True):
+    for bad in (-1, 5, 1.5, 2.0, True, "2", np.array([1, 2])):
         refuses(
             lambda bad=bad: zj.settle(column, start, exponents=bad),
             "`exponents`", "from 0 to 4", repr(bad),
@@ -288,5 +288,5 @@ def test_what_breaks_a_rule_is_named(refuses):
     stiff = zj.Method(zj.Rosenbrock())
     refuses(
         lambda: zj.settle(column, start, exponents=2, method=stiff),
-        "`exponents` is 2", "Rosenbrock",
+        "`exponents` must be 0", "Rosenbrock", "2",
     )  # fmt: skip

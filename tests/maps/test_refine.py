@@ -7,9 +7,10 @@ import pytest
 import xarray as xr
 
 import ziegler_jax as zj
+from ziegler_jax.maps import boundaries
 from ziegler_jax.maps.boundaries import BoundarySearch, share_below
 from ziegler_jax.maps.cells import Cells
-from ziegler_jax.results import OUTCOMES
+from ziegler_jax.results import CODE, KINDS, OUTCOMES
 
 X = np.linspace(0.0, 1.0, 17)
 
@@ -350,3 +351,9 @@ def test_few_points_are_the_end_and_said(points):
     ds = refined(made_up, max_points=points, audit=20, width=1e-6)
     assert ds.attrs["refine_points"] <= points
     assert ds.attrs["refine_complete"] == 0
+
+
+def test_what_is_not_decided_is_a_band_whatever_it_is_called():
+    """Of `kind` as of `outcome`: each such word is a code, and none is left out."""
+    vague = {code.name for code in (*OUTCOMES, *KINDS) if 20 <= code < CODE.decided}
+    assert vague <= boundaries.UNKNOWN <= set(CODE.__members__)

@@ -153,6 +153,11 @@ def sweep_up_down(
         return {name: v.value for name, v in named.items()}
 
     shapes = jax.eval_shape(quantities)
+    if axis in {*TAKEN, *described}:
+        raise ValueError(
+            "The argument of `make_column` must be called unlike the results' numbers "
+            f"and dimensions, but is `{axis}`."
+        )
     empty = {k: jnp.zeros((2, n, *s.shape), s.dtype) for k, s in shapes.items()}
     end, _ = run_in_sequence(
         motion, update, lambda now: now.place < 2 * n, first._replace(results=empty)
@@ -171,15 +176,11 @@ def sweep_up_down(
 def _name_of_the_number(make_column: Callable[[Scalar], Column]) -> str:
     """What the function calls its argument."""
     try:
-        (name, *_) = inspect.signature(make_column).parameters
+        (first, *_) = inspect.signature(make_column).parameters.values()
     except (TypeError, ValueError):  # of a function that is not Python's own
         return "value"
-    if name in TAKEN:
-        raise ValueError(
-            "The argument of `make_column` must be called unlike the results' "
-            f"dimensions, but is `{name}`."
-        )
-    return name
+    named = first.kind in (first.POSITIONAL_ONLY, first.POSITIONAL_OR_KEYWORD)
+    return first.name if named else "value"
 
 
 def _increasing(values: Times) -> np.ndarray:

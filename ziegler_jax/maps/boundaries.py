@@ -16,8 +16,9 @@ CERTAINTY = 0.95  # of the bound of the area that is missed
 COMPARED, UNLIKE = 32, 0.1  # points of the map that are computed again; may be unlike
 MISSING, LARGEST = -(2**62), 2**53  # no label; and the largest that there may be
 # Labels that say that nothing is known: between two others they are a band.
-UNKNOWN = {"unsettled", "undecided", "unclassified", "failed", "not_finite"}
-UNKNOWN |= {"step_vanished", "budget_spent", "chattering"}
+UNKNOWN = {"unsettled", "undecided", "not_finite", "step_vanished", "budget_spent"}
+UNKNOWN |= {"chattering", "no_passages", "unstable_near", "slow", "aperiodic"}
+UNKNOWN |= {"growing", "lasting"}
 
 
 class Audit(NamedTuple):

@@ -65,7 +65,7 @@ def refine(
     - `width`: of the interval on a cell's edge in which the label changes, as a share
         of the axis's range; a band of undecided points between two labels may be wider.
         Where one of both labels is that nothing is known (`unsettled`, `undecided`,
-        `unclassified`, a failure) it is 1e-3, or `width` if larger: such borders
+        `slow` and the like, a failure) it is 1e-3, or `width` if larger: such borders
         move with the horizon. A pair states both widths.
     - `levels`: how often a cell is halved, both ways, on the way to a boundary.
     - `audit`: so many random points of cells that were not halved. If none of k has

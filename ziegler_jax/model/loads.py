@@ -21,7 +21,7 @@ class AbstractNormalLoad(AbstractRuled):
 
     @property
     def of_motion(self) -> bool:
-        """Whether the accelerations decide it, as `JointReaction`'s; else it rests."""
+        """Whether the accelerations decide it, as `JointReaction`'s; or q alone."""
         return False
 
     def __add__(self, other: AbstractNormalLoad) -> LoadSum:

@@ -47,7 +47,8 @@ class SetValuedCoulomb(AbstractFriction):
     - `mu_s`, `mu_k`: static and kinetic coefficient, one number or one a joint,
         $\mu_s \ge \mu_k \ge 0$; `mu_k` left out is `mu_s`.
     - `pin_radius`: $\rho = R_{pin}/l$, one number or one a joint.
-    - `load`: the normal load, `FollowerLoad()`, `ConstantLoad(n)`, `JointReaction()`.
+    - `load`: the normal load, `FollowerLoad()`, `ConstantLoad(n)`, `JointReaction()`,
+        or a sum of these.
 
     **With `JointReaction()`** each pair of modes has loads, torques and thresholds of
     its own. In given modes the accelerations, and so the reactions, are affine in

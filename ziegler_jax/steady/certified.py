@@ -440,6 +440,7 @@ class CertifiedMotion:
         return {
             **self.method.settings(),
             **self.windows.settings(),
+            **({"exponents": self.exponents} if self.exponents else {}),
             "rate_cut": self.rest.setting(),
         }
 

@@ -187,7 +187,7 @@ class Naming(AbstractSpans[Witness], AbstractGrowth[SpanState[Witness]]):
         dissipates = before.dissipates
         for loss in system.power(step.y1)[1:]:
             if loss is not None:
-                dissipates |= measuring & (loss > 0)
+                dissipates |= measuring & (loss != 0)  # a law may feed as well
         angle = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1]))
         halves = zip((measuring & ~late, late), before.angles, strict=True)
         watch = watch._replace(

@@ -8,6 +8,7 @@ from typing import cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Shaped
 
 from ..model.column import Column, State
@@ -69,9 +70,10 @@ class Settled(AbstractDescribed, AbstractMotionResult[State]):
 
 MOST_EXPONENTS = 4  # as many as a state has numbers
 _FIELDS = {*Settled.__dataclass_fields__, "windows"}
+_EXPONENTS = {"exponents", "errors", "kind"}
 _CERTIFICATE = {
     "period", "returns", "largest_multiplier", "undecided", "shot_steps", "growth",
-    "sensitive", "exponents", "errors", "kind",
+    "sensitive",
 }  # fmt: skip
 
 
@@ -129,12 +131,13 @@ def settle(
 
     **Torus or chaos** (`exponents=2`): a certified motion that ends `unsettled` goes on
     as long again, after another `transient` over `max_windows` of `length`, with
-    tangents: `exponents` are its largest Lyapunov exponents, with `errors` as
+    tangents: `exponents` are its first Lyapunov exponents, with `errors`, as
     `lyapunov_exponents` has them, NaN of every other motion. By them `undecided` says
     `chaotic`, `quasi_periodic`, `periodic` or `conservative` where that is sure
     (`steady/exponents.py`): chaos that ends after the time of looking on is chaotic.
-    `kind` is that, or the outcome of a motion that has settled. Nothing else changes,
-    and a motion that settles pays for nothing.
+    `kind` is that, or the outcome of a motion that has settled. Nothing else of the
+    result changes but `steps`, and a motion that settles pays for nothing. The steps
+    are of the same budget, `max_steps`: where it is spent, exponents are NaN.
 
     **Arguments:**
 
@@ -165,12 +168,13 @@ def settle(
     `steady/derivative.py`; on the start and the options it does not depend. Its `final`
     state and `time` depend on when the verdict came, which no derivative says, as do,
     where cycles are certified, all numbers of a motion that came to rest under a
-    smoothed law or without friction: theirs are NaN, and so are those of `drift` and
-    `growth`. Else they are those of the motion's steps (by windows, at rest too: of the
-    last window), whose size does not follow the tangents' error: it grows with the
-    time, and at the usual tolerance the first digit can be wrong. With `certify=False`
-    ask for `Method(rtol=1e-10)`, and compare with differences. Reverse mode is refused
-    (`ValueError`): the number of steps is not known beforehand.
+    smoothed law or without friction: theirs are NaN, and so are those of `drift`,
+    `growth`, `exponents` and `errors`. Else they are those of the motion's steps (by
+    windows, at rest too: of the last window), whose size does not follow the tangents'
+    error: it grows with the time, and at the usual tolerance the first digit can be
+    wrong. With `certify=False` ask for `Method(rtol=1e-10)`, and compare with
+    differences. Reverse mode is refused (`ValueError`): the number of steps is not
+    known beforehand.
 
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit session.
     """
@@ -212,10 +216,12 @@ def settling(
             f"Argument `certify` must be True, False or None, but is {certify!r}."
         )
     if certify and isinstance(method.solver, Rosenbrock):
+        wrong = (
+            "`exponents` must be 0" if exponents else "`certify` must be False or None"
+        )
         raise ValueError(
-            "Argument `certify` must be False or None, and `exponents` 0, with "
-            "`Rosenbrock()`, whose steps carry no tangents, but "
-            f"{f'`exponents` is {exponents}' if exponents else '`certify` is True'}."
+            f"Argument {wrong} with `Rosenbrock()`, whose steps carry no tangents, but "
+            f"is {exponents or certify}."
         )
     if certify:
         return CertifiedMotion(*scene, exponents=exponents)
@@ -223,7 +229,8 @@ def settling(
 
 
 def _exponents(count: int, certify: bool | None) -> int:
-    if isinstance(count, bool) or count not in range(MOST_EXPONENTS + 1):
+    whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+    if not whole or not 0 <= count <= MOST_EXPONENTS:
         raise ValueError(
             f"Argument `exponents` must be a whole number from 0 to {MOST_EXPONENTS}, "
             f"but is {count!r}."
@@ -233,7 +240,7 @@ def _exponents(count: int, certify: bool | None) -> int:
             "Argument `exponents` must be 0 with `certify=False`, where no motion is "
             f"given up, but is {count}."
         )
-    return count
+    return int(count)
 
 
 def may_certify(column: Column, method: Method) -> bool:
@@ -271,9 +278,8 @@ def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settle
 
 def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     orbit, candidate = end.orbit, end.candidate
-    named = motion.observation.variables(
-        fixed(motion.system), orbit.record, _FIELDS | _CERTIFICATE
-    )
+    taken = _FIELDS | _CERTIFICATE | (_EXPONENTS if motion.exponents else set())
+    named = motion.observation.variables(fixed(motion.system), orbit.record, taken)
     closed = end.outcome == CODE.cycle
     twice = fixed(motion.odd) & (candidate.returns % 2 == 1)
     unsettled = end.outcome == CODE.unsettled
