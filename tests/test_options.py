@@ -171,7 +171,7 @@ def test_a_partial_value_leaves_the_rest_to_the_question():
         assert changed == expected, question.__name__
         assert set(after) == set(before)
     assert asked == {
-        value: {zj.Method: 15, zj.Windows: 6, zj.Search: 3}.get(value, 2)
+        value: {zj.Method: 14, zj.Windows: 6, zj.Search: 3, zj.Spans: 1}.get(value, 2)
         for value in PARTS
     }
 
