@@ -14,6 +14,7 @@ from newton_euler import Rods, motion
 
 import ziegler_jax as zj
 from ziegler_jax import CODE
+from ziegler_jax.analysis import branch_point
 
 FLIP = {"t1": 0.0956765, "c": (0.0313048, 0.0971598), "eta": 0.710525, "k": 1.128130}
 NEAR_FLIP = Near((-2.27950, 2.10147, 4.33986), 7.00939, 3.32033, 0.1696786)
@@ -207,6 +208,125 @@ def test_one_bifurcation_is_where_the_multiplier_says_and_moves_as_it_says(
         "pitchfork": np.sort(np.abs(exact - 1))[1],
     }[kind]
     assert off_by < 1e-5  # measured 5.1e-7
+
+
+@pytest.fixture(scope="module")
+def through():
+    """A branch of symmetric cycles through a pitchfork: on half its map, and on all."""
+    near, make = NEAR_PITCHFORK, maker(**PITCHFORK)
+    q = near.q * (1 - 1e-4)
+
+    def column(q):
+        return make(q, near.tau)
+
+    def follow():
+        guess = zj.State((0.0, near.y[0]), near.y[1:])
+        orbit = zj.periodic_orbit(column(q), guess, period=near.period)
+        arc = zj.Arc("both", step=0.02, points=8)
+        return zj.continue_cycle(column, orbit, q, arc=arc)
+
+    half = jax.jit(follow)()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(branch_point, "is_odd", lambda system: jnp.asarray(False))
+        whole = jax.jit(lambda: follow())()
+    return column, half, whole
+
+
+def test_a_symmetric_branch_goes_straight_on_through_its_pitchfork(through):
+    _, branch, _ = through
+    assert branch.symmetric and branch.outcome == CODE.found
+    kinds = branch.special.kind.tolist()
+    assert kinds == [CODE.fold, CODE.pitchfork] + [CODE.ordinary] * 6
+    fold, fork = np.asarray(branch.special.parameter[:2])
+    q = np.asarray(branch.points.parameter[: branch.count])
+    assert (np.diff(q) > 0).all() and q[0] > fold and q[1] < fork < q[-1]
+    # another code's map of half a period, seen in the mirror, flips there
+    near, i = NEAR_PITCHFORK, kinds.index(CODE.pitchfork)
+    y = np.array([*branch.special.phi[i], *branch.special.omega[i]])
+    period = float(branch.special.period[i])
+    end, moved = map_by_another_code(PITCHFORK, fork, near.tau, y, period / 2)
+    assert np.abs(end + y).max() < 1e-8  # measured 4.8e-11
+    assert np.abs(np.linalg.eigvals(-moved) + 1).min() < 1e-6  # measured 5.2e-9
+    _, moved = map_by_another_code(PITCHFORK, fork, near.tau, y, period)
+    exact, mine = np.linalg.eigvals(moved), branch.special.multipliers[i]
+    assert np.sort(np.abs(exact - 1))[1] < 1e-6  # measured 1.7e-7
+    # measured 1.8e-7: the differences of the other code
+    np.testing.assert_allclose(np.sort(mine), np.sort(exact), rtol=0, atol=2e-6)
+
+
+def test_half_the_map_says_of_a_branch_what_all_of_it_says(through):
+    _, branch, whole = through
+    assert not whole.symmetric and whole.ends.tolist() == branch.ends.tolist()
+    assert (whole.special.kind == branch.special.kind).all()
+    # measured 2.0e-9, in an amplitude
+    for name in ("parameter", "period", "phi", "omega", "joint_amplitude"):
+        of_half, of_all = getattr(branch.points, name), getattr(whole.points, name)
+        np.testing.assert_allclose(of_half, of_all, rtol=0, atol=1e-8)
+    mine, exact = branch.points.monodromy, whole.points.monodromy
+    np.testing.assert_allclose(mine, exact, rtol=0, atol=1e-6)  # 1.1e-7
+    fold, fork = np.asarray(branch.special.parameter - whole.special.parameter)[:2]
+    # measured 6e-11 and 4.3e-6: all of the map is singular there, and has but the chord
+    assert abs(fold) < 1e-9 and abs(fork) < 1e-5
+    assert int(branch.steps) < 0.5 * int(whole.steps)  # measured 0.34
+
+
+def test_both_branches_leave_at_a_pitchfork_on_a_branch(through):
+    column, branch, _ = through
+    near, shifts = NEAR_PITCHFORK, []
+
+    @jax.jit
+    def leave(start):
+        return [zj.branch_off(column, "pitchfork", start, side=x) for x in (1, -1)]
+
+    for leaves in leave(branch):
+        assert leaves.outcome == CODE.found
+        start, (half, end) = by_another_code(PITCHFORK, near, leaves, (0.5, 1.0))
+        assert np.abs(end - start).max() < 1e-8  # measured 6.6e-10
+        assert np.abs(half + start).max() > 0.02
+        shifts.append(start[1] - float(branch.special.phi[1, 1]))
+    assert shifts[0] * shifts[1] < 0
+    arc = zj.Arc("both", step=0.02, points=4)
+    follow = jax.jit(lambda o, q: zj.continue_cycle(column, o, q, arc=arc))
+    other = follow(leaves.orbit, leaves.parameter)
+    assert other.outcome == CODE.found and not other.symmetric
+
+
+class Uneven(zj.AbstractDamping):
+    """A knee that is damped more the one way than the other."""
+
+    rules = {"c": "nonnegative", "by": "finite"}
+    units = {"c": "m l^2", "by": "l"}
+    c: float
+    by: float
+
+    def matrix(self, cos_d, omega):
+        c = self.c * (1 + self.by * omega[1] / (1 + omega[1] ** 2))
+        return (self.c + c, -c), (-c, c)
+
+
+def test_where_the_parameter_breaks_the_symmetry_all_of_the_map_is_followed():
+    """From its value 0, where the cycle is its own mirror image."""
+    law = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.1)
+
+    def column(by):
+        return zj.uniform_rods(2.8, friction=law, damping=Uneven(0.02, by))
+
+    @jax.jit
+    def follow():
+        near = zj.settle(column(0.0), zj.State(omega=(0.0, 0.6))).final
+        orbit = zj.periodic_orbit(column(0.0), near)
+        arc = zj.Arc("both", points=4)
+        branch = zj.continue_cycle(column, orbit, 0.0, arc=arc)
+        last = jax.tree.map(lambda x: x[branch.count - 1], branch.points)
+        there = zj.State(tuple(last.phi), tuple(last.omega))
+        again = zj.periodic_orbit(column(last.parameter), there, period=last.period)
+        return branch, last, again
+
+    branch, last, again = follow()
+    assert not branch.symmetric and branch.outcome == CODE.found
+    assert last.parameter > 0.1
+    # measured 3e-15
+    np.testing.assert_allclose(again.state.y, [*last.phi, *last.omega], atol=1e-8)
 
 
 def off(numbers, kind, near, **options):

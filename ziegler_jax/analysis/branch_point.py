@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -20,10 +21,20 @@ from ..motion.options import Method
 from ..numerics.numbers import Count, Flag, Pair, Scalar, is_concrete
 from ..numerics.rules import instance, keeps, number, whole_number
 from ..results import CODE, Codes
+from ..steady.oddness import is_odd
 from .periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
-from .shooting import Shot, blank_shot, mirrored, newton, shot_motion, shot_of
+from .shooting import (
+    Shot,
+    blank_shot,
+    is_mirrored,
+    newton,
+    shot_motion,
+    shot_of,
+    turned,
+)
 
 NEWTON_STEPS = 10  # more say that the step was too long
+BESIDE = 1e-3  # the first parameter, of its size: where oddness is looked at once more
 TESTS = CODE.fold, CODE.torus, CODE.flip, CODE.pitchfork  # zero there, in this order
 
 
@@ -119,6 +130,12 @@ class AbstractContinuation(abc.ABC):
     crossing: int = 0
     direction: Scalar = 1.0
     kink: float = 0.0  # steps below it may turn where the sequence of modes changes
+    spent: Count = 0  # of the step budget, before the walk
+
+    @property
+    def left(self) -> Int[Array, ""]:
+        """Of the step budget."""
+        return jnp.asarray(self.method.max_steps, jnp.int32) - self.spent
 
     def heading(self, direction: Scalar) -> Self:
         """The same problem, walked the way in which that unknown rises (1) or falls."""
@@ -168,12 +185,14 @@ class AbstractContinuation(abc.ABC):
 
 
 class Continuation(AbstractContinuation):
-    """What a continuation needs: the problem, its scales, and where it starts.
+    r"""What a continuation needs: the problem, its scales, and where it starts.
 
-    Its motions last one period (`sign` = 1) or half of one, to the mirror image (-1).
+    Its motions last one period (`sign` = 1), or half of one, to the mirror image (-1):
+    where the first cycle is its own. With the multipliers $\nu$ of the half map those
+    of the period are $\nu^2$; at a pitchfork one is -1, and Newton's method regular.
     """
 
-    sign: float
+    sign: Scalar = 1.0
     crossing, along = 1 + TESTS.index(CODE.pitchfork), 4
 
     def __init__(
@@ -184,10 +203,8 @@ class Continuation(AbstractContinuation):
         parameter: Scalar,
         arc: Arc,
         method: Method,
-        half: bool = False,
     ):
-        """Check it and set the scales; `half`: to the mirror image, half a period."""
-        self.sign = -1.0 if half else 1.0
+        """Check it, see whether the cycle is symmetric, and set the scales."""
         dtype = jnp.result_type(float)
         check_maker(make_column)
         check_orbit("orbit", orbit)
@@ -211,9 +228,6 @@ class Continuation(AbstractContinuation):
         self.make = fixed(self.live)
         self.section = fixed(orbit.section)
         y0 = fixed(float_state(orbit.state))
-        span = fixed(orbit.period) / (2 if half else 1)
-        z = [*(y0[i] for i in self.section.others), span]
-        z = jnp.stack([jnp.asarray(x, dtype) for x in z])
         good = keeps("finite", start) & keeps("positive", arc.step, arc.error)
         good &= keeps("positive", self.method.rtol, self.method.atol)
         still = PhasePoint((0.0 * at,) * 4)
@@ -222,8 +236,37 @@ class Continuation(AbstractContinuation):
         self.failure = jnp.where(good, failure, CODE.invalid)
         one = jnp.ones((), dtype)
         size = jnp.where(at == 0, one, jnp.abs(at))
+        span = jnp.asarray(fixed(orbit.period), dtype)
+        if question != "branch_off":  # which seeks what is not symmetric any more
+            # beside it, too: where the parameter is an imperfection, 0 is no answer
+            odd = jnp.all(jax.vmap(self._odd)(jnp.stack([at, at + BESIDE * size])))
+            scene = self.make(at).system(), y0, span / 2
+            image, self.spent = is_mirrored(
+                *scene, self.method.budget, self.failure == 0
+            )
+            self.sign = jnp.where(odd & image, -one, one)
+        z = [*(y0[i] for i in self.section.others), span / self.turns]
+        z = jnp.stack([jnp.asarray(x, dtype) for x in z])
         self.scale = jnp.stack([one, one, one, jnp.maximum(z[3], 1e-3), size])
         self.first = jnp.concatenate([z, at[None]]) / self.scale
+
+    def _odd(self, parameter: Scalar) -> Flag:
+        """Whether the mirror image of each motion is a motion."""
+        return is_odd(self.make(parameter).system())
+
+    @property
+    def symmetric(self) -> Bool[Array, ""]:
+        """Whether each cycle is its own mirror image, half a period later."""
+        return jnp.asarray(self.sign) < 0
+
+    @property
+    def turns(self) -> Float[Array, ""]:
+        """How many of its motions are a period."""
+        return jnp.where(self.symmetric, 2.0, 1.0)
+
+    def whole(self, moved: Float[Array, "*n 4 4"]) -> Float[Array, "*n 4 4"]:
+        """The monodromy matrix of the period."""
+        return jnp.where(self.symmetric, moved @ moved, moved)
 
     def blank(self) -> BranchPoint:
         """A point of NaNs."""
@@ -244,12 +287,13 @@ class Continuation(AbstractContinuation):
     ) -> Bool[Array, "4"]:
         """Without those where two real multipliers are reciprocal, and at folds.
 
-        There the torus' test vanishes, too, and the pitchfork's.
+        There the torus' test vanishes, too, and the pitchfork's but of the half map.
         """
         torus, pitchfork = TESTS.index(CODE.torus), TESTS.index(CODE.pitchfork)
         pair = circles(before.moved) | circles(after.moved)
         changed = changed.at[torus].set(changed[torus] & pair)
-        return changed.at[pitchfork].set(changed[pitchfork] & ~changed[0])
+        regular = self.symmetric | ~changed[0]
+        return changed.at[pitchfork].set(changed[pitchfork] & regular)
 
     def confirms(self, kind: Int[Array, ""], point: BranchPoint) -> Flag:
         """A torus has a complex pair."""
@@ -278,9 +322,7 @@ class Continuation(AbstractContinuation):
             )
 
         def equations(x, flow):
-            if self.sign < 0:
-                flow = mirrored(flow)
-            shot = shot_of(self.section, (x * self.scale)[:4], flow)
+            shot = shot_of(self.section, (x * self.scale)[:4], turned(flow, self.sign))
             matrix = _matrix(shot) * self.scale[None]
             r = jnp.concatenate([shot.residual, (row @ (x - x0))[None]])
             return r, jnp.concatenate([matrix, row[None]]), shot
@@ -293,10 +335,15 @@ class Continuation(AbstractContinuation):
         tangent = solve(whole, jnp.eye(5, dtype=x0.dtype)[4])
         tangent = tangent / jnp.sqrt(tangent @ tangent)
         moved = shot.flow.moved[:, :4]
-        tests = jnp.stack([tangent[4], *products(moved)])
+        torus, flip, pitchfork = products(moved)
+        # of the half map: a pitchfork, and a symmetric cycle has no flip
+        pitchfork = jnp.where(self.symmetric, flip, pitchfork)
+        flip = jnp.where(self.symmetric, 1.0, flip)
+        tests = jnp.stack([tangent[4], torus, flip, pitchfork])
         ends = moved, matrix, tests, shot.flow.modes
         point = BranchPoint(solution.z, tangent, shot.flow.extent, *ends)
         good = solution.converged & jnp.all(jnp.isfinite(tangent))
+        good &= ~self.symmetric | self._odd(solution.z[4] * self.scale[4])
         return point, good, solution.iterations, solution.left
 
 

@@ -11,10 +11,13 @@ functions of the three multipliers $\mu_i$ other than 1 change sign:
 $$t_\lambda \text{ (fold)}, \qquad \prod_{i<j} (\mu_i \mu_j - 1) \text{ (torus)}, \qquad
 \prod_i (1 + \mu_i) \text{ (flip)}, \qquad \prod_i (1 - \mu_i) \text{ (pitchfork)}$$
 
-and the zero is found along the arc; a pitchfork's, where another branch crosses and
-Newton's method is singular, may be that of the step's chord. Lengths on
-the arc: rad for the state, the first cycle's period for T, the first value for
-$\lambda$.
+and the zero is found along the arc. A pitchfork's, where another branch crosses and
+Newton's method is singular, may be that of the step's chord; but where the column and
+the cycle are their own mirror images, $y(T/2) = -y_0$, that is solved in place of R. Of
+this half map the multipliers are $\nu_i$, $\mu_i = \nu_i^2$, a fold has the
+multiplier 1, too, and a pitchfork, $\prod_i (1 + \nu_i) = 0$, is a regular point.
+Lengths on the arc: rad for the state, the first cycle's period for T, the first value
+for $\lambda$.
 
 Source: H. B. Keller (1977); Y. A. Kuznetsov, Elements of Applied Bifurcation Theory
 (2004), chapter 10.
@@ -160,6 +163,7 @@ class Branch(AbstractResult):
     `CyclePoints` where the branch changes; `outcome`: a `CODE`, `found` if all
     points asked for are there, else why the branch ends; `ends` (1,), or (2,) where it
     was followed both ways: the same of each end, first where it set out downwards;
+    `symmetric`: whether each cycle is its own mirror image, half a period later;
     `steps` of all motions. In a dataset the points are named as in `CyclePoints`, the
     special ones `special_...`.
     """
@@ -172,6 +176,9 @@ class Branch(AbstractResult):
     )
     ends: Int[Array, "*lanes w"] = eqx.field(
         metadata=quantity("how the branch ends", dims=("end",), codes=ORBITS)
+    )
+    symmetric: Bool[Array, "*lanes"] = eqx.field(
+        metadata=quantity("whether the cycles are their own mirror images")
     )
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     settings: Settings = eqx.field(static=True)
@@ -214,8 +221,10 @@ def continue_cycle(
     - `method`: an explicit one; its step budget is that of all motions of the branch
         together in one direction, which ends as `not_integrated` where it is spent.
 
-    **Returns:** `Branch`. With set-valued friction it may end as `not_converged` before
-    its cycle ends: begin once more beyond, at a cycle that `settle` finds there.
+    **Returns:** `Branch`. Cycles that are their own mirror images, of a column that is,
+    are followed over half their period. With set-valued friction it may end as
+    `not_converged` before its cycle ends: begin once more beyond, at a cycle that
+    `settle` finds there.
 
     **Derivatives:** NaN: where its points lie on the arc is a matter of the steps. Of a
     cycle take those of `periodic_orbit`, of a special point those of `bifurcation` or
@@ -243,7 +252,8 @@ def continue_cycle(
         count=jnp.maximum(jnp.sum(ways.filled) - ends.size + 1, 0).astype(jnp.int32),
         outcome=jnp.where(ends[0] == CODE.found, ends[-1], ends[0]),
         ends=ends,
-        steps=jnp.sum(problem.method.budget - ways.left).astype(jnp.int32),
+        symmetric=problem.symmetric,
+        steps=problem.spent + jnp.sum(problem.left - ways.left, dtype=jnp.int32),
         settings=settings_of(problem),
     )
 
@@ -306,17 +316,14 @@ def cycle_points(
     """The points of a branch in their own units."""
     x = cycles.x * problem.scale[None]
     y = start_of(problem.section, x[:, :4])
-    period, moved = x[:, 3], cycles.moved
-    if problem.sign < 0:  # the return to the mirror image, twice
-        period, moved = 2 * period, moved @ moved
     return CyclePoints(
         parameter=x[:, 4],
         phi=y[:, :2],
         omega=y[:, 2:],
-        period=period,
+        period=problem.turns * x[:, 3],
         rod_amplitude=cycles.extent[:, :2],
         joint_amplitude=cycles.extent[:, jnp.array([0, 2])],
-        monodromy=moved,
+        monodromy=problem.whole(cycles.moved),
         kind=codes_of(kind, TESTS),
         settings=settings_of(problem),
         coordinate=problem.section.coordinate,

@@ -137,7 +137,7 @@ class Walk:
             specials=none,
             outcome=self.problem.failure.astype(jnp.int32),
             attempts=none,
-            left=jnp.asarray(self.problem.method.max_steps, jnp.int32),
+            left=self.problem.left,
             modes_change=jnp.asarray(False),
         )
 

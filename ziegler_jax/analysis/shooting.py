@@ -13,17 +13,21 @@ from ..model.state import PhasePoint
 from ..model.system import System
 from ..motion.implicit import solve
 from ..motion.integrate import Motion, Run, follow
+from ..motion.observers import Watching
 from ..motion.options import Method
 from ..motion.section import SectionPlane, passage
 from ..motion.sequence import Followed, run_in_sequence
 from ..motion.variational import Flow, Make, Parameters, Varied, flow_of, varied_motion
-from ..numerics.numbers import Count, Scalar
+from ..numerics.numbers import Count, Flag, Scalar
 from ..results import CODE
-from ..solvers import AbstractFold
+from ..solvers import AbstractFold, Explicit
 
 TOLERANCE = 1e-8  # of the last Newton step; what is left is its square, and rounding
 LARGEST_MOVE = 0.3  # of a Newton step: more is cut
 SHORTEST = 1e-3  # a period below it is none
+# by how much a symmetric cycle may miss its mirror image: a wrong yes would lead away
+# from a pitchfork's other branch, a wrong no costs a longer motion
+MIRRORED = 1e-5
 
 
 # how many passages there were, when the first and the last was, and where
@@ -187,9 +191,22 @@ def shot_of(section: SectionPlane, z: Float[Array, "4"], flow: Flow) -> Shot:
     return Shot(residual, closing(section, flow.moved, flow.slope), flow)
 
 
-def mirrored(flow: Flow) -> Flow:
-    """Seen in the mirror: the motion from half a period on is the start's image."""
-    return flow._replace(y=-flow.y, slope=-flow.slope, moved=-flow.moved)
+def turned(flow: Flow, sign: Scalar) -> Flow:
+    """With the sign -1 seen in the mirror: half a period on is the start's image."""
+    y, slope, moved = sign * flow.y, sign * flow.slope, sign * flow.moved
+    return flow._replace(y=y, slope=slope, moved=moved)
+
+
+def is_mirrored(
+    system: System, y0: PhasePoint, span: Scalar, budget: Count, valid: Flag
+) -> tuple[Bool[Array, ""], Int[Array, ""]]:
+    """Whether after the span y0 has come to its mirror image -y0, and the steps."""
+    method = Method(Explicit(), 1e-8, 1e-8).at_most(budget)
+    run = follow(Motion(system, y0, Watching(), method, end=span, valid=valid))
+    start, end = jnp.stack(y0), jnp.stack(run.y)
+    near = MIRRORED * jnp.maximum(1.0, jnp.max(jnp.abs(start)))
+    off = jnp.max(jnp.abs(end + start))
+    return (run.outcome == CODE.complete) & (off < near), run.steps
 
 
 def start_of(section: SectionPlane, z: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:

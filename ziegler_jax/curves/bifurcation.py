@@ -11,8 +11,8 @@ What F has of second derivatives, along the null vectors, are central difference
 `steady/jets.py`), good to some four digits. Of a fold, $d\lambda$ has none: with the
 row w that annuls $R_z$, $d\lambda = -w \cdot R_p\,dp / (w \cdot R_\lambda)$.
 
-A cycle that is its own mirror image is followed over half its period to a pitchfork,
-on which the return to the mirror image flips: there Newton's method is regular.
+A cycle that is its own mirror image is followed over half its period: at a pitchfork
+the return to the mirror image flips, and Newton's method is regular.
 """
 
 from __future__ import annotations
@@ -128,10 +128,11 @@ def bifurcation(
     Source: G. Moore, A. Spence, SIAM J. Numer. Anal. 17 (1980) 567-576.
     """
     choice("kind", kind, get_args(OfCycles))
-    half = kind == "pitchfork"
-    sought = CODE.flip if half else CODE[kind]
-    scene = make_column, orbit, parameter
-    problem = Continuation("bifurcation", *scene, arc, method, half=half)
+    sought, scene = CODE[kind], (make_column, orbit, parameter)
+    problem = Continuation("bifurcation", *scene, arc, method)
+    if sought is CODE.pitchfork:  # other cycles have no symmetry to lose
+        lost = (problem.failure == 0) & ~problem.symmetric
+        problem.failure = jnp.where(lost, CODE.not_converged, problem.failure)
     walk = Walk(problem, 1, [code is sought for code in TESTS], True)
     end = fixed(walk.follow())
     there = end.special
@@ -192,11 +193,11 @@ def _moves(
         span: Float[Array, ""],
         extra: Float[Array, " e"],
         basis: Float[Array, "a a"],
+        sign: Float[Array, ""],
         method: Method,
     ) -> Float[Array, "5 n"]:
         a = jnp.concatenate([y0, span[None], p])
         directions = degeneracy.directions(extra, basis)
-        sign = jnp.asarray(problem.sign, dtype)
         jet = follow_bundle(Bundle(make, a, directions, method), sign)
         closing = closing_of(jet) @ basis
         block = degeneracy.block(jet, extra, extra, basis)
@@ -211,4 +212,5 @@ def _moves(
         return moves * jnp.where(good, 1.0, jnp.nan)[:, None]
 
     y0 = start_of(problem.section, z[:4])
-    return implicit((5,), slope, p, y0, z[3], extra, basis, problem.method)
+    known = z[3], extra, basis, jnp.asarray(problem.sign)
+    return implicit((5,), slope, p, y0, *known, problem.method)

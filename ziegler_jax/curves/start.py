@@ -75,8 +75,8 @@ def met_on_branch(
     there = codes_of(end.kind[0], TESTS) == CODE[kind]
     failure = jnp.where(there, 0, end.outcome).astype(jnp.int32)
     steps = branch.method.budget - end.left
-    moved = end.special.moved[0]
-    return Beginning(branch.section, x[:4], x[4], moved, failure, steps)
+    z, moved = x[:4].at[3].multiply(branch.turns), branch.whole(end.special.moved[0])
+    return Beginning(branch.section, z, x[4], moved, failure, steps)
 
 
 def of_orbit(orbit: PeriodicOrbit, first: Float[Array, ""]) -> Beginning:

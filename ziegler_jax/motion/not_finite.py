@@ -10,7 +10,6 @@ from functools import wraps
 from typing import Protocol, TypeVar, cast
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
@@ -19,10 +18,10 @@ from ..model.column import Column, State
 from ..model.state import PhasePoint
 from ..results import CODE, AbstractMotionResult
 from ..runtime import Arguments, own_flags, requires_x64
-from ..solvers import AbstractFold
 from .checks import float_state
 from .integrate import Motion, follow
 from .method import method_of, usual_method
+from .observers import Watching
 from .options import Method
 
 Result = TypeVar("Result")
@@ -40,25 +39,6 @@ class Timed(Protocol):
 LONG = 1e4  # a motion is followed once more for so long
 # A step that meets NaN is made shorter until it vanishes in front of it.
 BEYOND = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
-
-
-class Unwatched(AbstractFold[tuple[()]]):
-    """A motion for its end alone."""
-
-    def init(self, system, t0, y0):
-        """Nothing."""
-        del system, t0, y0
-        return ()
-
-    def step(self, system, state, step):
-        """Nothing."""
-        del system, step
-        return state, jnp.inf, False
-
-    def outcome(self, state):
-        """It never ends it."""
-        del state
-        return jnp.asarray(CODE.not_computed, jnp.int32)
 
 
 def motion(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -112,7 +92,7 @@ def _last(
         return float(result.time), [float(x) for x in result.final.y]
     system = column.system()
     method = method_of("settle", Method(), system, usual_method(system))
-    again = Motion(system, float_state(start), Unwatched(), method, end=LONG)
+    again = Motion(system, float_state(start), Watching(), method, end=LONG)
     with own_flags():
         run = follow(again)
     timed = cast(Timed, result)

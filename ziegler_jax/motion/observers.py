@@ -22,8 +22,8 @@ from ..numerics.hermite import HermiteQuartic
 from ..numerics.numbers import Flag, Joints, Numbers, OneOrTwo, Pair, Scalar, both
 from ..numerics.passages import share_within
 from ..numerics.rules import keeps, number_or_pair
-from ..results import RATE, TIME, Units, Variable, checked
-from ..solvers import Step
+from ..results import CODE, RATE, TIME, Units, Variable, checked
+from ..solvers import AbstractFold, Step
 from ..solvers.explicit import Integrand
 from .section import SectionPlane, angles, passage
 
@@ -390,13 +390,36 @@ class Observation(eqx.Module):
             result = observer.result(system, state, record.span, record.y)
             for name, variable in checked(whose, result).items():
                 if name in named or name in taken:
-                    hint = ", which a certificate has" if name == "period" else ""
+                    hint = ", which a cycle has" if name == "period" else ""
                     raise ValueError(
-                        f"{whose} must name its numbers unlike those of `settle` and "
-                        f"of other observers, but has `{name}`{hint}."
+                        f"{whose} must name its numbers unlike the result's own and "
+                        f"those of other observers, but has `{name}`{hint}."
                     )
                 named[name] = variable
         return named
+
+
+class Watching(AbstractFold[tuple]):
+    """A motion for what observers see of it; without any, for its end alone."""
+
+    observation: Observation = Observation(())
+
+    def integrand(self, system):
+        """The observers'."""
+        return self.observation.integrand(system)
+
+    def init(self, system, t0, y0):
+        """Nothing seen yet."""
+        return self.observation.init(system, t0, y0)
+
+    def step(self, system, state, step):
+        """They see the step."""
+        return self.observation.step(system, state, step), jnp.inf, False
+
+    def outcome(self, state):
+        """They never end it."""
+        del state
+        return jnp.asarray(CODE.not_computed, jnp.int32)
 
 
 class Record(NamedTuple):
