@@ -133,8 +133,11 @@ def _orbit(p):
     p = P(NUMBERS | p)
     section = zj.SectionPlane("phi1", p.level)
     guess = zj.State((p.level, 0.9), (0.7, 0.9))
-    orbit = zj.periodic_orbit(column(p, smooth), guess, section=section)
-    return orbit_numbers(orbit)
+    orbit = zj.periodic_orbit(
+        column(p, smooth), guess, section=section,
+        observers=(zj.EnergyBalance(), zj.Mean()),
+    )  # fmt: skip
+    return orbit_numbers(orbit) | orbit.numbers
 
 
 def orbit_numbers(orbit):

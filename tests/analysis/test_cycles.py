@@ -289,3 +289,111 @@ def test_amplitude_and_period_move_as_their_derivatives_say(kind):
     found = np.asarray(orbit.outcome) == zj.CODE.found
     assert np.isnan(slope[~found]).all() and np.isfinite(slope[found]).all()
     assert not found[9] or not orbit.stable[9]
+
+
+# What observers see of one turn -------------------------------------------------------
+
+OBSERVERS = (zj.EnergyBalance(), zj.Mean(), zj.StickFraction())
+
+
+def rubbed(kind, q):
+    load = zj.ConstantLoad(1.0)
+    law: zj.SetValuedCoulomb | zj.SmoothCoulomb
+    law = zj.SetValuedCoulomb(0.026, pin_radius=1.0, load=load)
+    if kind == "smoothed":
+        law = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.1)
+    return zj.uniform_rods(q, friction=law, damping=zj.Viscous(0.02, 0.02))
+
+
+@pytest.mark.parametrize("kind, q", [("smoothed", 2.8), ("set-valued", 2.6)])
+def test_observers_see_of_an_orbit_what_they_see_of_the_cycle_that_settles(kind, q):
+    @jax.jit
+    def both():
+        start = zj.State(omega=(0.0, 0.6))
+        settled = zj.settle(rubbed(kind, q), start, observers=OBSERVERS, certify=True)
+        orbit = zj.periodic_orbit(rubbed(kind, q), settled.final, observers=OBSERVERS)
+        return settled, orbit
+
+    settled, orbit = both()
+    assert settled.outcome == zj.CODE.cycle and orbit.outcome == zj.CODE.found
+    mine, its = orbit.variables(), settled.variables()
+    for name in ("follower_power", "damping_power", "friction_power"):
+        assert mine[name].units == its[name].units == "k sqrt(k/(m l^2))"
+        # measured 4.2e-7: the cycle of `settle` closes less
+        np.testing.assert_allclose(mine[name].value, its[name].value, rtol=2e-6)
+    assert np.abs(orbit.mean_angle - settled.mean_angle).max() < 1e-7  # measured 1.8e-8
+    # of steps, and so as coarse as these: measured 2.2e-5
+    assert np.abs(orbit.stick_fraction - settled.stick_fraction).max() < 1e-4
+    # after a turn the energy is what it was: measured 4.2e-12
+    gain = orbit.follower_power - orbit.damping_power - orbit.friction_power
+    assert abs(gain) < 1e-10 and orbit.follower_power > 0.01
+    assert orbit.to_dataset().friction_power.dims == ()
+
+
+class Rates(zj.AbstractObserver):
+    """Integrals of 1, of each joint's rate, and of its square."""
+
+    name = "rates"
+
+    def integrand(self, system, y):
+        return 1.0 + 0.0 * y[0], y[2], y[3] - y[2], y[2] ** 2, (y[3] - y[2]) ** 2
+
+    def init(self, system, t, y):
+        return (0.0 * y[0],) * 5
+
+    def step(self, system, state, step):
+        return tuple(a + b for a, b in zip(state, step.integrals, strict=True))
+
+    def result(self, system, state, span, y):
+        return {
+            "whole": zj.Variable(state[0], "the turn"),
+            "shift": zj.Variable(jnp.stack(state[1:3]), "angle", "rad", ("joint",)),
+            "square": zj.Variable(jnp.stack(state[3:]) / span, "mean", "1", ("joint",)),
+        }
+
+
+def test_of_an_unstable_orbit_exactly_one_turn_is_observed():
+    """No motion settles there."""
+
+    @jax.jit
+    def found_by(method):
+        load = zj.ConstantLoad(1.0)
+        law = zj.SmoothCoulomb(0.1, pin_radius=1.0, v_smooth=0.05, load=load)
+        column = zj.uniform_rods(
+            1.6335246694, friction=law, damping=zj.Viscous(0.002, 0.002)
+        )
+        start = zj.State((0.0, -0.13764246), (0.4872878, 0.90124433))
+        observers = (Rates(), zj.EnergyBalance(), zj.Period())
+        return zj.periodic_orbit(column, start, observers=observers, method=method)
+
+    def found(budget):
+        return found_by(zj.Method(max_steps=budget))
+
+    orbit = found(100_000)
+    assert orbit.outcome == zj.CODE.found and not orbit.stable
+    np.testing.assert_allclose(orbit.whole, orbit.period, rtol=1e-12)
+    assert np.abs(orbit.shift).max() < 1e-9  # measured 6.2e-11
+    # what viscous joints lose: to the last bits, of the same stages
+    lost = 0.002 * orbit.square.sum()
+    np.testing.assert_allclose(orbit.damping_power, lost, rtol=1e-12)
+    gain = orbit.follower_power - orbit.damping_power - orbit.friction_power
+    assert abs(gain) < 1e-10  # measured 6.3e-12
+    enough = int(orbit.steps) + 1
+    assert found(enough).outcome == zj.CODE.found
+    spent = found(enough - 2)
+    assert spent.outcome == zj.CODE.not_integrated
+    assert np.isnan([spent.whole, spent.period, spent.follower_power]).all()
+
+
+def test_what_no_orbit_can_be_watched_by_is_refused(refuses):
+    class Named(Rates):
+        def result(self, system, state, span, y):
+            return {"period": zj.Variable(span, "again")}
+
+    def watch(observers):
+        column = rubbed("smoothed", 2.8)
+        return lambda: zj.periodic_orbit(column, KICK, observers=observers)
+
+    refuses(watch((zj.Growth(),)), "`observers`", "`Growth()`", "`periodic_orbit`")
+    refuses(watch((3,)), "`observers`", "3")
+    refuses(watch((Named(),)), "`rates`", "the result's own", "`period`")

@@ -42,7 +42,7 @@ def everything():
     none = zj.critical_load(zj.uniform_rods(kappa=1e9), "divergence")
     dead = zj.critical_load(zj.uniform_rods(follower=0.0), "flutter")
     lost = zj.periodic_orbit(
-        bare, KICK, period=1.0, max_iterations=1, method=zj.Method(rtol=1e-4)
+        bare, KICK, period=1.0, method=zj.Method(rtol=1e-4, max_steps=10)
     )
     return [
         found.drift,
@@ -74,7 +74,7 @@ def test_the_package_computes_the_same_under_a_debugging_flag(flag, usual):
 def test_set_valued_motions_and_cycles_compute_under_all_of_them():
     with jax.debug_nans(True), jax.debug_infs(True), jax.disable_jit():
         found = zj.settle(sliding(), KICK, **SHORT, certify=False)
-        orbit = zj.periodic_orbit(sliding(), KICK, max_iterations=1)
+        orbit = zj.periodic_orbit(sliding(), KICK, method=zj.Method(max_steps=20))
         assert orbit.multipliers.shape == (4,) and not orbit.stable
     assert int(found.outcome) >= CODE.unsettled
 

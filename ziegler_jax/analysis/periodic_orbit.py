@@ -14,31 +14,41 @@ sticks makes one zero.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, NamedTuple
 
 import diffrax as dfx
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Complex, Float, Int, Shaped
 
 from ..model.column import Column, State
 from ..model.state import PhasePoint
 from ..motion.checks import check_scene, float_state, valid_scene
 from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.method import explicit_method
-from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
+from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE, AbstractObserver
 from ..motion.options import Method, recorded
 from ..motion.section import SectionPlane
 from ..motion.variational import Flow, flow_of, varied_motion
 from ..numerics.eigenvalues import eigenvalues
 from ..numerics.numbers import Option, Scalar
 from ..numerics.rules import instance, keeps, number, whole_number
-from ..results import CODE, ORBITS, TIME, AbstractResult, Settings, Variable, quantity
+from ..results import (
+    CODE,
+    ORBITS,
+    TIME,
+    AbstractDescribed,
+    Settings,
+    Variable,
+    quantity,
+    without_values,
+)
 from ..runtime import own_flags, requires_x64
 from ..solvers import Explicit
 from ..steady.jets import carried_monodromy
+from .observed import OneTurn, observation_of
 from .shooting import (
     SHORTEST,
     blank_shot,
@@ -51,15 +61,17 @@ from .shooting import (
 )
 
 AT_REST = 1e-8  # a motion that starts no faster is none
+MOST_TRIES = 20  # of Newton's method
 
 
-class PeriodicOrbit(AbstractResult):
+class PeriodicOrbit(AbstractDescribed):
     r"""A periodic orbit, or the reason why there is none.
 
     `state`: where it passes the section; `rod_amplitude`, `joint_amplitude` (2,): the
     largest angles; `monodromy` (4, 4); `residual`: by how much the orbit does not
     close; `steps` of all motions; `outcome`, a `CODE`. Unless that is `found`,
-    all numbers of the orbit and their derivatives are NaN.
+    all numbers of the orbit and their derivatives are NaN. What was asked of
+    `observers` are attributes, too.
     """
 
     state: State
@@ -85,6 +97,8 @@ class PeriodicOrbit(AbstractResult):
         metadata=quantity("how the search for the orbit ended", codes=ORBITS)
     )
     settings: Settings = eqx.field(static=True)
+    numbers: dict[str, Shaped[Array, "..."]] = eqx.field(default_factory=dict)
+    quantities: tuple[tuple[str, Variable], ...] = eqx.field(static=True, default=())
 
     DERIVED: ClassVar[Mapping[str, Variable]] = {
         "largest_multiplier": Variable(
@@ -113,6 +127,9 @@ class PeriodicOrbit(AbstractResult):
         return jnp.abs(self.multipliers)[..., 1]
 
 
+_TAKEN = {*PeriodicOrbit.__dataclass_fields__, *vars(PeriodicOrbit)}
+
+
 @requires_x64
 def periodic_orbit(
     column: Column,
@@ -122,7 +139,7 @@ def periodic_orbit(
     section: SectionPlane = SectionPlane(),
     returns: int = 1,
     max_time: Scalar = 200.0,
-    max_iterations: int = 20,
+    observers: Sequence[AbstractObserver] = (),
     method: Method = Method(),
 ) -> PeriodicOrbit:
     r"""The periodic orbit near a guess, stable or not, with its multipliers.
@@ -138,22 +155,25 @@ def periodic_orbit(
         orbits.
     - `section`: the plane on which the orbit begins; its period and its multipliers
         depend on none.
-    - `max_iterations` of Newton's method.
+    - `observers`: what to watch over exactly one turn of the orbit beside its
+        amplitude, e.g. `(EnergyBalance(),)`; what they give are attributes, as of
+        `settle`.
     - `method`: an explicit one. Its step budget is that of the whole search, the first
-        return and all periods that Newton's method tries together; where it is spent
-        the search ends as `not_integrated`. Derivatives follow the orbit once more,
-        with another one.
+        return, all periods that Newton's method tries (20 at most) and that which is
+        observed; where it is spent the search ends as `not_integrated`. Derivatives
+        follow the orbit once more, with another one.
 
     **Returns:** `PeriodicOrbit`. With set-valued friction the derivatives pass through
     every change of modes by its saltation matrix.
 
     **Derivatives:** of `state`, `period`, the amplitudes, `monodromy` and multipliers,
-    forward and reverse, first order, in every leaf of the column and in the section's
-    level (with a `period` the guess's), by the implicit function theorem: those of this
-    orbit, at this section. On the rest of the guess, and on options, it does not
-    depend. The monodromy's are central differences, good to some five digits. Where the
-    orbit repels (`stable` is False, as of every orbit inside chaos) they say nothing of
-    long motions nearby. `residual` is rounding; its derivative is NaN.
+    and of what observers give, forward and reverse, first order, in every leaf of the
+    column, in the observers' numbers and in the section's level (with a `period` the
+    guess's), by the implicit function theorem: those of this orbit, at this section. On
+    the rest of the guess, and on options, it does not depend. The monodromy's are
+    central differences, good to some five digits. Where the orbit repels (`stable` is
+    False, as of every orbit inside chaos) they say nothing of long motions nearby.
+    `residual` is rounding; its derivative is NaN.
 
     **Raises:** `ValueError` for arguments that break a rule.
 
@@ -164,6 +184,7 @@ def periodic_orbit(
     method = cycle_method("periodic_orbit", method, column)
     instance("section", section, SectionPlane)
     returns = whole_number("returns", returns)
+    observation = observation_of("periodic_orbit", observers, column)
     still = fixed(column)
     start = float_state(guess)
     first = approximation(still, start, period, section, returns, max_time, method)
@@ -177,9 +198,8 @@ def periodic_orbit(
         shot = shot_of(at, z, flow)
         return shot.residual, shot.jacobian, shot
 
-    iterations = whole_number("max_iterations", max_iterations)
     blank = blank_shot(0, first.z.dtype)
-    solution = newton(shot, equations, first.z, blank, iterations, first.left)
+    solution = newton(shot, equations, first.z, blank, MOST_TRIES, first.left)
     z, flow = solution.z, solution.shot.flow
     y0 = start_of(at, z)
     # the last shot was from just before the last step of Newton's
@@ -192,6 +212,12 @@ def periodic_orbit(
     outcome = jnp.where(converged, outcome, CODE.not_converged)
     outcome = jnp.where(flow.arrived & ~spent, outcome, CODE.not_integrated)
     outcome = jnp.where(first.failure == 0, outcome, first.failure)
+    left, turn, run = solution.left, OneTurn(column, observation), None
+    if observation.observers:
+        run = turn.follow(y0, z[3], method.at_most(left), outcome == CODE.found)
+        left = left - run.steps
+        lost_it = (outcome == CODE.found) & (run.outcome != CODE.complete)
+        outcome = jnp.where(lost_it, CODE.not_integrated, outcome)
     mark = jnp.where(outcome == CODE.found, 1.0, jnp.nan).astype(z.dtype)
     span = jnp.maximum(z[3], SHORTEST)
     change = _carried(column, first.section, y0 * mark, span, method)
@@ -199,7 +225,9 @@ def periodic_orbit(
     z, extent = z * mark, extent * mark
     y = start_of(first.section, z)
     bends = carried_monodromy(column, y, z[3], method)
-    known = column, start, first.section
+    known, named = (column, start, first.section), {}
+    if run is not None:
+        named = turn.numbers(run, y, z[3], method, _TAKEN)
     return PeriodicOrbit(
         state=State((y[0], y[1]), (y[2], y[3])),
         section=first.section,
@@ -209,12 +237,13 @@ def periodic_orbit(
         monodromy=(flow.moved + bends) * mark,
         residual=lost(jnp.max(jnp.abs(solution.shot.residual)) * mark, known),
         iterations=solution.iterations,
-        steps=method.budget - solution.left,
+        steps=method.budget - left,
         outcome=outcome.astype(jnp.int8),
+        numbers={name: jnp.asarray(v.value) for name, v in named.items()},
+        quantities=without_values(named),
         settings=recorded(
             **method.settings(),
             **_first_approximation(section, returns, max_time, period),
-            max_iterations=iterations,
         ),
     )
 

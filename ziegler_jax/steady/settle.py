@@ -261,7 +261,7 @@ def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settle
     record = Record(watch.observed, fold.span, run.y)
     named = fold.observation.variables(motion.system, record, _FIELDS)
     failed = run.outcome < CODE.unsettled
-    named = _nan_where_failed(failed, named)
+    named = nan_where_failed(failed, named)
     named["windows"] = Variable(run.folded.spans, "observed windows")
     how, scene = ending(run), (motion.column, motion.y0, motion.windows)
     # a failure is noticed at the end of a step: when that is, no derivative says
@@ -298,7 +298,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     # a cycle does not depend on options, the end of another motion does
     options = motion.windows.transient, motion.windows.length
     move = tree_where(closed, move, lost(move, options))
-    named = _nan_where_failed(
+    named = nan_where_failed(
         end.outcome < CODE.unsettled, with_zeros(named, move.observed)
     )
     period = jnp.where(twice, 2, 1) * (orbit.span + move.span)
@@ -346,7 +346,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
     )
 
 
-def _nan_where_failed(
+def nan_where_failed(
     failed: jax.Array, named: dict[str, Variable]
 ) -> dict[str, Variable]:
     """Observed numbers, lost where a motion failed."""
