@@ -32,7 +32,7 @@ from ..motion.options import Method, Windows, recorded
 from ..motion.sequence import run_in_sequence
 from ..numerics.no_number import refused
 from ..numerics.numbers import Scalar, Two, is_concrete
-from ..numerics.rules import choice, instance, keeps, number, pair, whole_number
+from ..numerics.rules import choice, instance, keeps, number, whole_number
 from ..results import (
     CODE,
     EDGES,
@@ -63,6 +63,7 @@ from .kick_search import (
     state_of,
 )
 from .manifold import Place, carried, manifold_at
+from .threshold import bracket_of
 
 FREE = {"rates": (2, 3), "angles": (0, 1), "both": (0, 1, 2, 3)}
 COUNTS = {2: 24, 4: 96}  # of rays, by the numbers that are free
@@ -301,17 +302,11 @@ class _Problem:
 
     def plan(self, bracket: Two) -> Plan:
         """The search's."""
-        least, largest = fixed(pair("bracket", bracket, "nonnegative"))
-        if is_concrete(least) and is_concrete(largest) and not least < largest:
-            raise ValueError(
-                f"Argument `bracket` must increase, but is ({least:g}, {largest:g})."
-            )
-        dtype = jnp.result_type(float)
-        least, largest = (jnp.sqrt(2 * jnp.asarray(x, dtype)) for x in (least, largest))
+        least, most = (jnp.sqrt(2 * x) for x in bracket_of(bracket, "nonnegative"))
         how, k = self.directions, len(FREE[self.directions.free])
         rays, neighbours = sphere(how.count, k), sphere(POLLS, k, 0.25)
-        odd, sizes = jnp.asarray(self.odd), (least, largest)
-        return Plan(*sizes, odd, how.scan, how.width, rays, neighbours)
+        odd = jnp.asarray(self.odd)
+        return Plan(least, most, odd, how.scan, how.width, rays, neighbours)
 
     def motion(self, search: Descent) -> CertifiedMotion:
         """The next motion; a screened one has moved beyond so many times its start."""

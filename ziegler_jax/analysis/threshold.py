@@ -316,15 +316,8 @@ class _Search(NamedTuple):
 
 def _search(question: _Question, bracket: Two) -> Threshold:
     question.check()
-    given = pair("bracket", bracket)
-    least, largest = fixed(given)
-    if is_concrete(least) and is_concrete(largest) and not least < largest:
-        raise ValueError(
-            f"Argument `bracket` must increase, but is ({least:g}, {largest:g})."
-        )
+    least, largest = bracket_of(bracket)
     scan, halvings = question.search.scan, question.search.halvings
-    dtype = jnp.result_type(float)
-    least, largest = jnp.asarray(least, dtype), jnp.asarray(largest, dtype)
 
     def motion(search: _Search) -> CertifiedMotion:
         return question.motion(search.x)
@@ -334,7 +327,7 @@ def _search(question: _Question, bracket: Two) -> Threshold:
         verdict = verdict_of(run.outcome, run.moves)
         return _updated(search, verdict, run.outcome, (least, largest), question.search)
 
-    zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
+    zero, none = jnp.zeros_like(least), jnp.zeros((), jnp.int32)
     nan = zero + jnp.nan
     first = _Search(
         x=least,
@@ -366,7 +359,7 @@ def _search(question: _Question, bracket: Two) -> Threshold:
     )
     return Threshold(
         threshold=value + change,
-        width=lost(width, given),
+        width=lost(width, bracket),
         rises=jnp.where(exists, -search.below, jnp.nan),
         changes=search.changes,
         undecided=search.undecided,
@@ -376,6 +369,19 @@ def _search(question: _Question, bracket: Two) -> Threshold:
         long_name=question.meaning,
         settings=recorded(**last.settings(), scan=scan, halvings=halvings),
     )
+
+
+def bracket_of(bracket: Two, rule: str = "finite") -> list[Float[Array, ""]]:
+    """The two ends of a search, without derivatives.
+
+    **Raises:** `ValueError` where they do not increase, or break the rule.
+    """
+    low, high = fixed(pair("bracket", bracket, rule))
+    if is_concrete(low) and is_concrete(high) and not low < high:
+        raise ValueError(
+            f"Argument `bracket` must increase, but is ({low:g}, {high:g})."
+        )
+    return [jnp.asarray(x, jnp.result_type(float)) for x in (low, high)]
 
 
 def verdict_of(outcome: Int[Array, ""], moves: Flag) -> Float[Array, ""]:
