@@ -10,7 +10,9 @@ Besides, of a sample of cells: how many settle elsewhere at a tolerance of 1e-8,
 many of these `Growth()` calls sensitive.
 
     python benchmarks/a5_certificates.py [--cells 13500] [--beside 1000] [--again 8000]
-        [--seed 0]
+        [--seed 0] [--law dry]
+
+`--law dry`: the same cells with `SetValuedCoulomb`, and what windows cost and decide.
 """
 
 import argparse
@@ -25,11 +27,13 @@ from peers.judge import follow
 import ziegler_jax as zj
 from ziegler_jax.__main__ import (
     DAMPING_AT_REST,
+    KICK,
     LATE,
     PIN_RADIUS,
     POINTS,
     Q_RANGE,
     Q_VALUES,
+    SETTLE,
     V_STRIBECK,
     grid,
     point,
@@ -43,27 +47,34 @@ SPAN, PERIODS, SLOW, SLOW_SPAN = 400.0, 20, 0.95, 1500.0
 TOLERANCE, OFF = 1e-9, 0.01
 
 
-def settled(cells):
+def dry(q, mu_s, mu_k, **options):
+    """The main job's column with dry friction."""
+    law = zj.SetValuedCoulomb(mu_s, mu_k, pin_radius=PIN_RADIUS)
+    column = zj.uniform_rods(q=q, friction=law)
+    return zj.settle(column, zj.State(omega=KICK), **{**SETTLE, **options})
+
+
+def settled(cells, point=point, **options):
     """The main job's point at cells (n, 3) of q, mu_s, mu_k, with its last state."""
     table = jnp.asarray(cells)
 
     def at(cell):
         q, mu_s, mu_k = table[cell.astype(int)]
-        result = point(q, mu_s, mu_k)
+        result = point(q, mu_s, mu_k, **options)
         state = zj.Variable(jnp.stack(result.final.y), "state", dims=("i",))
         return {**result.variables(), "state": state}
 
     return zj.sweep(at, cell=np.arange(len(cells)))
 
 
-def columns(cells):
+def columns(cells, point=point):
     q, mu_s, mu_k = cells.T
     tau_s, tau_k = mu_s * PIN_RADIUS * q, mu_k * PIN_RADIUS * q
-    smooth = tau_s / DAMPING_AT_REST
+    smooth = 0.0 * tau_s if point is dry else tau_s / DAMPING_AT_REST
     return np.stack([q, tau_s, tau_k, np.full_like(q, V_STRIBECK), smooth], axis=1)
 
 
-def judged(cells, ds):
+def judged(cells, ds, point=point):
     """By how much each certified amplitude is off after the continuation."""
     closed = np.flatnonzero(ds.outcome == zj.CODE.cycle)
     some = ds.isel(cell=closed)
@@ -72,7 +83,7 @@ def judged(cells, ds):
     slow = some.largest_multiplier.values > SLOW
     spans = np.where(slow, np.maximum(spans, SLOW_SPAN), spans)
     found, _ = follow(
-        columns(cells[closed]), some.state.values, spans, 2 * period, TOLERANCE
+        columns(cells[closed], point), some.state.values, spans, 2 * period, TOLERANCE
     )
     said = np.stack(
         [*some.rod_amplitude.values.T, some.joint_amplitude.values[:, 1]], axis=1
@@ -89,13 +100,13 @@ def cells_of_the_map(count, source):
     )
 
 
-def cells_beside_thresholds(count, source):
+def cells_beside_thresholds(count, source, point=point):
     """Four loads a row, from a cell below the last stuck one to one above the first."""
     cells, q = [], np.linspace(*Q_RANGE, Q_VALUES)
     while len(cells) < count:
         rows = np.sort(source.uniform(0.02, 0.4, (64, 2)), axis=1)[:, ::-1]
         every = np.array([(x, *row) for row in rows for x in q])
-        outcome = settled(every).outcome.values.reshape(len(rows), q.size)
+        outcome = settled(every, point).outcome.values.reshape(len(rows), q.size)
         for row, codes in zip(rows, outcome, strict=True):
             moves = np.flatnonzero(codes == zj.CODE.cycle)
             stuck = np.flatnonzero(codes == zj.CODE.stuck)
@@ -106,9 +117,9 @@ def cells_beside_thresholds(count, source):
     return np.array(cells[:count])
 
 
-def report(sample, cells):
-    ds = settled(cells)
-    closed, off = judged(cells, ds)
+def report(sample, cells, point=point):
+    ds = settled(cells, point)
+    closed, off = judged(cells, ds, point)
     outcome, kinds = ds.outcome.values, ds.undecided.values
     false = closed[~(off <= OFF)]
     result = {
@@ -126,16 +137,23 @@ def report(sample, cells):
         "steps": float(ds.steps.mean()),
         "steps_with_tangents": float((ds.steps + 3 * ds.shot_steps).mean()),
     }
+    if point is dry:
+        windows = settled(cells, point, certify=False)
+        unsettled = windows.outcome.values == zj.CODE.unsettled
+        result |= {
+            "steps_by_windows": float(windows.steps.mean()),
+            "unsettled_by_windows": int(unsettled.sum()),
+        }
     print(json.dumps(rounded(result)), flush=True)
 
 
-def report_sensitive(cells):
+def report_sensitive(cells, point=point):
     """Which ends change at another tolerance: by outcome, or amplitudes by 1 %."""
     table = jnp.asarray(cells)
 
     def at(cell, observers, method):
-        q, mu_s, mu_k = table[cell.astype(int)]
-        return point(q, mu_s, mu_k, observers=observers, method=method)
+        numbers = table[cell.astype(int)]
+        return point(*numbers, observers=observers, method=method)
 
     axis = np.arange(len(cells))
     usual = zj.sweep(lambda cell: at(cell, (zj.Growth(),), zj.Method()), cell=axis)
@@ -172,16 +190,19 @@ def main():
     parser.add_argument("--beside", type=int, default=1000)
     parser.add_argument("--again", type=int, default=8000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--law", choices=("smooth", "dry"), default="smooth")
     options = parser.parse_args()
     zj.configure_cpu()
     jax.config.update("jax_enable_x64", True)  # for tables of cells
     source = np.random.default_rng(options.seed)
+    law = dry if options.law == "dry" else point
     if options.cells:
-        report("map", cells_of_the_map(options.cells, source))
+        report("map", cells_of_the_map(options.cells, source), law)
     if options.beside:
-        report("thresholds", cells_beside_thresholds(options.beside, source))
+        beside = cells_beside_thresholds(options.beside, source, law)
+        report("thresholds", beside, law)
     if options.again:
-        report_sensitive(cells_of_the_map(options.again, source))
+        report_sensitive(cells_of_the_map(options.again, source), law)
 
 
 if __name__ == "__main__":

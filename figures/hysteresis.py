@@ -17,7 +17,6 @@ def point(mu_s, ratio):
         lambda q: style.dry(q, mu_s, ratio * mu_s),
         LOADS,
         kick=zj.State(omega=(0.0, KICK)),
-        windows=zj.Windows(agreement=1e-3),
         observers=(zj.StickFraction(),),
     )
 

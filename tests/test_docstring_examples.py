@@ -125,7 +125,7 @@ def cycles():
     pairs = ("phi", "omega", "rod_amplitude", "joint_amplitude")
     special |= {name: np.full((1, 2), np.nan) for name in pairs}
     special = zj.CyclePoints(**special, monodromy=growth[:1], kind=np.ones(1, int))
-    return zj.Branch(points, special, 2, zj.CODE.found, [zj.CODE.found], 10, ())
+    return zj.Branch(points, special, 2, zj.CODE.found, [zj.CODE.found], False, 10, ())
 
 
 def run(name, **given):

@@ -28,7 +28,7 @@ def check(notebook):
     dataset, settled = said
     assert "joint_amplitude" in dataset and "outcome" in dataset
     assert settled.startswith("Settled\n") and "rad" in settled
-    assert "repeats: two windows agreed" in settled
+    assert "cycle: its orbit is certified" in settled
     return text
 
 

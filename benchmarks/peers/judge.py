@@ -1,4 +1,4 @@
-"""Long continuations of motions with smoothed friction, in C++: see `judge.cpp`."""
+"""Long continuations of motions in C++, with smoothed or dry friction: `judge.cpp`."""
 
 import ctypes
 import functools
@@ -26,8 +26,8 @@ def _library():
 def follow(columns, states, spans, lasts, tol):
     """Amplitudes (n, 3) over the last part of each span, and the states at the end.
 
-    **Arguments:** `columns` (n, 5): q, tau_s, tau_k, v_stribeck, v_smooth; `states`
-    (n, 4); `spans`, `lasts` (n,).
+    **Arguments:** `columns` (n, 5): q, tau_s, tau_k, v_stribeck, v_smooth (0: dry
+    friction); `states` (n, 4); `spans`, `lasts` (n,).
     """
     columns, states, spans, lasts = (
         np.array(x, dtype=float, order="C") for x in (columns, states, spans, lasts)

@@ -30,7 +30,7 @@ import ziegler_jax as zj
 SPREAD = 0.2  # of the logarithm of a joint's friction
 EXCESS, SPREAD_OF_EXCESS = 0.2, 0.4  # median of mu_s / mu_k - 1, and of its logarithm
 PIN_RADIUS, KICK = 0.05, zj.State(omega=(0, 0.3))
-WINDOWS = zj.Windows(max_windows=100, agreement=5e-5)  # to t = 4100
+WINDOWS = zj.Windows(max_windows=100)  # to t = 4100
 MEAN, BRACKET, Z = 0.2, (0.4, 3.0), ("z1", "z2", "z3")  # of the onset load
 FINE = {"search": zj.Search(scan=13, halvings=7)}
 COARSE = {"search": zj.Search(scan=2, halvings=3), "method": zj.Method(rtol=1e-5)}
@@ -54,7 +54,7 @@ def probability(q, mu, draws):
 
     z = norm.ppf(qmc.Sobol(3, rng=1).random(draws))
     ds = zj.sweep(point, q=q, mu=mu, **samples(z, Z))
-    on_cycle = ds.outcome.isin([zj.CODE.repeats, zj.CODE.escaped])
+    on_cycle = ds.outcome.isin([zj.CODE.cycle, zj.CODE.escaped])
     ds["probability"] = (ds.outcome != zj.CODE.stuck).mean("sample")
     ds["unsettled"] = ds.probability - on_cycle.mean("sample")  # or failed
     ds.probability.attrs["long_name"] = "probability of flutter"

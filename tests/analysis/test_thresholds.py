@@ -401,10 +401,10 @@ def test_bad_arguments_are_named(refuses):
     refuses(lambda: onset(make=column), "`make_column`", "function")
     refuses(lambda: onset(make=lambda q: q), "`make_column`", "`Column`")
     refuses(lambda: onset(begin=None), "`start`", "None")
-    taylor, rough = zj.Method(zj.Taylor(8)), dry(2.0, 0.05)
-    refuses(lambda: line(lambda q: (rough, start), method=taylor), "`threshold`")
-    refuses(lambda: kick(rough, method=taylor), "`solver`", "`critical_kick`")
-    refuses(lambda: onset(lambda q: rough, method=taylor), "`flutter_onset`")
+    taylor, layer = zj.Method(zj.Taylor(8)), smooth(2.0, 0.05)
+    refuses(lambda: line(lambda q: (layer, start), method=taylor), "`solver`")
+    refuses(lambda: kick(layer, method=taylor), "`solver`", "`SetValuedCoulomb`")
+    refuses(lambda: onset(lambda q: layer, method=taylor), "`solver`", "Taylor8")
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,8 @@ def test_what_does_not_dissipate_is_conservative_whatever_the_kick():
     @jax.jit
     @jax.vmap
     def ends(kick):
-        return zj.settle(dry((1.0, 0.0)), zj.State(omega=(0.0, kick)))
+        start = zj.State(omega=(0.0, kick))
+        return zj.settle(dry((1.0, 0.0)), start, certify=False)
 
     kicks = jnp.array([0.3, 0.5])
     found = ends(kicks)
@@ -147,7 +148,8 @@ def test_a_window_of_less_than_a_return_tells_nothing():
     def ends(length):
         windows = zj.Windows(length=length, max_windows=8)
         start = zj.State(omega=(0.0, 1.0))
-        return zj.settle(dry(0.026, q=2.6), start, windows=windows).outcome
+        column = dry(0.026, q=2.6)
+        return zj.settle(column, start, windows=windows, certify=False).outcome
 
     found = ends(jnp.array([1e-6, 1.2, 2.4, 20.0]))
     assert (found[:3] == CODE.unsettled).all()

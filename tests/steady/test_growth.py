@@ -14,8 +14,12 @@ SET_VALUED = zj.SetValuedCoulomb(0.026, pin_radius=1, load=zj.ConstantLoad(1))
 FINE = zj.Method(zj.Explicit(), rtol=1e-9)
 
 
-@pytest.mark.parametrize("friction", [SMOOTH, SET_VALUED], ids=["smoothed", "stick"])
-def test_growth_is_that_of_differences(friction):
+@pytest.mark.parametrize(
+    "friction, method",
+    [(SMOOTH, FINE), (SET_VALUED, FINE), (SET_VALUED, zj.Method(rtol=1e-9))],
+    ids=["smoothed", "stick", "stick by Taylor"],
+)
+def test_growth_is_that_of_differences(friction, method):
     """Of a motion of known length; the tangent is looked at where steps end."""
     column, end = zj.uniform_rods(2.6, friction=friction), 30.0
     windows = zj.Windows(transient=end - 10, length=10.0, max_windows=1)
@@ -23,7 +27,7 @@ def test_growth_is_that_of_differences(friction):
     @jax.jit
     def growth():
         return zj.settle(
-            column, zj.State(omega=KICK), windows=windows, method=FINE,
+            column, zj.State(omega=KICK), windows=windows, method=method,
             observers=(zj.Growth(),), certify=True,
         )  # fmt: skip
 
@@ -33,7 +37,7 @@ def test_growth_is_that_of_differences(friction):
     @jax.jit
     def states(kick):
         ts = jnp.linspace(0.0, end - 10, 4001)
-        motion = zj.trajectory(column, zj.State(omega=(0.0, kick)), ts, method=FINE)
+        motion = zj.trajectory(column, zj.State(omega=(0.0, kick)), ts, method=method)
         return jnp.concatenate([motion.phi, motion.omega], axis=-1)
 
     h = 1e-6
@@ -76,10 +80,3 @@ def test_growth_is_refused_where_windows_judge(refuses):
             ),
             "`observers`", "Growth()", "certify",
         )  # fmt: skip
-    refuses(
-        lambda: zj.settle(
-            zj.uniform_rods(2.6, friction=SET_VALUED), start, observers=growth,
-            method=zj.Method(zj.Taylor()), certify=True,
-        ),
-        "`solver`", "explicit", "`Taylor8`",
-    )  # fmt: skip

@@ -46,7 +46,7 @@ from ..results import (
     quantity,
 )
 from ..runtime import requires_x64
-from ..solvers import Explicit
+from ..solvers import Explicit, Rosenbrock
 from ..steady.certified import CertifiedMotion
 from ..steady.lane import Certifying
 from ..steady.oddness import is_odd
@@ -384,6 +384,6 @@ class _Problem:
 
 def _with_tangents(method: Method) -> Method:
     """A method that can carry tangents, of the same tolerances."""
-    solver = method.solver if isinstance(method.solver, Explicit) else Explicit()
+    solver = Explicit() if isinstance(method.solver, Rosenbrock) else method.solver
     usual = Method(solver, method.rtol, method.atol)
     return usual.at_most(method.budget)

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from ..model.column import Column, State
 from ..motion.checks import check_scene
 from ..motion.ending import ending, nan_where
-from ..motion.method import explicit_method
+from ..motion.method import tangent_method
 from ..motion.not_finite import motion
 from ..motion.options import Method, Spans, recorded, spans_for
 from ..motion.spans import follow_spans
@@ -28,7 +28,7 @@ from ..numerics.no_number import refused
 from ..numerics.numbers import Option, Scalar
 from ..numerics.rules import whole_number
 from ..results import CODE, AbstractMotionResult, Settings
-from ..solvers import Explicit
+from ..solvers import Explicit, Taylor
 from ..steady.exponents import ERRORS, EXPONENTS, GrowthRates, standard_errors
 
 NO_DERIVATIVE = (
@@ -85,8 +85,8 @@ def lyapunov_exponents(
     - `column`, `start`: the scene.
     - `count`: how many exponents, 1 to 4. Each costs.
     - `spans`: as above, see `Spans`.
-    - `method`: an explicit one; its tolerances are those of the motion's steps, which
-        the tangents share.
+    - `method`: an explicit one, or Taylor's with set-valued friction; its tolerances
+        are those of the motion's steps, which the tangents share.
 
     **Returns:** `Exponents`, in $\sqrt{k/(m l^2)}$; `outcome` is `complete`, or a
     failure with NaN.
@@ -102,7 +102,7 @@ def lyapunov_exponents(
     count = whole_number("count", count)
     if count > 4:
         raise ValueError(f"Argument `count` must be at most 4, but is {count}.")
-    method = explicit_method("lyapunov_exponents", method)
+    method = tangent_method("lyapunov_exponents", method, column.system())
     spans = spans_for("lyapunov_exponents", spans)
     fold = GrowthRates(count=count, **growth_options(method, spans))
     run = follow_spans(column, start, fold, method)
@@ -119,7 +119,7 @@ def lyapunov_exponents(
 class GrowthOptions(TypedDict):
     """What folds over spans of growth have in common."""
 
-    solver: Explicit
+    solver: Explicit | Taylor
     rtol: Scalar
     transient: Scalar
     span: Scalar
@@ -130,7 +130,7 @@ class GrowthOptions(TypedDict):
 def growth_options(method: Method, spans: Spans) -> GrowthOptions:
     """What folds over spans of growth have in common."""
     return {
-        "solver": method.explicit,
+        "solver": method.variational,
         "rtol": method.tolerances[0],
         "transient": cast(Scalar, spans.transient),
         "span": cast(Scalar, spans.length),

@@ -107,6 +107,14 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
     width: Scalar
     window: Scalar
 
+    def expand(self, system, y0, order, token, state):
+        """The series of a step, and of what these ask for."""
+        return self.inner.expand(system, y0, order, token, state.varied)
+
+    def allowed(self, motion, along, rtol, atol):
+        """As these allow."""
+        return self.inner.allowed(motion, along, rtol, atol)
+
     def advance(self, solver, t0, t1, y0, system, first, state):
         """A step with the Jacobian that these ask for."""
         ends = t0, t1, y0
@@ -221,7 +229,7 @@ def _slope(
 def _motion(
     make: Make, numbers: Float[Array, " k"], place: Place, method: Method
 ) -> Motion[ManifoldSlopeState]:
-    system, inner = varied(make, numbers[4:], method.explicit, numbers.size > 4)
+    system, inner = varied(make, numbers[4:], method.variational, numbers.size > 4)
     fold = ManifoldSlope(inner, place.line, place.width, place.window)
     y0 = PhasePoint(numbers[i] for i in range(4))
     span = jnp.where(place.known, place.patience, 0.0).astype(numbers.dtype)

@@ -27,7 +27,7 @@ from ..model.column import Column, State
 from ..model.state import PhasePoint
 from ..motion.checks import check_scene, float_state, valid_scene
 from ..motion.implicit import fixed, implicit, lost, moving, solve
-from ..motion.method import explicit_method
+from ..motion.method import tangent_method
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE, AbstractObserver
 from ..motion.options import Method, recorded
 from ..motion.section import SectionPlane
@@ -315,7 +315,7 @@ def attracts(monodromy: Float[Array, "*n 4 4"]) -> Bool[Array, "*n"]:
 def cycle_method(question: str, method: Method, column: Column) -> Method:
     """The method of a cycle's motions."""
     usual = Explicit() if column.sticks else Explicit(dfx.Dopri8.tableau)
-    return explicit_method(question, method, usual)
+    return tangent_method(question, method, column.system(), usual)
 
 
 class Approximation(NamedTuple):

@@ -34,7 +34,6 @@ from jaxtyping import Array, Bool, Float, Int
 from ..model.column import Column, State
 from ..motion.checks import check_maker, check_scene, check_takes, made, scene_at
 from ..motion.implicit import fixed, lost
-from ..motion.method import check_explicit, explicit_method
 from ..motion.options import Method, Windows, recorded
 from ..motion.sequence import run_in_sequence
 from ..numerics.numbers import Flag, Pair, Scalar, Two, is_concrete
@@ -149,7 +148,7 @@ def threshold(
     - `bracket`: the least and the largest number. Either end may be the resting one.
     - `search`: see `Search`.
     - `windows`: of each motion, as in `settle`.
-    - `method`: of each motion; an explicit one with set-valued friction.
+    - `method`: of each motion.
 
     **Returns:** `Threshold`: `threshold`, `width` (of the last interval), `outcome` and
     more. A motion without a verdict inside the halved interval ends the search there,
@@ -289,10 +288,6 @@ class _Question(NamedTuple):
         column, start = fixed(scene_at(self.cell, x))
         check_scene(column, start)
         windows, method = fixed((self.windows, self.method))
-        if column.system().has_series:
-            # the derivative is carried along the steps of the same method
-            check_explicit(self.name, method)
-            method = explicit_method("threshold", method)
         return CertifiedMotion(column, start, "threshold", windows, None, method)
 
 

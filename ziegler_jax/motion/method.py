@@ -27,6 +27,23 @@ def explicit_method(
     return complete(question, method, solver)
 
 
+def tangent_method(
+    question: str, method: Method, system: System, usual: Explicit | None = None
+) -> Method:
+    """The method where tangents go along: Taylor's if there are series.
+
+    **Arguments:** `usual`: what else is taken where none is named; None: Tsit5.
+
+    **Raises:** `ValueError` for one that carries none, or cannot follow the column.
+    """
+    instance("method", method, Method)
+    if isinstance(method.solver, Rosenbrock):
+        check_explicit(question, method)
+    other = Explicit() if usual is None else usual
+    usual_here = Taylor() if system.has_series else other
+    return method_of(question, method, system, usual_here)
+
+
 def check_explicit(question: str, method: Method) -> Explicit | None:
     """The explicit solver, if one is named.
 

@@ -18,7 +18,6 @@ Dynamics and Bifurcations of Non-smooth Mechanical Systems (2004), chapter 7.
 
 from collections.abc import Callable
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -26,21 +25,7 @@ from ..model.chain import joint_angles
 from ..model.state import PhasePoint
 from ..model.system import System
 from ..solvers import Step
-
-
-def leaves(
-    system: System, dp: System | None
-) -> tuple[System, System | None, Callable[[System], System]]:
-    """Those numbers of a system that differ, by how much, and the system of such.
-
-    **Arguments:** `system`: in the modes of the step; `dp`: the differences, of a
-    system without modes, None for what does not differ; None alone: nothing does.
-    """
-    if dp is not None and system.sticks:  # modes do not differ a little
-        dp = dp.in_modes((None,) * len(system.law.modes))  # pyright: ignore
-    none = {"is_leaf": lambda x: x is None}
-    numbers = jax.tree.map(lambda d, x: d if d is None else x, dp, system, **none)
-    return numbers, dp, lambda numbers: eqx.combine(numbers, system)
+from ..solvers.along import leaves
 
 
 def saltation(

@@ -13,6 +13,7 @@ with it goes an exponent to minus infinity.
 
 import abc
 from collections.abc import Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import equinox as eqx
@@ -25,9 +26,11 @@ from ..model.system import System
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Flag, Numbers, Scalar
 from ..numerics.series import sum_of
-from ..solvers import AbstractFold, Explicit, Step
+from ..solvers import AbstractFold, Explicit, Step, Taylor
+from ..solvers.along import expand_along, leaves
+from ..solvers.expansion import allowed
 from ..solvers.fold import State
-from .saltation import leaves, saltation
+from .saltation import saltation
 
 Vectors = tuple[PhasePoint, ...]
 
@@ -131,7 +134,7 @@ class AbstractGrowth(AbstractFold[State]):
     tangents does.
     """
 
-    solver: eqx.AbstractVar[Explicit]
+    solver: eqx.AbstractVar[Explicit | Taylor]
     rtol: eqx.AbstractVar[Scalar]  # of the motion
 
     @abc.abstractmethod
@@ -146,6 +149,18 @@ class AbstractGrowth(AbstractFold[State]):
         )
         return y1, error, last, (images, errors), None
 
+    def expand(self, system, y0, order, token, state):
+        """The series of a step, and of the tangents."""
+        vectors = self.tangents(state).vectors
+        return expand_along(system, y0, order, token, vectors)
+
+    def allowed(self, motion, along, rtol, atol):
+        """As long as the series of the motion and of its tangents allow."""
+        coarse = TANGENT_SHARE * self.rtol
+        each = [allowed(motion.y, rtol, atol)]
+        each += [allowed(one, 0.0, coarse) for one in along]
+        return reduce(jnp.minimum, each)
+
     def advance_frame(
         self, system: System, state: State, step: Step
     ) -> tuple[TangentFrame, Scalar]:
@@ -154,22 +169,19 @@ class AbstractGrowth(AbstractFold[State]):
         **Arguments:** `system`: in the modes of the step.
         """
         frame = self.tangents(state)
-        if step.modes:  # it may have been cut
+        longest = jnp.inf
+        if step.moved:  # its length was as both allow
+            images = tuple(each.y1 for each in step.moved)
+        elif step.modes:  # it may have been cut
+            assert isinstance(self.solver, Explicit)
             ends = step.t0, step.t1, step.y0
             _, (_, images), (_, errors), _ = push(
                 self.solver, system, *ends, frame.vectors
             )
+            longest = materialise(step.t0, self._longest, step, errors)
         else:
             images, errors = step.integrals
-
-        def allowed():
-            square = sum((dot(e, e) for e in errors), 0.0 * step.t0)
-            square = square / (len(errors) * (TANGENT_SHARE * self.rtol) ** 2)
-            clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
-            factor = 0.9 * jnp.exp(-0.5 / self.solver.order * jnp.log(clipped))
-            return (step.t1 - step.t0) * factor.astype(jnp.result_type(square))
-
-        longest = materialise(step.t0, allowed)
+            longest = materialise(step.t0, self._longest, step, errors)
         images = past(system, step, images)
         vectors, lengths = materialise(step.t0, orthonormal, images)
         factors = tuple(f * x for f, x in zip(frame.factors, lengths, strict=True))
@@ -178,6 +190,14 @@ class AbstractGrowth(AbstractFold[State]):
             extreme |= ~((factor > LEAST) & (factor < MOST))
         grown = TangentFrame(vectors, factors, frame.logs)
         return if_any_lane(extreme, lambda g: in_logs(g, extreme), grown), longest
+
+    def _longest(self, step: Step, errors: Vectors) -> Scalar:
+        """How long the next step may be by the tangents' errors in this one."""
+        square = sum((dot(e, e) for e in errors), 0.0 * step.t0)
+        square = square / (len(errors) * (TANGENT_SHARE * self.rtol) ** 2)
+        clipped = jnp.clip(square, 1e-30, 1e30).astype(jnp.float32)
+        factor = 0.9 * jnp.exp(-0.5 / self.solver.order * jnp.log(clipped))
+        return (step.t1 - step.t0) * factor.astype(jnp.result_type(square))
 
 
 def unit_tangents(system: System, y: PhasePoint, count: int) -> TangentFrame:

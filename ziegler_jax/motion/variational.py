@@ -6,9 +6,9 @@ counts with the step's: a cycle however small has multipliers of size one.
 """
 
 import abc
-from collections.abc import Callable
-from functools import partial
-from typing import NamedTuple, cast
+from collections.abc import Callable, Sequence
+from functools import partial, reduce
+from typing import ClassVar, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -20,9 +20,11 @@ from ..model.column import Column
 from ..model.state import PhasePoint
 from ..model.system import System
 from ..numerics.numbers import Numbers, Scalar
-from ..numerics.series import sum_of
+from ..numerics.series import sum_of, value
 from ..results import CODE
-from ..solvers import AbstractFold, Explicit, Step
+from ..solvers import AbstractFold, Explicit, Step, Taylor
+from ..solvers.along import Moved, expand_along, moved_by
+from ..solvers.expansion import allowed
 from .integrate import Motion, Run
 from .options import Method
 from .section import angles
@@ -105,7 +107,7 @@ def varied_motion(
     **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them;
     `contact`: what to watch besides.
     """
-    system, fold = varied(make, parameters, method.explicit, vary)
+    system, fold = varied(make, parameters, method.variational, vary)
     fold = Variational(fold.solver, fold.k, fold.moves, contact)
     start = PhasePoint(y0[i] for i in range(4))
     return Motion(system, start, fold, method, end=span)
@@ -128,7 +130,7 @@ def flow_of(run: "Run[Varied]") -> Flow:
 
 
 def varied(
-    make: Make, parameters: Parameters, solver: Explicit, vary: bool = True
+    make: Make, parameters: Parameters, solver: Explicit | Taylor, vary: bool = True
 ) -> tuple[System, "Variational"]:
     """The system, and the fold that varies its motion."""
     system, moves = make(parameters).system(), None
@@ -157,7 +159,9 @@ class Variational(AbstractFold[Varied]):
     system's numbers along them, (k,) each, None where they do not move.
     """
 
-    solver: Explicit
+    needs_slope: ClassVar[bool] = True
+
+    solver: Explicit | Taylor
     k: int = eqx.field(static=True)
     moves: System | None
     contact: AbstractContact | None = None
@@ -210,10 +214,36 @@ class Variational(AbstractFold[Varied]):
         )
         return y1, worst, f1, (peaks, dy, dpeaks), None
 
+    def expand(self, system, y0, order, token, state):
+        """The series of a step, and of unit differences along all directions."""
+        del state
+        rows = self.unit(y0)
+        vectors = [jax.tree.map(lambda row, i=i: row[i], rows) for i in range(self.k)]
+        return expand_along(system, y0, order, token, vectors, self.moves)
+
+    def allowed(self, motion, along, rtol, atol):
+        """As long as the series of the motion and of the state's directions allow."""
+        each = [allowed(one, rtol, atol) for one in (motion.y, *along[:4])]
+        return reduce(jnp.minimum, each)
+
+    def _rows(self, step: Step, y1: PhasePoint, moved: Sequence[Moved]):
+        """As `advance`'s integrals, of a step of Taylor's and its differences."""
+        rows = jax.tree.map(lambda *x: jnp.stack(x), *moved)
+        turns = partial(_peaks, step.t1 - step.t0)
+
+        def along(v, one):
+            differences = v, one.f0, one.y1, one.f1
+            return jax.jvp(turns, (step.y0, step.f0, y1, step.f1), differences)
+
+        peaks, dpeaks = jax.vmap(along, out_axes=(None, 0))(self.unit(step.y0), rows)
+        return peaks, rows.y1, dpeaks
+
     def step(self, system, state, step):
         """Carry the variations over the step, and over the event at its end."""
         jacobians = step.integrals
-        if step.modes:  # it may have been cut
+        if step.moved:
+            jacobians = self._rows(step, step.y1, step.moved)
+        elif step.modes:  # it may have been cut
             ends = step.t0, step.t1, step.y0
             *_, jacobians, _ = self.advance(self.solver, *ends, system, step.f0, state)
         peaks, *jacobians = jacobians
@@ -271,10 +301,18 @@ class Variational(AbstractFold[Varied]):
     ) -> Nearest:
         """At an instant within the step: the same step, only as far as there."""
         watch, share, turns = there
-        ends = step.t0, step.t0 + share * (step.t1 - step.t0), step.y0
-        y, *_, (_, rows, _), _ = self.advance(
-            self.solver, *ends, system, step.f0, state
-        )
+        h = share * (step.t1 - step.t0)
+        if isinstance(self.solver, Taylor):
+            how = self.solver.order, step.t0, state
+            motion, along = self.expand(system, step.y0, *how)
+            y = PhasePoint(value(c, h) for c in motion.y)
+            moved = [moved_by(one, h).y1 for one in along]
+            rows = jax.tree.map(lambda *x: jnp.stack(x), *moved)
+        else:
+            ends = step.t0, step.t0 + h, step.y0
+            y, *_, (_, rows, _), _ = self.advance(
+                self.solver, *ends, system, step.f0, state
+            )
         # it stands still there: that it turns earlier or later changes nothing
         moved = watch.least(step, PhasePoint(map(carry, cast(Rows, rows))))
         return nearer((watch.least(step, y), moved), cast(Nearest, before), turns)

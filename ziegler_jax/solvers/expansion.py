@@ -96,15 +96,15 @@ def _without_earlier(
     return left
 
 
-def allowed(motion: Expansion, rtol: Scalar, atol: Scalar) -> Scalar:
+def allowed(y: Sequence[Coefficients], rtol: Scalar, atol: Scalar) -> Scalar:
     """How long a step may be by the last two terms of its series."""
-    order = len(motion.y[0]) - 1
+    order = len(y[0]) - 1
     # one digit would do, and a float32's reciprocal is cheap
-    scales = [jnp.minimum(atol + rtol * jnp.abs(c[0]), 1e37) for c in motion.y]
+    scales = [jnp.minimum(atol + rtol * jnp.abs(c[0]), 1e37) for c in y]
     weights = [(1 / x.astype(jnp.float32)).astype(x.dtype) for x in scales]
     shortest = None
     for k in (order - 1, order):
-        sizes = [jnp.abs(c[k]) * w for c, w in zip(motion.y, weights, strict=True)]
+        sizes = [jnp.abs(c[k]) * w for c, w in zip(y, weights, strict=True)]
         worst = reduce(jnp.maximum, sizes)
         # of what is not finite nothing follows
         h = (math.log2(LAST_TERMS) - _log2(lax.stop_gradient(worst))) / k + 0.0 * worst

@@ -18,7 +18,9 @@ from ..model.state import PhasePoint
 from ..model.system import System, field
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Count, Flag, Numbers, Scalar
+from .along import Moved, Series4
 from .control import NOT_HERE, Signals, Verdict
+from .expansion import Expansion, allowed, expand
 from .explicit import Explicit, Integrand
 from .rosenbrock import Rosenbrock
 
@@ -35,6 +37,7 @@ class Step(NamedTuple):
     gives. With set-valued friction
     `modes`: -1., 0. (sticks) or 1. for each joint, and `event`: the joint on which the
     step ended (0 none, 3 both) with the new modes; else both are empty.
+    `moved`: the differences that a fold carries on Taylor's steps, before that event.
     """
 
     t0: Scalar
@@ -46,6 +49,7 @@ class Step(NamedTuple):
     integrals: tuple
     modes: Numbers = ()
     event: tuple[Count, Numbers] | tuple[()] = ()
+    moved: tuple[Moved, ...] = ()
 
 
 class Ending(Protocol):
@@ -58,7 +62,13 @@ class Ending(Protocol):
 
 
 class AbstractFold(eqx.Module, Generic[State]):
-    """What is kept while a lane runs."""
+    """What is kept while a lane runs.
+
+    `needs_slope`: whether the last right-hand side is asked for, which Taylor's steps
+    do not leave behind.
+    """
+
+    needs_slope: ClassVar[bool] = False
 
     def integrand(self, system: System) -> Integrand | None:
         """A function of y that returns a tuple to be integrated over steps, or None."""
@@ -74,6 +84,20 @@ class AbstractFold(eqx.Module, Generic[State]):
         return solver.advance(
             system.right_hand_side, t0, t1, y0, first, self.integrand(system)
         )
+
+    def expand(
+        self, system: System, y0: PhasePoint, order: int, token: Scalar, state: State
+    ) -> tuple[Expansion, list[Series4]]:
+        """The series of a step of Taylor's, and of the differences that go along."""
+        del state
+        return expand(system, y0, order, token), []
+
+    def allowed(
+        self, motion: Expansion, along: list[Series4], rtol: Scalar, atol: Scalar
+    ) -> Scalar:
+        """How long that step may be."""
+        del along
+        return allowed(motion.y, rtol, atol)
 
     @abc.abstractmethod
     def init(self, system: System, t0: Scalar, y0: PhasePoint) -> State:

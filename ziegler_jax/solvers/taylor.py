@@ -23,8 +23,9 @@ from ..numerics.bernstein import ends_here, first_event, first_look
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Flag, Numbers, Scalar
 from ..numerics.series import value
+from .along import moved_by
 from .control import ControlState, Signals, StepControl, Verdict
-from .expansion import Coefficients, allowed, expand
+from .expansion import Coefficients
 from .explicit import Integrand
 from .fold import AbstractFold, AbstractLaneSolver, State, Step
 from .stickslip import (
@@ -88,11 +89,14 @@ class TaylorState(NamedTuple, Generic[State]):
     modes: Numbers
     last_event: Scalar
     at_once: Scalar  # how many ends have followed each other without time between
+    accelerations: Numbers = ()  # at y in the modes, where the fold needs the slope
 
     @property
     def slope(self) -> PhasePoint:
-        """What is not finite where the motion is not: here the state itself."""
-        return self.y
+        """The right-hand side at y; else the state, which is finite where that is."""
+        if not self.accelerations:
+            return self.y
+        return PhasePoint.of(self.y.omega, self.accelerations)
 
 
 class TaylorStepControl(StepControl):
@@ -155,7 +159,10 @@ class TaylorSlip(AbstractLaneSolver[TaylorState]):
         y, modes = begun(system, y0, event_tolerance(self.atol, y0[0]))
         zero = 0.0 * y0[0]
         folded = self.fold.init(system.in_modes(modes), t0, y)
-        return TaylorState(y, folded, modes, t0 - 1.0 + zero, zero)
+        state = TaylorState(y, folded, modes, t0 - 1.0 + zero, zero)
+        if not self.fold.needs_slope:
+            return state
+        return state._replace(accelerations=system.in_modes(modes).field(t0, y).omega)
 
     def chatters(self, state: TaylorState) -> Flag:
         """Whether the lane cannot go on, because events follow without time between."""
@@ -168,10 +175,11 @@ class TaylorSlip(AbstractLaneSolver[TaylorState]):
         law = system.law
         eps = jnp.finfo(jnp.result_type(t0)).eps
         tol = event_tolerance(self.atol, t0)
-        motion = expand(system, y0, self.solver.order, t0)
+        motion, along = self.fold.expand(system, y0, self.solver.order, t0, folded)
 
         def longest():
-            return jnp.minimum(allowed(motion, self.rtol, self.atol), t1 - t0)
+            within = self.fold.allowed(motion, along, self.rtol, self.atol)
+            return jnp.minimum(within, t1 - t0)
 
         whole = materialise(t0, longest)
         slips = tuple(m != 0 for m in modes)
@@ -224,16 +232,19 @@ class TaylorSlip(AbstractLaneSolver[TaylorState]):
         # the state itself has the last word on a torque, whose series is the shortest
         rows = zip(ended, slips, after, strict=True)
         ended = [here & (m | (new != 0)) for here, m, new in rows]
-        last_event, at_once = where.last_event, where.at_once
-        same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
-        at_once = jnp.where(asked, jnp.where(same, at_once + 1.0, 0.0), at_once)
-        last_event = jnp.where(asked, t_end, last_event)
+        counted = _counted(where, asked, t_end)
         joint = jnp.where(ended[0], 1, 0) + jnp.where(ended[1], 2, 0)
         integrals = _integrals(self.fold.integrand(system), motion.y, length, t0)
-        step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, (joint, after))
+        moved = tuple(materialise(t0, moved_by, one, length) for one in along)
+        event = joint, after
+        step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, event, moved)
         verdict = judge(y, (), t_end)
         folded, stop, done = self.fold.accepted(system, folded, step, verdict)
-        state = TaylorState(y, folded, after, last_event, at_once)
+        accelerations = ()
+        if self.fold.needs_slope:
+            now = system.in_modes(after)
+            accelerations = materialise(t0, now.field, t_end, y).omega
+        state = TaylorState(y, folded, after, *counted, accelerations)
         when = stop, done | self.chatters(state)
         stop, done = (jnp.asarray(x, jnp.result_type(t1)) for x in when)
         return state, Signals(verdict, stop, done, t_end)
@@ -248,6 +259,14 @@ def _arrival(
         jnp.logical_not(m) | e | (cut & (jnp.abs(u) <= tol)) for u, e, m in rows
     ]
     return at_rest(y, rest), rest
+
+
+def _counted(where: TaylorState, asked: Flag, t: Scalar) -> tuple[Scalar, Scalar]:
+    """When the last event was, and how many have followed at once; `asked`: one has."""
+    same = t - where.last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t))
+    at_once = jnp.where(same, where.at_once + 1.0, 0.0)
+    at_once = jnp.where(asked, at_once, where.at_once)
+    return jnp.where(asked, t, where.last_event), at_once
 
 
 def _integrals(

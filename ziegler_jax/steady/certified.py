@@ -8,7 +8,8 @@ A cycle is certified when
 2. the orbit is stable: its section map has a spectral radius below 1;
 3. the motion contracts towards it: at once, if the first shot's derivative contracts in
     the orbit's norm and its return follows the orbit's linear map; else the motion goes
-    on until its own returns do.
+    on until its own returns do. With set-valued friction its joints must stick and slip
+    in the orbit's own order, too (`lane.checked`).
 
 What is refused goes on, to the horizon at most. From there on, where they are asked
 for, its exponents tell a torus from chaos (`exponents`). These kinds of motion, without
@@ -25,8 +26,8 @@ from jaxtyping import Array, Bool, Int
 from ..model.column import Column, State
 from ..model.state import PhasePoint
 from ..motion.checks import float_state, valid_scene, with_amplitude
-from ..motion.integrate import Motion, Run
-from ..motion.method import explicit_method, method_of, rate_cut_of, usual_method
+from ..motion.integrate import Motion
+from ..motion.method import method_of, rate_cut_of, usual_method
 from ..motion.observers import AbstractObserver, Observation, Period, Record
 from ..motion.options import Method, Windows, windows_for
 from ..motion.spans import SpanState
@@ -38,20 +39,25 @@ from ..results import CODE, Variable
 from ..solvers import Explicit
 from .contraction import (
     contraction_norm,
-    contracts,
-    length,
-    size_of,
     spectral_radius,
 )
 from .exponents import Naming, Witness, exponent_variables, name_of
 from .growth import Growth
-from .lane import GROWTH, MARCH, SHOTS, Certifying, Orbit, going_on
+from .lane import (
+    GROWTH,
+    MARCH,
+    SHOTS,
+    Certifying,
+    Orbit,
+    checked,
+    comes_at_once,
+    going_on,
+)
 from .oddness import is_odd
 from .rest import Rest, decays
 from .returns import (
     A_SHOT,
     ACCEPTANCE,
-    ARRIVED,
     ENDURES,
     NOTHING,
     REST,
@@ -59,7 +65,6 @@ from .returns import (
     Lookout,
     March,
     ask_no_more,
-    follows,
     no_returns,
     span_of,
     with_candidate,
@@ -118,10 +123,7 @@ class CertifiedMotion:
         self.watches = observers is not None
         given = () if observers is None else with_amplitude(observers, system)
         self.grows = any(isinstance(o, Growth) for o in given)
-        if self.grows:
-            explicit_method(question, method)  # else it is refused
-        usual = Explicit() if self.grows else usual_method(system)
-        self.method = method_of(question, method, system, usual)
+        self.method = method_of(question, method, system, usual_method(system))
         windows = windows_for(question, windows, rate_cut_of(system))
         self.windows = eqx.tree_at(  # those of `settle` by windows alone
             lambda w: w.agreement, windows, None, is_leaf=lambda x: x is None
@@ -134,9 +136,8 @@ class CertifiedMotion:
         solver = self.method.solver
         coarse = isinstance(solver, Explicit) and solver.order <= 5
         self.at_once = STEPS_AT_ONCE if coarse else STEPS_AT_ONCE // 4
-        halves = all(observer.mirrored for observer in given)
         self.odd: Flag = False
-        if halves:
+        if all(observer.mirrored for observer in given):
             self.odd = is_odd(system) if odd is None else odd
         transient, length, most = self.windows.spans
         self.exponents = exponents
@@ -163,10 +164,9 @@ class CertifiedMotion:
     def begin(self) -> Certifying:
         """Before the first step."""
         zero, none = 0.0 * self.y0[0], jnp.zeros((), jnp.int32)
-        no, point = jnp.asarray(False), jnp.zeros(3, jnp.result_type(zero)) + zero
-        matrix = jnp.zeros((3, 3), jnp.result_type(zero)) + zero
-        blank = Candidate(no, none, point, matrix, matrix, zero)
-        attempt = blank_attempt(zero)
+        no, attempt = jnp.asarray(False), blank_attempt(zero)
+        slope = attempt.slope
+        blank = Candidate(no, none, attempt.x, slope, slope, zero, zero)
         march = self._march(none).begin()
         shot = run_that_is_over(lambda: self._shot(self.y0, attempt, none).begin())
         states = self.observation.init(self.system, zero, self.y0)
@@ -282,11 +282,11 @@ class CertifiedMotion:
 
     def grow_on(self, now: Certifying, max_steps: Count) -> Certifying:
         """A motion that is given up, with the tangents of its exponents."""
-        run = self._growth(now).advance(_growth_of(now), max_steps)
+        run = self._growth(now).advance(now.growing, max_steps)
         return now._replace(growth=run)
 
     def _has_grown(self, now: Certifying) -> Bool[Array, ""]:
-        run = _growth_of(now)
+        run = now.growing
         return now.running & now.grows & ~run.running & (run.steps >= 0)
 
     def _after_growth(self, now: Certifying) -> Certifying:
@@ -294,7 +294,7 @@ class CertifiedMotion:
         return now._replace(outcome=now.observing)
 
     def _is_to_grow(self, now: Certifying) -> Bool[Array, ""]:
-        return now.running & now.grows & (_growth_of(now).steps < 0)
+        return now.running & now.grows & (now.growing.steps < 0)
 
     def _begin_growth(self, now: Certifying) -> Certifying:
         """Before its first step."""
@@ -306,7 +306,7 @@ class CertifiedMotion:
         return self.naming.motion(*scene, self._left(now))
 
     def _march(self, spent: Count) -> Motion[Lookout]:
-        carrier = self.method.explicit if self.grows else None
+        carrier = shooting(self.method) if self.grows else None
         fold = March(self.odd, self.rest, self.windows.bound, carrier)
         left = self.method.budget - spent
         return Motion(
@@ -334,14 +334,19 @@ class CertifiedMotion:
         if run.folded.calm:
             refused = rests & ~decays(self.system, run.y, run.folded.calm.late)
         over = well & ((last == NOTHING) | (last == ENDURES))
+        count, checks = state.returns, False
+        if self.system.sticks:  # the orbit's map is that of its own events alone
+            checks, accepted = accepted, False
+            tries |= checks
+            count = jnp.where(checks, now.candidate.returns, count)
         shoots, x, zero = tries, state.points[0], 0.0 * run.time
         if self.watches:
             shoots = tries | rests | over
         span = self.last + zero
         if not self.rest.by_modes:
             span = jnp.where(rests, AT_REST, span)
-        span = jnp.where(tries, span_of(state, state.returns), span)
-        attempt = attempt_at(now.attempt, x, span, self._sign(state.returns))
+        span = jnp.where(tries, span_of(state, count), span)
+        attempt = attempt_at(now.attempt, x, span, self._sign(count), checks)
         watched = jnp.where(rests, self.rest.outcome(self.system), CODE.unsettled)
         watched = jnp.where(rests | over, watched, CODE.not_computed)
         failed = jnp.where(last > REST, CODE.escaped, run.outcome)
@@ -388,19 +393,18 @@ class CertifiedMotion:
         run, state, attempt = now.shot, now.returns, now.attempt
         radius = spectral_radius(attempt.slope)
         margin = MARGIN * state.returns.astype(jnp.result_type(radius))
-        verified = attempt.verified
-        stable = verified & (radius < 1 - margin)
-        unstable = verified & (radius > 1 + margin)
+        stable = attempt.verified & (radius < 1 - margin)
+        unstable = attempt.verified & (radius > 1 + margin)
         norm = contraction_norm(attempt.slope, radius)
-        orbit = Candidate(stable, state.returns, attempt.x, attempt.slope, norm, radius)
-        was, became = attempt.start - attempt.x, attempt.image - attempt.x
-        at_once = stable & contracts(norm, attempt.first_slope)
-        at_once &= follows(orbit, was, became, 0.0)
-        at_once &= length(norm, was) < ARRIVED * size_of(attempt.x)
+        numbers = attempt.x, attempt.slope, norm, radius, attempt.modes
+        orbit = Candidate(stable, state.returns, *numbers)
+        at_once = stable & comes_at_once(orbit, attempt, self.system.sticks)
         record = Record(run.folded.record, attempt.span, run.y)
-        y = start_of(attempt.x)
-        closed = Orbit(y, attempt.span, attempt.size, record)
+        closed = Orbit(start_of(attempt.x), attempt.span, attempt.size, record)
         returns = tree_where(stable, with_candidate(state), ask_no_more(state))
+        if self.system.sticks:
+            returns, alike = checked(now, returns)
+            at_once |= alike
         outcome = jnp.where(at_once, CODE.cycle, CODE.not_computed)
         return now._replace(
             stage=jnp.full_like(now.stage, MARCH),
@@ -426,7 +430,7 @@ class CertifiedMotion:
 
     def measured(self, now: Certifying) -> Bool[Array, ""]:
         """Whether it has exponents: of one that turned over there are none."""
-        whole = _growth_of(now).outcome == CODE.complete
+        whole = now.growing.outcome == CODE.complete
         return whole & (now.outcome == CODE.unsettled)
 
     def exponents_of(self, now: Certifying) -> dict[str, Variable]:
@@ -443,8 +447,3 @@ class CertifiedMotion:
             **({"exponents": self.exponents} if self.exponents else {}),
             "rate_cut": self.rest.setting(),
         }
-
-
-def _growth_of(now: Certifying) -> Run[SpanState[Witness]]:
-    assert now.growth
-    return now.growth

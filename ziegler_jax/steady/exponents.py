@@ -36,7 +36,7 @@ from ..motion.tangents import AbstractGrowth, TangentFrame, in_logs, unit_tangen
 from ..numerics.materialise import if_any_lane, tree_where
 from ..numerics.numbers import Count, Flag, Numbers, Pair, Scalar
 from ..results import CODE, RATE, Variable
-from ..solvers import Explicit
+from ..solvers import Explicit, Taylor
 
 SURE = 3.0  # standard errors
 ZERO = 0.01  # a rate: growth that is not exponential leaves ln T / T, 0.005 at 1600
@@ -99,7 +99,7 @@ def standard_errors(growth: GrowthSums, blocks: Int[Array, ""]) -> tuple[Scalar,
 class GrowthRates(AbstractSpans[GrowthSums], AbstractGrowth[SpanState[GrowthSums]]):
     """A transient, then blocks of growth."""
 
-    solver: Explicit
+    solver: Explicit | Taylor
     rtol: Scalar
     count: int
 
@@ -140,7 +140,7 @@ class Witness(NamedTuple):
 class Naming(AbstractSpans[Witness], AbstractGrowth[SpanState[Witness]]):
     """Exponents and passages of a motion that has not settled."""
 
-    solver: Explicit
+    solver: Explicit | Taylor
     rtol: Scalar
     count: int
 

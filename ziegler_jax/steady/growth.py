@@ -22,7 +22,7 @@ from ..motion.tangents import past, push
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Flag, Numbers, Scalar
 from ..results import Variable
-from ..solvers import Explicit, Step
+from ..solvers import Explicit, Step, Taylor
 
 ALLOWED = 1e-2  # of the state, for a difference as large as the tolerance to grow to
 MOST = 1e100  # where the tangent is followed no further
@@ -36,7 +36,7 @@ class Growth(AbstractObserver):
 
     It watches the motion from its start to the end of its own steps, where others watch
     a cycle, and so goes only with certificates (`certify` of `settle`). A tangent goes
-    along with each step. With set-valued friction steps are then those of Tsit5.
+    along with each step.
 
     **Results:** `growth`, at most about 1e100, NaN for a start at rest; and
     `sensitive`, whether `growth * rtol` exceeds 0.01, 1e4 at the usual tolerance: steps
@@ -77,10 +77,15 @@ def kick_tangent(y0: PhasePoint) -> Grown:
     return Grown(PhasePoint(x / none for x in y0), 1.0 + 0.0 * none)
 
 
-def grown(system: System, solver: Explicit, before: Grown, step: Step) -> Grown:
+def grown(
+    system: System, solver: Explicit | Taylor, before: Grown, step: Step
+) -> Grown:
     """After a step, whose `integrals` are the tangent's image, and past its event."""
     images = step.integrals
-    if step.modes:  # it may have been cut
+    if step.moved:
+        images = tuple(each.y1 for each in step.moved)
+    elif step.modes:  # it may have been cut
+        assert isinstance(solver, Explicit)
         ends = step.t0, step.t1, step.y0
         _, (_, images), *_ = push(solver, system, *ends, (before.tangent,))
     (tangent,) = past(system, step, images)

@@ -10,11 +10,20 @@ from ..motion.integrate import Run
 from ..motion.observers import Record
 from ..motion.spans import SpanState
 from ..numerics.materialise import tree_where
-from ..numerics.numbers import Scalar
+from ..numerics.numbers import Flag, Scalar
 from ..numerics.resumable import ENDED
 from ..results import CODE
+from .contraction import contracts, length, size_of
 from .exponents import Witness
-from .returns import Calm, Candidate, Lookout, Returns, ask_no_more
+from .returns import (
+    ARRIVED,
+    Calm,
+    Candidate,
+    Lookout,
+    Returns,
+    ask_no_more,
+    follows,
+)
 from .shots import Attempt, ShotState
 
 MARCH, SHOTS, GROWTH = range(3)  # the phases
@@ -54,6 +63,12 @@ class Certifying(NamedTuple):
     def grows(self) -> Bool[Array, ""]:
         """Whether its exponents are measured."""
         return self.stage == GROWTH
+
+    @property
+    def growing(self) -> Run[SpanState[Witness]]:
+        """Where its exponents are."""
+        assert self.growth
+        return self.growth
 
     @property
     def watched(self) -> Bool[Array, ""]:
@@ -97,6 +112,33 @@ class Certifying(NamedTuple):
     def phase(self) -> Int[Array, ""]:
         """The program that it is in, or `ENDED`."""
         return jnp.where(self.running, self.stage, ENDED).astype(jnp.int32)
+
+
+def comes_at_once(orbit: Candidate, attempt: Attempt, sticks: bool) -> Flag:
+    """Whether the motion contracts towards the orbit from the attempt's start on.
+
+    **Arguments:** `sticks`: whether friction is set-valued.
+    """
+    was, became = attempt.start - attempt.x, attempt.image - attempt.x
+    comes = contracts(orbit.norm, attempt.first_slope)
+    comes &= follows(orbit, was, became, 0.0)
+    comes &= length(orbit.norm, was) < ARRIVED * size_of(attempt.x)
+    if sticks:
+        comes &= attempt.first_modes == attempt.modes
+    return comes
+
+
+def checked(lane: Certifying, after: Returns) -> tuple[Returns, Bool[Array, ""]]:
+    """After a shot that only checks: whether its events are those of the candidate.
+
+    The orbit's map is that of its own events. Beside an orbit that sticks may lie an
+    unstable one that does not, and a motion that passes that one looks as if it drew
+    near. What has other events has to follow the orbit's map anew.
+    """
+    attempt, complete = lane.attempt, lane.shot.outcome == CODE.complete
+    anew = after._replace(follows=jnp.zeros_like(after.follows))
+    alike = attempt.checks & complete & (attempt.modes == lane.candidate.modes)
+    return tree_where(attempt.checks, anew, after), alike
 
 
 def going_on(lane: Certifying) -> Certifying:

@@ -34,7 +34,8 @@ from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane, materialise, replaced, tree_where
 from ..numerics.numbers import Count, Flag, Flags, Numbers, Scalar
 from ..results import CODE
-from ..solvers import ACCEPTED, AbstractFold, Explicit, Step
+from ..solvers import ACCEPTED, AbstractFold, Explicit, Step, Taylor
+from ..solvers.along import expand_along
 from .contraction import (
     Matrix3,
     Vector3,
@@ -63,6 +64,7 @@ OWN = 3  # returns of its own by which a motion shows that it draws nearer
 # contracts, what is so near that no torus, and no saddle with one behind it, was seen
 # to fit between (0.048 was too far).
 LOST, ARRIVED = 0.3, 0.025
+STAYS = 0.1  # of the move that an orbit's linear map foretells: it is not near it
 NOISE = 2e-4  # of the state: what steps, and their jitter, leave in a return
 LEAK = 1.05  # what is forgotten at each return of the smallest d_n
 # What a motion that has stopped asks for
@@ -78,6 +80,7 @@ class Candidate(NamedTuple):
     slope: Matrix3  # the derivative of the map of so many returns there
     norm: Matrix3  # in which that contracts
     radius: Scalar
+    modes: Scalar | float = 0.0  # with set-valued friction: a number of its events
 
 
 class Calm(NamedTuple):
@@ -125,7 +128,7 @@ class March(AbstractFold[Lookout]):
     odd: Flag
     rest: Rest
     escape: Scalar
-    carrier: Explicit | None = None
+    carrier: Explicit | Taylor | None = None
 
     def init(self, system, t0, y0):
         """No return yet."""
@@ -149,6 +152,14 @@ class March(AbstractFold[Lookout]):
             solver, system, t0, t1, y0, (state.grown.tangent,)
         )
         return y1, error, last, images, None
+
+    def expand(self, system, y0, order, token, state):
+        """The series of a step, and of the kick's tangent."""
+        if self.carrier is None:
+            return super().expand(system, y0, order, token, state)
+        return expand_along(
+            system, y0, order, token, (cast(Grown, state.grown).tangent,)
+        )
 
     def outcome(self, state):
         """`complete` where it asks for something."""
@@ -351,9 +362,15 @@ def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
     row = jnp.where(mine, jnp.where(good, now.follows + 1, 0.0), now.follows)
     arrived = mine & (row >= OWN) & (length(orbit.norm, distance) < ARRIVED * size)
     asks = jnp.where(arrived, ACCEPTANCE, now.asks)
+    gone = largest(distance) > LOST * size
+    # near the orbit it would move on: here is another one
+    gone |= (
+        length(orbit.norm, distance - was)
+        < STAYS * length(orbit.norm, image(orbit.slope, was) - was) - NOISE * size
+    )
     return now._replace(
         follows=row,
-        lost=now.lost | (mine & (largest(distance) > LOST * size)),
+        lost=now.lost | (mine & gone),
         asks=asks.astype(jnp.int32),
     )
 

@@ -9,11 +9,12 @@ $$H(x) = a + \delta t\,F, \qquad DH = V - \frac{F\,V_1}{F_1}, \qquad x \leftarro
 - DH)^{-1} (H - x), \qquad T \leftarrow T + \delta t - \frac{V_1\,\delta x}{F_1}.$$
 
 (Components 2 to 4.) No passage has to be found: as x converges the span does, too.
-Steps are ten, at last a hundred times finer than the motion's own.
+Steps are ten, at last a hundred times finer than the motion's own (Taylor's a
+thousand times).
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +31,9 @@ from ..motion.variational import events_number
 from ..numerics.materialise import materialise, tree_where
 from ..numerics.numbers import Flag, Scalar
 from ..results import CODE
-from ..solvers import AbstractFold, Explicit
+from ..solvers import AbstractFold, Explicit, Taylor
+from ..solvers.along import expand_along
+from ..solvers.taylor import TaylorState
 from .contraction import (
     Matrix3,
     Vector3,
@@ -47,6 +50,11 @@ SHORTEST = 1e-3  # a span below it is none
 # below the second is followed by a fine shot, and one below the third verifies.
 TOO_FAR, CLOSE, VERIFIED = 0.3, 3e-3, 1e-5
 MOST_SHOTS = 5  # of one attempt
+# On Taylor's steps multipliers are good to 2e-7 by these (233 cycles against shots at
+# 1e-12; by the two above to 2e-4, as they move by several times what x moves), for 4 %
+# more steps in all. Of order 10 or 12 shots cost the same within a tenth (steps times
+# order squared). And an early shot may meet other events than the orbit.
+TAYLOR_FINE, TAYLOR_VERIFIED, MOST_DRY_SHOTS = 1e-3, 2e-8, 8
 
 
 class Attempt(NamedTuple):
@@ -63,7 +71,9 @@ class Attempt(NamedTuple):
     image: Vector3  # where it returns next
     first_slope: Matrix3  # with which derivative
     slope: Matrix3  # the derivative at the last shot's start
-    modes: Scalar  # of the last shot
+    modes: Scalar  # of the last shot: a number of its events
+    first_modes: Scalar  # and of the first
+    checks: Bool[Array, ""]  # one shot, to see whether the motion's events are those
 
 
 class ShotState(NamedTuple):
@@ -78,7 +88,9 @@ class ShotState(NamedTuple):
 class Shot(AbstractFold[ShotState]):
     """Carries three tangents and observers along."""
 
-    solver: Explicit
+    needs_slope: ClassVar[bool] = True
+
+    solver: Explicit | Taylor
     observation: Observation
 
     def init(self, system, t0, y0):
@@ -115,15 +127,24 @@ class Shot(AbstractFold[ShotState]):
         slopes = slopes if state.slopes else ()
         return y1, error, slope, (images, slopes, integrals), None
 
+    def expand(self, system, y0, order, token, state):
+        """The series of a step, and of the tangents."""
+        return expand_along(system, y0, order, token, state.tangents)
+
     def step(self, system, state, step):
         """After a step, and past the event at its end."""
-        modes, slopes = state.modes, ()
-        if not step.modes:
-            images, slopes, integrals = step.integrals
-        else:  # it may have been cut
-            integrals, ends = step.integrals, (step.t0, step.t1, step.y0)
+        modes, slopes, integrals = state.modes, (), step.integrals
+        if step.moved:
+            images = tuple(each.y1 for each in step.moved)
+        elif step.modes:  # it may have been cut
+            assert isinstance(self.solver, Explicit)
+            ends = step.t0, step.t1, step.y0
             both, *_ = push_along(self.solver, system, *ends, state.tangents)
-            images = past(system, step, apart(both)[1])
+            images = apart(both)[1]
+        else:
+            images, slopes, integrals = integrals
+        if step.modes:
+            images = past(system, step, images)
             modes = events_number(modes, step)
         step = step._replace(integrals=integrals)
         record = self.observation.step(system, state.record, step)
@@ -138,19 +159,21 @@ def shot_motion(
     observation: Observation,
 ) -> Motion[ShotState]:
     """The next shot of an attempt; `method`: that of the motion itself."""
-    share = jnp.where(attempt.fine, FINE, COARSE)
-    rtol, atol = (jnp.maximum(share * x, FINEST) for x in method.tolerances)
     solver = shooting(method)
+    fine = TAYLOR_FINE if isinstance(solver, Taylor) else FINE
+    share = jnp.where(attempt.fine, fine, COARSE)
+    rtol, atol = (jnp.maximum(share * x, FINEST) for x in method.tolerances)
     fold = Shot(solver, observation)
     finer = Method(solver, rtol, atol).at_most(method.budget)
     span = jnp.maximum(attempt.span, SHORTEST)
     return Motion(system, y0, fold, finer, end=span)
 
 
-def shooting(method: Method) -> Explicit:
+def shooting(method: Method) -> Explicit | Taylor:
     """The solver with which tangents go along."""
     solver = method.solver
-    return solver if isinstance(solver, Explicit) else Explicit()
+    assert isinstance(solver, Explicit | Taylor)  # `settling` saw to it
+    return solver
 
 
 def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
@@ -159,10 +182,12 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
     size = largest(back.move) / size_of(attempt.x)
     first, count = attempt.shots == 0, attempt.shots + 1
     arrived = run.outcome == CODE.complete
-    verified = arrived & attempt.fine & (size < VERIFIED)
+    on_series = isinstance(run.solver, TaylorState)
+    near, most = TAYLOR_VERIFIED if on_series else VERIFIED, MOST_SHOTS
+    verified = arrived & attempt.fine & (size < near)
     modes = attempt.modes
     if not isinstance(run.folded.modes, tuple):
-        modes = run.folded.modes
+        most, modes = MOST_DRY_SHOTS, run.folded.modes
         verified &= modes == attempt.modes
     good = arrived & (size < TOO_FAR) & (first | (size < attempt.size))
     span = attempt.span + back.longer
@@ -180,8 +205,10 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
         first_slope=tree_where(first, back.slope, attempt.first_slope),
         slope=back.slope,
         modes=modes,
+        first_modes=jnp.where(first, modes, attempt.first_modes),
+        checks=attempt.checks,
     )
-    return after, good & ~verified & (count < MOST_SHOTS)
+    return after, good & ~verified & (count < most) & ~attempt.checks
 
 
 class Return(NamedTuple):
@@ -247,11 +274,15 @@ def blank_attempt(zero: Scalar) -> Attempt:
         first_slope=matrix,
         slope=matrix,
         modes=zero,
+        first_modes=zero,
+        checks=no,
     )
 
 
-def attempt_at(before: Attempt, x: Vector3, span: Scalar, sign: Scalar) -> Attempt:
+def attempt_at(
+    before: Attempt, x: Vector3, span: Scalar, sign: Scalar, checks: Flag = False
+) -> Attempt:
     """Newton's method before its first shot, in place of an attempt that is over."""
     none, no = jnp.zeros_like(before.shots), jnp.zeros_like(before.fine)
-    anew = {"shots": none, "fine": no, "verified": no}
+    anew = {"shots": none, "fine": no, "verified": no, "checks": no | checks}
     return before._replace(x=x, start=x, span=span, sign=sign, **anew)
