@@ -60,6 +60,7 @@ FINE = zj.Method(rtol=1e-10, atol=1e-11)
 def _fields_of_a_column(p):
     """What is a closed form: forces, energies, matrices, loads, sticking sets."""
     smoothed, bare, y = column(p, smooth), column(p), start(p).y
+    y3 = zj.PhasePoint((*y.phi, p.phi1, *y.omega, p.phi2))
     held = zj.sticking_set(
         zj.uniform_rods(p.q, l2=p.l2, kappa=p.kappa, friction=dry(p))
     )
@@ -84,6 +85,13 @@ def _fields_of_a_column(p):
         ).q_cr,
         "spectrum": zj.spectrum(tangent),
         "abscissa": zj.spectral_abscissa(bare),
+        "beck": zj.critical_load(zj.beck(3, air=p.c1, tip_inertia=p.m2)).q_cr,
+        "chains": jnp.stack(
+            [
+                *zj.vector_field(0.0, y3, zj.pflueger(3, p.m1, p.q, foundation=p.m2)),
+                *zj.vector_field(0.0, y3, zj.leipholz(3, p.q, rest_angles=p.phi1)),
+            ]
+        ),
         "corners": held.corners,
         "area": held.area,
         "torques": jnp.stack(held.torques(p.phi1, p.phi2)),

@@ -228,7 +228,7 @@ def test_what_is_no_value_is_refused_by_name(refuses):
     "make, parts",
     [
         (lambda: zj.SectionPlane(rising="falling"), ("`rising`", "'falling'")),  # type: ignore
-        (lambda: zj.SectionPlane("phi3"), ("`coordinate`", "phi1", "'phi3'")),  # type: ignore
+        (lambda: zj.SectionPlane("phi0"), ("`coordinate`", "phi1", "'phi0'")),  # type: ignore
         (lambda: zj.Arc(bounds=("a", "b")), ("`bounds`", "two numbers", "'a'")),  # type: ignore
         (lambda: zj.Arc(bounds=(3, 1)), ("`bounds`", "increase", "(3, 1)")),
         (lambda: zj.Arc(direction=True), ("`direction`", "1, -1 or", "True")),

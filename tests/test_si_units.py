@@ -284,9 +284,12 @@ def joint(**changes):
         ),
         (lambda: UNITS.transition_rate("a", 0.1), "`pin_radius` must be a number"),
         (lambda: joint(pin_radius=None), "`pin_radius` must be a number, but is None"),
-        (lambda: joint(pin_radius=(1, 2, 3)), "`pin_radius` must be two numbers"),
+        (lambda: joint(pin_radius=(1,)), "`pin_radius` must be at least two numbers"),
         (lambda: joint(pin_radius=(0.1, 0)), r"`pin_radius\[1\]` must be .* positive"),
-        (lambda: joint(transition_velocity=[]), "`transition_velocity` must be two"),
+        (
+            lambda: joint(transition_velocity=[]),
+            "`transition_velocity` must be at least two",
+        ),
     ],
 )
 def test_misuse_is_named(misuse, sentence):

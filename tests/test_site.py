@@ -38,7 +38,7 @@ def test_every_question_shows_the_sentences_of_its_codes():
 
 
 def test_every_notebook_is_in_the_navigation():
-    assert len(NOTEBOOKS) == 7
+    assert len(NOTEBOOKS) == 8
     for path in NOTEBOOKS:
         assert f"learn/{path.stem}.md" in NAVIGATION
         cells = path.read_text().count("# %%\n")

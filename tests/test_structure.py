@@ -142,7 +142,7 @@ def _name(equation):
 
 
 NUMBERS = {"q": 2.0, "mu": 0.1, "eta": 0.5, "c": 0.01}
-Y = (0.1, -0.2, 0.3, 0.1)
+Y = zj.PhasePoint((0.1, -0.2, 0.3, 0.1))
 
 
 def field_of(build):

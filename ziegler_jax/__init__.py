@@ -38,6 +38,7 @@ from .linear.stabilise import stabilise
 from .maps.merge import merge
 from .maps.refine import refine
 from .maps.which_cycle import label_cycles
+from .model.chain_of_rods import Chain
 from .model.column import (
     Column,
     State,
@@ -47,6 +48,7 @@ from .model.column import (
     vector_field,
 )
 from .model.damping import AbstractDamping, Air, Sum, Viscous
+from .model.forces import DeadLoad, FollowerForces, Gravity
 from .model.friction import (
     AbstractFriction,
     AbstractRateFriction,
@@ -59,7 +61,7 @@ from .model.loads import (
     JointReaction,
     LoadSum,
 )
-from .model.rods import point_masses, uniform_rods
+from .model.rods import beck, leipholz, pflueger, point_masses, uniform_rods
 from .model.set_valued import SetValuedCoulomb
 from .model.state import PhasePoint
 from .model.sticking_set import StickingSet, sticking_set
@@ -105,15 +107,19 @@ __all__ = [
     "BifurcationPoints",
     "Bifurcation",
     "Branch",
+    "Chain",
     "Column",
     "ConstantLoad",
     "Course",
     "CyclePoints",
+    "DeadLoad",
     "Directions",
     "EnergyBalance",
     "Explicit",
     "Exponents",
+    "FollowerForces",
     "FollowerLoad",
+    "Gravity",
     "Growth",
     "JointReaction",
     "LoadSum",
@@ -147,6 +153,7 @@ __all__ = [
     "Variable",
     "Viscous",
     "Windows",
+    "beck",
     "bifurcation",
     "bifurcation_curve",
     "branch_off",
@@ -161,11 +168,13 @@ __all__ = [
     "is_stiff",
     "label_cycles",
     "least_kick",
+    "leipholz",
     "linearise",
     "lyapunov_exponents",
     "merge",
     "open_sweep",
     "periodic_orbit",
+    "pflueger",
     "poincare",
     "point_masses",
     "power",

@@ -8,7 +8,7 @@ therefore carries a code, and every code a sentence. A result tells a sweep by i
 import dataclasses
 import enum
 from collections.abc import Hashable, Mapping, Sequence
-from typing import ClassVar, Generic, NamedTuple, TypeVar
+from typing import ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -288,9 +288,10 @@ class AbstractResult(eqx.Module):
 
         **Raises:** JAX's error inside its transformations, where nothing is known yet.
         """
-        known = {**DIMENSIONS, **self.coordinates()}
+        named = self.variables()
+        known = {**counted(named), **self.coordinates()}
         data, coords = {}, {}
-        for name, variable in self.variables().items():
+        for name, variable in named.items():
             value = np.asarray(variable.value)
             lanes = [f"lane_{i + 1}" for i in range(value.ndim - len(variable.dims))]
             data[name] = (*lanes, *variable.dims), value, labels(variable)
@@ -376,8 +377,21 @@ class AbstractMotionResult(AbstractResult, Generic[Final]):
     settings: Settings = eqx.field(static=True)
 
 
-# The dimensions that results use, with their coordinates.
-DIMENSIONS = {"rod": (1, 2), "joint": (1, 2)}
+DIMENSIONS = ("rod", "joint")  # that results use, counted from the base on
+
+
+def counted(named: Mapping[str, Variable]) -> dict[str, Sequence[object]]:
+    """The coordinates of those dimensions, as long as the variables say."""
+    known: dict[str, Sequence[object]] = {}
+    for variable in named.values():
+        shape = np.shape(cast(ArrayLike, variable.value))
+        sizes = shape[len(shape) - len(variable.dims) :]
+        if len(shape) >= len(variable.dims):
+            for dim, size in zip(variable.dims, sizes, strict=True):
+                if dim in DIMENSIONS:
+                    known.setdefault(dim, tuple(range(1, size + 1)))
+    return known
+
 
 # Names that scenes give their axes: meaning, units, symbol.
 AXES = {

@@ -271,8 +271,8 @@ def test_passages_are_where_another_code_finds_them(section):
 def test_what_breaks_a_rule_is_named(refuses):
     column, start = zj.uniform_rods(1.0), zj.State()
     refuses(
-        lambda: zj.SectionPlane("phi3"),  # type: ignore
-        "`coordinate`", "phi1", "phi3",
+        lambda: zj.poincare(column, start, section=zj.SectionPlane("phi3")),
+        "`coordinate`", "2 rods", "phi3",
     )  # fmt: skip
     refuses(lambda: zj.poincare(column, start, section=1), "`section`", "1")
     refuses(lambda: zj.poincare(column, start, points=0), "`points`", "0")

@@ -156,12 +156,15 @@ ROD = {"a": 4 / 3, "b": 1 / 2, "d": 1 / 3}
         (lambda: zj.uniform_rods(m1=0.0), ("`m1`", "0", "positive")),
         (lambda: zj.uniform_rods(l2=-1.0), ("`l2`", "-1", "positive")),
         (lambda: zj.point_masses(2.0, -1.0), ("`m2`", "-1", "positive")),
-        (lambda: zj.State(phi=0.1), ("`phi`", "0.1", "two numbers")),
-        (lambda: zj.State(phi=(0.1,)), ("`phi`", "(0.1,)", "two numbers")),
+        (lambda: zj.State(phi=0.1), ("`phi`", "0.1", "at least two numbers")),
+        (lambda: zj.State(phi=(0.1,)), ("`phi`", "(0.1,)", "at least two numbers")),
         (lambda: zj.State(omega=(0.0, np.nan)), ("`omega[1]`", "nan", "finite")),
         (lambda: zj.Viscous(-0.1, 0.0), ("`c1`", "-0.1", "nonnegative")),
         (lambda: zj.Viscous(0.1, np.nan), ("`c2`", "nan", "nonnegative")),
-        (lambda: zj.energy(zj.Column(1.0, **ROD), (0.1,) * 5), ("`y`", "four", "0.1")),
+        (
+            lambda: zj.energy(zj.Column(1.0, **ROD), (0.1,) * 5),
+            ("`y`", "4 scalars", "0.1"),
+        ),
         (lambda: zj.vector_field(0.0, (0.2,), zj.Column(1.0, **ROD)), ("`y`", "0.2")),
     ],
 )

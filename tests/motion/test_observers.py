@@ -214,10 +214,10 @@ def test_the_quintics_peak_lies_inside_a_step():
     t0, t1 = -phase, h - phase
 
     def at(t):
-        return tuple(map(jnp.asarray, (np.cos(t), 0.0, -np.sin(t), 0.0)))
+        return zj.PhasePoint(map(jnp.asarray, (np.cos(t), 0.0, -np.sin(t), 0.0)))
 
     y0, y1 = at(t0), at(t1)
-    f0, f1 = ((y[2], y[3], -y[0], y[3]) for y in (y0, y1))
+    f0, f1 = (zj.PhasePoint((y[2], y[3], -y[0], y[3])) for y in (y0, y1))
     step = Step(t0, t1, y0, y1, f0, f1, ())
     amplitude = zj.Amplitude()
     _, peak = amplitude.step(None, amplitude.init(None, t0, y0), step)[0]

@@ -116,7 +116,7 @@ def test_tangents_on_taylors_steps_are_those_of_an_explicit_method(settled, i):
 
     def tangents(solver):
         method = zj.Method(solver, 1e-9, 1e-9).at_most(100_000)
-        shot = shot_motion(system, start_of(x), attempt, method, Observation(()))
+        shot = shot_motion(system, start_of(attempt), attempt, method, Observation(()))
         run = jax.jit(lambda: shot.advance(shot.begin()))()
         return np.array(run.folded.tangents)
 

@@ -248,7 +248,7 @@ def test_a_rod_turns_over_whatever_its_batch_mates_do():
     def outcome(y, v0, v1, a0, a1):
         z = 0.0 * y
         ends = (y, z, v0, z), (y, z, v1, z), (v0, z, a0, z), (v1, z, a1, z)
-        step = Step(z, z + 1.0, *ends, ())
+        step = Step(z, z + 1.0, *map(zj.PhasePoint, ends), ())
         return fold.step(None, fold.init(None, z, step.y0), step)[0].outcome
 
     slow, fast = [3.13, 0.001, -0.001, 1.0, 1.0], [3.13, 0.1, -0.1, -0.2, -0.2]

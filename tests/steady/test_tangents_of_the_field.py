@@ -114,7 +114,7 @@ def test_the_smoothed_curve_has_the_derivatives_of_its_formula():
             mu_s, mu_k, pin_radius=0.1, v_stribeck=v_stribeck, v_smooth=v_smooth,
             load=load,
         )  # fmt: skip
-        return law.torques(2.0).at((u, 0.0 * u))[0]
+        return law.torques((2.0, 2.0)).at((u, 0.0 * u))[0]
 
     def formula(x):
         u, mu_s, mu_k, v_stribeck, v_smooth = x

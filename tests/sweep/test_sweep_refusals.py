@@ -200,7 +200,8 @@ def test_dimensions_of_results_have_one_size_that_is_not_zero(own, refuses):
     parts = "`point`", "`w`", "2", "`v`", "3", "dimension `k`"
     refuses(lambda: swept(v=(3, ("k",)), w=(2, ("k",))), *parts)
     refuses(lambda: swept(v=(0, ("k",))), "`point`", "`v`", "none along `k`")
-    refuses(lambda: swept(v=(3, ("joint",))), "`v`", "3", "`joint`", "coordinate", "2")
+    joints = {"v": (3, ("joint",)), "w": (2, ("joint",))}
+    refuses(lambda: swept(**joints), "`w`", "2", "`joint`", "coordinate", "3")
     refuses(lambda: swept(v=((2, 3), ("k",))), "`point`", "`v`", "(2, 3)", "('k',)")
     assert swept(v=(3, ("k",)), w=(3, ("k",))).w.shape == (2, 3)
 

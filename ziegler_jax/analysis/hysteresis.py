@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, Shaped
 
-from ..model.column import Column, State
-from ..model.state import PhasePoint
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import PhasePoint, State
 from ..motion.checks import Times, check_maker, check_scene, float_state, made
 from ..motion.implicit import forward_only
 from ..motion.observers import AbstractObserver
@@ -21,7 +21,6 @@ from ..motion.options import Method, Windows, recorded
 from ..motion.sequence import run_in_sequence
 from ..numerics.no_number import refused
 from ..numerics.numbers import Scalar, is_concrete
-from ..numerics.rules import instance
 from ..results import CODE, DIMENSIONS, AbstractDescribed, Settings, Variable
 from ..runtime import requires_x64
 from ..steady.settle import Settling, may_certify, settled, settling
@@ -63,7 +62,7 @@ class UpDownState(NamedTuple):
 
 @requires_x64
 def sweep_up_down(
-    make_column: Callable[[Scalar], Column],
+    make_column: Callable[[Scalar], AbstractChain],
     values: Times,
     *,
     kick: State,
@@ -112,11 +111,14 @@ def sweep_up_down(
     **Raises:** `ValueError` for arguments that break a rule.
     """
     values = _increasing(values)
-    start = State() if start is None else start
     check_maker(make_column)
     axis = _name_of_the_number(make_column)
-    instance("kick", kick, State)
-    check_scene(made(make_column, values[0]), start)
+    first_column = made(make_column, values[0])
+    upright = State(omega=(0.0,) * first_column.joints)
+    start = upright if start is None else start
+    kick = upright if kick is None else kick
+    check_scene(first_column, start)
+    check_scene(first_column, kick, "kick")
     y0, shove = float_state(start), float_state(kick)
     n, dtype = values.size, jnp.result_type(float)
     way = np.stack([np.arange(n), 2 * n - 1 - np.arange(n)]).astype(np.int32)
@@ -124,7 +126,7 @@ def sweep_up_down(
     def motion(now: UpDownState) -> Settling:
         here = jnp.where(way == now.place, jnp.asarray(values, dtype)[None, :], 0.0)
         y = [a + b for a, b in zip(now.y, shove, strict=True)]
-        scene = make_column(jnp.sum(here)), State(y[:2], y[2:])
+        scene = make_column(jnp.sum(here)), State(y[: len(y) // 2], y[len(y) // 2 :])
         if certify is not False and (certify or may_certify(scene[0], method)):
             scene = refused(NO_DERIVATIVE, scene)
         how = windows, observers, method, certify
@@ -173,7 +175,7 @@ def sweep_up_down(
     )
 
 
-def _name_of_the_number(make_column: Callable[[Scalar], Column]) -> str:
+def _name_of_the_number(make_column: Callable[[Scalar], AbstractChain]) -> str:
     """What the function calls its argument."""
     try:
         (first, *_) = inspect.signature(make_column).parameters.values()

@@ -25,8 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..model.chain_of_rods import check_column
 from ..model.column import Column, State, energy
-from ..motion.checks import check_scene, check_takes
+from ..motion.checks import check_takes, check_two_rods
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, Windows, recorded
 from ..motion.sequence import run_in_sequence
@@ -288,7 +289,8 @@ class _Problem:
         method: Method,
     ):
         """Check it."""
-        check_scene(column, State())
+        check_column(column)
+        check_two_rods("least_kick", column)
         instance("directions", directions, Directions)
         instance("windows", windows, Windows)
         instance("method", method, Method)

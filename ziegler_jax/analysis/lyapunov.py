@@ -17,7 +17,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..model.column import Column, State
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import State
 from ..motion.checks import check_scene
 from ..motion.ending import ending, nan_where
 from ..motion.method import tangent_method
@@ -58,7 +59,7 @@ class Exponents(AbstractMotionResult[State]):
 
 @motion
 def lyapunov_exponents(
-    column: Column,
+    column: AbstractChain,
     start: State,
     *,
     count: int = 4,
@@ -83,7 +84,7 @@ def lyapunov_exponents(
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 
     - `column`, `start`: the scene.
-    - `count`: how many exponents, 1 to 4. Each costs.
+    - `count`: how many exponents, 1 to 2 a rod. Each costs.
     - `spans`: as above, see `Spans`.
     - `method`: an explicit one, or Taylor's with set-valued friction; its tolerances
         are those of the motion's steps, which the tangents share.
@@ -100,8 +101,9 @@ def lyapunov_exponents(
         NO_DERIVATIVE.format("lyapunov_exponents"), scene
     )
     count = whole_number("count", count)
-    if count > 4:
-        raise ValueError(f"Argument `count` must be at most 4, but is {count}.")
+    most = 2 * column.joints
+    if count > most:
+        raise ValueError(f"Argument `count` must be at most {most}, but is {count}.")
     method = tangent_method("lyapunov_exponents", method, column.system())
     spans = spans_for("lyapunov_exponents", spans)
     fold = GrowthRates(count=count, **growth_options(method, spans))

@@ -23,12 +23,15 @@ Source: J. Palis, Topology 8 (1969) 385-404, on how differences turn near a sadd
 """
 
 from collections.abc import Callable
+from functools import reduce
+from operator import and_
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..model.chain_of_rods import AbstractChain
 from ..model.column import Column, State
 from ..model.state import PhasePoint
 from ..motion.checks import float_state
@@ -95,8 +98,8 @@ class Middle(NamedTuple):
     """Where half of the growth was over, that is where the motion was nearest."""
 
     reached: Bool[Array, ""]
-    y: Float[Array, "4"]
-    modes: Float[Array, "2"]  # of set-valued friction, else 1
+    y: Float[Array, " s"]
+    modes: Float[Array, " joints"]  # of set-valued friction, else 1
 
 
 class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
@@ -127,7 +130,9 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
         blank = Ratio(jnp.zeros_like(self.along), zero)
         look = Look(blank, blank)
         runs = jnp.asarray(CODE.not_computed, jnp.int32)
-        start = Middle(jnp.asarray(False), jnp.stack(y0), jnp.ones(2) + zero)
+        start = Middle(
+            jnp.asarray(False), jnp.stack(y0), jnp.ones(system.joints) + zero
+        )
         return ManifoldSlopeState(
             varied, look, t0 + zero, look, look, zero, start, runs
         )
@@ -159,7 +164,7 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
             outcome=state.outcome,
         )
         half = now.length**2 * self.width > PARTED * after.largest
-        modes = step.event[1] if step.event else (1.0, 1.0)
+        modes = step.event[1] if step.event else (1.0,) * system.joints
         middle = Middle(half, jnp.stack(step.y1), jnp.stack(modes) + 0.0 * now.length)
         middle = tree_where(half & ~state.middle.reached, middle, state.middle)
         after = after._replace(middle=middle)
@@ -167,8 +172,7 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
         over |= step.t1 > 2 * after.when + self.window
         if step.modes:
             assert step.event
-            m1, m2 = step.event[1]
-            over |= (m1 == 0) & (m2 == 0)
+            over |= reduce(and_, (m == 0 for m in step.event[1]))
         outcome = jnp.where(over, CODE.complete, after.outcome).astype(jnp.int32)
         return after._replace(outcome=outcome), jnp.inf, over
 
@@ -186,7 +190,7 @@ class Place(NamedTuple):
 
 
 def carried(
-    scene: Callable[[Scalar], tuple[Column, State]],
+    scene: Callable[[Scalar], tuple[AbstractChain, State]],
     x: Float[Array, ""],
     width: Float[Array, ""],
     known: Bool[Array, ""],
@@ -200,7 +204,8 @@ def carried(
     """
     x, width = fixed((x, width))
     dtype = jnp.result_type(float)
-    _, make = moving(scene(x)[0], dtype)
+    column = scene(x)[0]
+    (_, make), size = moving(column, dtype), 2 * column.joints
 
     def numbers(x):
         column, start = scene(x)
@@ -208,7 +213,10 @@ def carried(
         return jnp.concatenate([y0, moving(column, dtype)[0]])
 
     def slope(numbers, place):
-        return _slope(make, numbers, place, method)
+        """The threshold's derivatives in the start's numbers and the column's."""
+        motion = _motion(make, numbers, size, place, method)
+        after = motion.advance(motion.begin()).folded
+        return _certain_row(numbers, place, after)
 
     at, line = jax.jvp(numbers, (x,), (jnp.ones_like(x),))
     # sizes count as they move: a load that hardly does vouches for no kick
@@ -217,21 +225,14 @@ def carried(
     return implicit((), slope, at, Place(line, width, known, window, patience))
 
 
-def _slope(
-    make: Make, numbers: Float[Array, " k"], place: Place, method: Method
-) -> Float[Array, " k"]:
-    """The threshold's derivatives in the start's four numbers and the column's."""
-    motion = _motion(make, numbers, place, method)
-    after = motion.advance(motion.begin()).folded
-    return _certain_row(numbers, place, after)
-
-
 def _motion(
-    make: Make, numbers: Float[Array, " k"], place: Place, method: Method
+    make: Make, numbers: Float[Array, " k"], size: int, place: Place, method: Method
 ) -> Motion[ManifoldSlopeState]:
-    system, inner = varied(make, numbers[4:], method.variational, numbers.size > 4)
+    """`numbers`: the start's, so many, and the column's."""
+    vary = numbers.size > size
+    system, inner = varied(make, numbers[size:], method.variational, vary)
     fold = ManifoldSlope(inner, place.line, place.width, place.window)
-    y0 = PhasePoint(numbers[i] for i in range(4))
+    y0 = PhasePoint(numbers[i] for i in range(size))
     span = jnp.where(place.known, place.patience, 0.0).astype(numbers.dtype)
     return Motion(system, y0, fold, method, end=span)
 
@@ -270,6 +271,6 @@ def manifold_at(
     **Returns:** n, NaN where it is not known; where the motion was nearest to the
     saddle; steps.
     """
-    motion = _motion(lambda _: column, y0, place, method)
+    motion = _motion(lambda _: column, y0, y0.size, place, method)
     run = follow(motion)
     return -_certain_row(y0, place, run.folded), run.folded.middle, run.steps

@@ -23,9 +23,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int, Shaped
 
+from ..model.chain_of_rods import AbstractChain
 from ..model.column import Column, State
 from ..model.state import PhasePoint
-from ..motion.checks import check_scene, float_state, valid_scene
+from ..motion.checks import check_scene, check_two_rods, float_state, valid_scene
 from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.method import tangent_method
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE, AbstractObserver
@@ -312,8 +313,9 @@ def attracts(monodromy: Float[Array, "*n 4 4"]) -> Bool[Array, "*n"]:
         return jnp.all(jnp.abs(others) < 1, axis=-1)
 
 
-def cycle_method(question: str, method: Method, column: Column) -> Method:
-    """The method of a cycle's motions."""
+def cycle_method(question: str, method: Method, column: AbstractChain) -> Method:
+    """The method of a cycle's motions, which are those of two rods."""
+    check_two_rods(question, column)
     usual = Explicit() if column.sticks else Explicit(dfx.Dopri8.tableau)
     return tangent_method(question, method, column.system(), usual)
 

@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..model.column import Column, State
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import State
 from ..motion.checks import check_scene
 from ..motion.implicit import forward_only
 from ..motion.method import explicit_method
@@ -27,18 +28,19 @@ from ..results import CODE, OUTCOMES, RATE, TIME, AbstractResult, Settings, quan
 
 
 class PoincareSection(AbstractResult):
-    """Points of a section: `times` (n,), `phi` and `omega` (n, 2), NaN where none is.
+    """Points of a section: `times` (n,), `phi` and `omega` (n, rods).
 
-    `count`: how many there are; `outcome`: `complete`, or why there are no more.
+    Where there is none they are NaN. `count`: how many there are; `outcome`:
+    `complete`, or why there are no more.
     """
 
     times: Float[Array, "*lanes n"] = eqx.field(
         metadata=quantity("time of the passage", TIME, ("point",))
     )
-    phi: Float[Array, "*lanes n 2"] = eqx.field(
+    phi: Float[Array, "*lanes n rods"] = eqx.field(
         metadata=quantity("angle on the section", "rad", ("point", "rod"))
     )
-    omega: Float[Array, "*lanes n 2"] = eqx.field(
+    omega: Float[Array, "*lanes n rods"] = eqx.field(
         metadata=quantity("rate on the section", RATE, ("point", "rod"))
     )
     count: Int[Array, "*lanes"] = eqx.field(metadata=quantity("passages"))
@@ -51,7 +53,7 @@ class PoincareSection(AbstractResult):
 
 @motion
 def poincare(
-    column: Column,
+    column: AbstractChain,
     start: State,
     *,
     section: SectionPlane = SectionPlane(),
@@ -89,6 +91,7 @@ def poincare(
     """
     check_scene(column, start)
     instance("section", section, SectionPlane)
+    section.place(column.joints)  # else it is refused
     first = number("transient", transient, "nonnegative")
     fold = SectionLog(
         transient=0.0,
@@ -104,8 +107,8 @@ def poincare(
     log = run.folded.watch
     section_ = PoincareSection(
         times=log.times,
-        phi=log.y[:, :2],
-        omega=log.y[:, 2:],
+        phi=log.y[:, : column.joints],
+        omega=log.y[:, column.joints :],
         count=log.filled,
         steps=run.steps,
         outcome=run.outcome.astype(jnp.int8),
@@ -125,7 +128,7 @@ class SectionState(NamedTuple):
     """The points so far."""
 
     times: Float[Array, " n"]
-    y: Float[Array, "n 4"]
+    y: Float[Array, "n numbers"]
     filled: Int[Array, ""]
 
 
@@ -147,7 +150,7 @@ class SectionLog(AbstractSpans[SectionState]):
         dtype = jnp.result_type(y0[0])
         return SectionState(
             jnp.full(self.size, jnp.nan, dtype),
-            jnp.full((self.size, 4), jnp.nan, dtype),
+            jnp.full((self.size, len(y0)), jnp.nan, dtype),
             jnp.zeros((), jnp.int32),
         )
 

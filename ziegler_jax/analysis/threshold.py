@@ -31,7 +31,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..model.column import Column, State
+from ..model.chain_of_rods import AbstractChain, check_column
+from ..model.state import State
 from ..motion.checks import check_maker, check_scene, check_takes, made, scene_at
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, Windows, recorded
@@ -121,7 +122,7 @@ class Threshold(AbstractResult):
 
 @requires_x64
 def threshold(
-    cell: Callable[[Scalar], tuple[Column, State]],
+    cell: Callable[[Scalar], tuple[AbstractChain, State]],
     bracket: Two,
     *,
     search: Search = Search(),
@@ -175,7 +176,7 @@ def threshold(
 
 @requires_x64
 def critical_kick(
-    column: Column,
+    column: AbstractChain,
     direction: State,
     bracket: Two,
     *,
@@ -207,14 +208,15 @@ def critical_kick(
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
-    instance("column", column, Column)
+    check_column(column)
     instance("direction", direction, State)
     if all(is_concrete(x) and x == 0 for x in direction.y):
         raise ValueError("Argument `direction` must not be zero, but is.")
 
-    def cell(s: Scalar) -> tuple[Column, State]:
+    def cell(s: Scalar) -> tuple[AbstractChain, State]:
         scaled = [s * x for x in direction.y]
-        return column, State(scaled[:2], scaled[2:])
+        n = column.joints
+        return column, State(scaled[:n], scaled[n:])
 
     meaning = "critical kick, as a multiple of its direction"
     question = _Question("critical_kick", meaning, cell, search, windows, method)
@@ -223,7 +225,7 @@ def critical_kick(
 
 @requires_x64
 def flutter_onset(
-    make_column: Callable[[Scalar], Column],
+    make_column: Callable[[Scalar], AbstractChain],
     start: State,
     bracket: Two,
     *,
@@ -259,7 +261,7 @@ def flutter_onset(
     check_maker(make_column)
     instance("start", start, State)
 
-    def cell(x: Scalar) -> tuple[Column, State]:
+    def cell(x: Scalar) -> tuple[AbstractChain, State]:
         return made(make_column, x), start
 
     meaning = "onset: the parameter at which the verdict first changes"
@@ -272,7 +274,7 @@ class _Question(NamedTuple):
 
     name: str  # by which it was called
     meaning: str  # of the threshold
-    cell: Callable[[Scalar], tuple[Column, State]]
+    cell: Callable[[Scalar], tuple[AbstractChain, State]]
     search: Search
     windows: Windows
     method: Method

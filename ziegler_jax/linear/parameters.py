@@ -7,15 +7,17 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from ..model.chain_of_rods import AbstractChain
 from ..model.column import Column
 from ..model.rods import PARTS, point_masses, uniform_rods
 from ..numerics.numbers import Scalar
 
-Make = Callable[..., Column]
+Make = Callable[..., AbstractChain]
 
 
 def as_function(
-    column: Column | Make, parameters: Mapping[str, Scalar] | Iterable[str] | None
+    column: AbstractChain | Make,
+    parameters: Mapping[str, Scalar] | Iterable[str] | None,
 ) -> tuple[Make, dict[str, Scalar | None]]:
     """A function of keywords that makes the column, and the keywords' values.
 
@@ -23,10 +25,11 @@ def as_function(
     that its linear map uses if none are named. A function offers its arguments; those
     without a value get None.
     """
-    if not isinstance(column, Column):
+    if not isinstance(column, AbstractChain):
         if not callable(column):
             raise ValueError(
-                "Argument `column` must be a `Column` or a function that makes one, "
+                "Argument `column` must be a `Column`, a `Chain`, or a function that "
+                "makes one, "
                 f"but is {column!r}."
             )
         if parameters is None:
@@ -45,7 +48,9 @@ def as_function(
         jax.tree_util.keystr(path, simple=True, separator="."): leaf
         for path, leaf in paths
     }
-    unused = {"q", "m2", "s1"} | ({"l2"} if column.follower == 1.0 else set())
+    unused = {"q"}
+    if isinstance(column, Column) and column.upright:
+        unused |= {"m2", "s1"} | ({"l2"} if column.follower == 1.0 else set())
     names = [n for n in leaves if n not in unused] if parameters is None else parameters
     for name in names:
         if name not in leaves:
@@ -54,7 +59,7 @@ def as_function(
                 f"{', '.join(leaves)}, but has {name!r}."
             )
 
-    def make(**values: Scalar) -> Column:
+    def make(**values: Scalar) -> AbstractChain:
         return jax.tree_util.tree_unflatten(tree, list((leaves | values).values()))
 
     for name in names:

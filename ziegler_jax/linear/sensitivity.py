@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from jax.core import Tracer
 
-from ..model.column import Column
+from ..model.chain_of_rods import AbstractChain
 from ..numerics.numbers import Scalar
 from ..results import CODE
 from ..runtime import requires_x64
@@ -21,7 +21,7 @@ from .spectrum import linearise
 
 @requires_x64
 def sensitivity(
-    column: Column | Make,
+    column: AbstractChain | Make,
     kind: Kind = "flutter",
     *,
     parameters: Mapping[str, Scalar] | Iterable[str] | None = None,

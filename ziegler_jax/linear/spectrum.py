@@ -1,4 +1,4 @@
-r"""The column near $\phi = 0$: eigenvalues, and regimes without them.
+r"""The column near its equilibrium: eigenvalues, and regimes without them.
 
 $M \ddot\phi + C \dot\phi + K \phi = 0$ with
 
@@ -9,29 +9,36 @@ K = \begin{bmatrix} \kappa + 1 - q & \eta q - 1 \\ -1 & 1 - (1-\eta) l_2 q
 and C of the damping law. K is not symmetric: the follower load has no potential, and
 the column can lose stability oscillating. Joint friction has no linear map (in stick
 the joints are rigid): every function here refuses it and names `tangent_column`.
+
+A chain of more rods, and one that more than its load acts on, is taken about its
+equilibrium, and told by its eigenvalues (`chains`).
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Int
 
+from ..model.chain_of_rods import AbstractChain, check_column
 from ..model.column import Column, refuse_si
 from ..model.damping import Sum, Viscous
 from ..model.friction import AbstractRateFriction, slopes_at_rest
-from ..numerics.numbers import Pair, Scalar
-from ..numerics.rules import instance
+from ..numerics.numbers import Pair, Scalar, is_concrete
 from ..numerics.series import value
 from ..results import CODE
 from ..runtime import requires_x64
+from .chains import ROUNDING
 from .characteristic import Characteristic, characteristic, inertia, stiffness
+from .matrices import Matrices, about, equilibrium, of_first_order
 
 
 class Linear(NamedTuple):
-    """M, C, K of the linear column, arrays of shape (2, 2)."""
+    """M, C, K of the linear column, arrays of shape (rods, rods)."""
 
     mass: jax.Array
     damping: jax.Array
@@ -39,12 +46,21 @@ class Linear(NamedTuple):
 
 
 @requires_x64
-def linearise(column: Column) -> Linear:
+def linearise(column: AbstractChain) -> Linear:
     """M, C and K at the column's own load; C is zero where it has no damping law.
 
-    **Raises:** `ValueError` if the column has friction.
+    They are those about its equilibrium, which is not at angles of zero where rest
+    angles, or forces across it, displace it: there the one that the springs' own shape
+    goes over to as all that acts is raised from nothing.
+
+    **Raises:** `ValueError` if the column has friction, and where it has no such
+    equilibrium; NaN where that is only known when traced.
     """
     refuse_friction("linearise", column)
+    if not is_plain(column):
+        mass, damping, stiff, _ = _at_equilibrium(column)
+        return Linear(mass, jnp.zeros_like(mass) if damping is None else damping, stiff)
+    assert isinstance(column, Column)
     rows = ((0.0, 0.0), (0.0, 0.0))
     if column.damping is not None:
         rows = column.damping.matrix(1.0, (0.0, 0.0))
@@ -53,19 +69,27 @@ def linearise(column: Column) -> Linear:
 
 
 @requires_x64
-def spectrum(column: Column) -> jax.Array:
-    r"""The four eigenvalues s of $\det(M s^2 + C s + K) = 0$, in $\sqrt{k/(m l^2)}$.
+def spectrum(column: AbstractChain) -> jax.Array:
+    r"""The eigenvalues s of $\det(M s^2 + C s + K) = 0$, in $\sqrt{k/(m l^2)}$.
 
-    By `jnp.linalg.eigvals` of the first-order matrix, one LAPACK call a column: for
-    maps of many points `regime` is tens of times faster. Where two eigenvalues
-    meet (undamped flutter) they carry half the digits, and their derivatives do not
-    exist: differentiate `critical_load`.
+    Two a rod. By `jnp.linalg.eigvals` of the first-order matrix, one LAPACK call a
+    column: for maps of many points `regime` is tens of times faster. Where two
+    eigenvalues meet (undamped flutter) they carry half the digits, and their
+    derivatives do not exist: differentiate `critical_load`.
 
-    **Returns:** complex, shape (4,), in no order; NaN where the numbers are invalid.
+    **Returns:** complex, shape (4,), of n rods (2 n,), in no order; NaN where the
+    numbers are invalid.
 
     **Raises:** `ValueError` if the column has friction.
     """
+    if not is_plain(column):
+        refuse_friction("spectrum", column)
+        matrix = of_first_order(_at_equilibrium(column))
+        valid = column.valid() & jnp.all(jnp.isfinite(matrix))
+        values = jnp.linalg.eigvals(jnp.where(valid, matrix, jnp.eye(len(matrix))))
+        return jnp.where(valid, values, jnp.nan)
     m, c, k = linearise(column)
+    assert isinstance(column, Column)
     inverse = jnp.array([[m[1, 1], -m[0, 1]], [-m[1, 0], m[0, 0]]])
     inverse = inverse / (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0])
     zero, one = jnp.zeros((2, 2), m.dtype), jnp.eye(2, dtype=m.dtype)
@@ -76,7 +100,7 @@ def spectrum(column: Column) -> jax.Array:
 
 
 @requires_x64
-def spectral_abscissa(column: Column) -> jax.Array:
+def spectral_abscissa(column: AbstractChain) -> jax.Array:
     """The largest real part of the spectrum: the growth rate, in sqrt(k/(m l^2)).
 
     Undamped and below flutter it is zero up to rounding, about 1e-16, and 1e-8 where
@@ -86,7 +110,7 @@ def spectral_abscissa(column: Column) -> jax.Array:
 
 
 @requires_x64
-def regime(column: Column) -> jax.Array:
+def regime(column: AbstractChain) -> jax.Array:
     r"""Which regime the column is in at its load: a `CODE`.
 
     By conditions on the characteristic polynomial $p_0 s^4 + \dots + p_4$ alone.
@@ -102,17 +126,23 @@ def regime(column: Column) -> jax.Array:
     near 1e75; and where one joint alone is damped beyond about 1e11, flutter cannot
     be told from divergence with $\det K > 0$.
 
+    Of more than two rods, and where more than the load acts, by eigenvalues: what grows
+    or falls by less than 1e-13 of the fastest rate is neither.
+
     **Returns:** int32, `invalid` for such damping, and where numbers only known when
     traced break a rule.
 
     **Raises:** `ValueError` if the column has friction.
     """
     refuse_friction("regime", column)
+    if not is_plain(column):
+        return _regime_of(spectrum(column), column.damping is not None)
+    assert isinstance(column, Column)
     return _regime(characteristic(column), jnp.asarray(column.q, dtype=float))
 
 
 @requires_x64
-def tangent_column(column: Column) -> Column:
+def tangent_column(column: AbstractChain) -> AbstractChain:
     r"""The column with smoothed friction replaced by its tangent at rest.
 
     $\tanh(u/v_{smooth})$ is at rest viscous damping $c_i = \tau_{s,i} / v_{smooth}$,
@@ -142,27 +172,58 @@ def tangent_column(column: Column) -> Column:
             f"{type(law).__name__}: in stick the joints are rigid, and the law has no "
             "tangent at rest."
         )
-    load = law.load_law()
-    n1, n2 = (1.0, 1.0) if load is None else load.at_rest(jnp.asarray(column.q))
-    slope1, slope2 = slopes_at_rest(law)
-    damping = Viscous(slope1 * n1, slope2 * n2)
-    return Column(
-        column.q,
-        column.a,
-        column.b,
-        column.d,
-        column.kappa,
-        column.follower,
-        damping if column.damping is None else Sum(column.damping, damping),
-        m2=column.m2,
-        s1=column.s1,
-        l2=column.l2,
+    load, n = law.load_law(), column.joints
+    pulls = tuple(jnp.asarray(q) for q in column.pulls)
+    normal = (1.0,) * n if load is None else load.at_rest(pulls)
+    slopes = slopes_at_rest(law, n)
+    damping = Viscous(*(c * x for c, x in zip(slopes, normal, strict=True)))
+    return eqx.tree_at(
+        lambda c: (c.damping, c.friction),
+        column,
+        (damping if column.damping is None else Sum(column.damping, damping), None),
+        is_leaf=lambda x: x is None,
     )
 
 
-def refuse_friction(who: str, column: Column) -> None:
+def is_plain(column: AbstractChain) -> bool:
+    """Whether it is two rods under a load alone: then formulas know all."""
+    return isinstance(column, Column) and column.upright
+
+
+def _at_equilibrium(column: AbstractChain) -> Matrices:
+    """The matrices about the equilibrium.
+
+    **Raises:** `ValueError` where it is known that there is none.
+    """
+    system = column.system()
+    angles, there = equilibrium(system)
+    if is_concrete(there) or not isinstance(there, Tracer):
+        if not bool(there):
+            raise ValueError(
+                "Argument `column` must have an equilibrium that its springs' own "
+                f"shape goes over to, but at q = {float(column.q):g} has none: on the "
+                "way there it ends, or leaps to another."
+            )
+    if is_concrete(there):
+        return about(system, angles)
+    return jax.tree.map(lambda x: jnp.where(there, x, jnp.nan), about(system, angles))
+
+
+def _regime_of(s: jax.Array, damped: bool) -> jax.Array:
+    """By the eigenvalues."""
+    noise = (ROUNDING if damped else 1e-8) * jnp.max(jnp.abs(s))
+    grows = s.real > noise
+    real = jnp.any(grows & (jnp.abs(s.imag) <= noise))
+    code = jnp.where(real, CODE.divergence, CODE.flutter)
+    code = jnp.where(jnp.any(grows), code, CODE.marginal)
+    code = jnp.where(jnp.all(s.real < -noise), CODE.stable, code)
+    valid = jnp.all(jnp.isfinite(s))
+    return jnp.where(valid, code, CODE.invalid).astype(jnp.int32)
+
+
+def refuse_friction(who: str, column: AbstractChain) -> None:
     """Raise for a column whose friction a linear function cannot see."""
-    instance("column", column, Column)
+    check_column(column)
     refuse_si(column)
     if column.friction is not None:
         raise ValueError(

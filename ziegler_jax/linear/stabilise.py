@@ -13,7 +13,7 @@ import optimistix as optx
 import xarray as xr
 from jax.core import Tracer
 
-from ..model.column import Column
+from ..model.chain_of_rods import AbstractChain
 from ..numerics.rules import pair
 from ..results import CODE
 from ..runtime import requires_x64
@@ -31,7 +31,7 @@ class Stabilised(NamedTuple):
     """
 
     parameters: dict[str, float]
-    column: Column
+    column: AbstractChain
     load: CriticalLoad
     converged: bool
     history: xr.Dataset
@@ -39,7 +39,7 @@ class Stabilised(NamedTuple):
 
 @requires_x64
 def stabilise(
-    column: Column | Make,
+    column: AbstractChain | Make,
     parameters: Mapping[str, tuple[float, float]],
     *,
     kind: Kind = "flutter",

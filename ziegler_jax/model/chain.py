@@ -43,6 +43,32 @@ def on_rods(torques: Sequence[Scalar]) -> Numbers:
     return *(a - b for a, b in pairs), torques[-1]
 
 
+def straight(n: int) -> Turned:
+    """Sine and cosine of no angle between any two rods."""
+    return {(i, j): (0.0, 1.0) for i in range(n) for j in range(i + 1, n)}
+
+
+def spread(lengths: Sequence[Scalar], density: Sequence[Scalar]) -> Rows:
+    r"""Moments of what is spread evenly along the rods, so much a unit of length.
+
+    $$A_{ij} = \sum_k w_k \int_0^{l_k} r_{ki} r_{kj}\, ds, \qquad
+    r_{ki} = l_i \ (i < k),\ s \ (i = k),\ 0 \ (i > k)$$
+    """
+    n = len(lengths)
+    rows = [[0.0 * density[0]] * (i + 1) for i in range(n)]
+    for k, (l, w) in enumerate(zip(lengths, density, strict=True)):  # noqa: E741
+        for i in range(k + 1):
+            for j in range(i + 1):
+                if j == k:
+                    part = w * l**3 / 3
+                elif i == k:
+                    part = w * l**2 / 2 * lengths[j]
+                else:
+                    part = w * l * lengths[i] * lengths[j]
+                rows[i][j] = rows[i][j] + part
+    return tuple(map(tuple, rows))
+
+
 def turned(phi: Sequence[Scalar]) -> Turned:
     """Sine and cosine of phi_i - phi_j for i < j.
 

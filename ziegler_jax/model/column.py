@@ -14,17 +14,28 @@ import jax
 import jax.numpy as jnp
 
 from ..numerics.elementary import sincos
-from ..numerics.numbers import Numbers, Scalar, equals, is_concrete
-from ..numerics.rules import AbstractRuled, Invariants, checked
+from ..numerics.numbers import (
+    Joints,
+    Numbers,
+    OneOrEach,
+    Scalar,
+    each,
+    equals,
+    is_concrete,
+)
+from ..numerics.rules import Invariants, checked
 from ..runtime import refuse_forked
+from .chain import spread
+from .chain_of_rods import AbstractChain
 from .damping import AbstractDamping, lengths
+from .forces import DeadLoad, Gravity, fixed_forces
 from .friction import AbstractFriction
-from .joint_reactions import Bodies
+from .loads import Bodies
 from .state import PhasePoint, State, phase_of
-from .system import Power, System
+from .system import Follower, Power, System
 
 
-class Column(AbstractRuled):
+class Column(AbstractChain):
     r"""A double pendulum on springs under a follower load.
 
     With the rods' absolute angles $\phi_1, \phi_2$ from the vertical, their rates
@@ -54,6 +65,8 @@ class Column(AbstractRuled):
         need them; the constructors set them.
     - `l2`: the load's lever on rod 2, its length in l. Only a load that does not
         follow ($\eta \ne 1$) needs it, and `Air` must have the same.
+    - `rest_angles`, `dead_load`, `gravity`, `foundation`: as of `Chain`; gravity needs
+        `m2` and `s1`.
     - `l1`: the length of rod 1 in m, of a column in SI units alone (q in N, inertia in
         kg m^2, ...). Questions refuse it; `SI.scaled` gives it a rod 1 of length 1.
 
@@ -73,6 +86,8 @@ class Column(AbstractRuled):
         "s1": "finite; none",
         "l2": "positive",
         "l1": "positive; none",
+        "rest_angles": "finite; each or none",
+        "foundation": "nonnegative; each or none",
     }
     units: ClassVar = {
         "q": "k/l",
@@ -85,6 +100,8 @@ class Column(AbstractRuled):
         "s1": "m l",
         "l2": "l",
         "l1": "l",
+        "rest_angles": "rad",
+        "foundation": "k/l^3",
     }
 
     q: Scalar
@@ -99,6 +116,10 @@ class Column(AbstractRuled):
     s1: Scalar | None
     l2: Scalar
     l1: Scalar | None  # None: the unit of length
+    rest_angles: OneOrEach | None
+    dead_load: DeadLoad | None
+    gravity: Gravity | None
+    foundation: OneOrEach | None
 
     def __init__(
         self,
@@ -115,6 +136,10 @@ class Column(AbstractRuled):
         s1: Scalar | None = None,
         l2: Scalar = 1.0,
         l1: Scalar | None = None,
+        rest_angles: Joints | None = None,
+        dead_load: DeadLoad | None = None,
+        gravity: Gravity | None = None,
+        foundation: Joints | None = None,
     ):
         """Check and keep the column's numbers."""
         self.q, self.a, self.b, self.d = checked(self.rules, q=q, a=a, b=b, d=d)
@@ -122,19 +147,20 @@ class Column(AbstractRuled):
             self.rules, kappa=kappa, follower=follower, m2=m2, s1=s1
         )
         self.l2, self.l1 = checked(self.rules, l2=l2, l1=l1)
-        for name, part, kind in (
-            ("damping", damping, AbstractDamping),
-            ("friction", friction, AbstractFriction),
-        ):
-            if part is not None and not isinstance(part, kind):
-                raise ValueError(
-                    f"Argument `{name}` must be None or a law, but is {part!r}."
-                )
-        self.damping = damping
-        self.friction = friction
+        self.rest_angles, self.foundation = checked(
+            self.rules, rest_angles=rest_angles, foundation=foundation
+        )
+        self.damping, self.friction = damping, friction
+        self.dead_load, self.gravity = dead_load, gravity
+        self.check_parts()
         self.refuse_broken()
-        if friction is not None and friction.on_reactions:
-            _needs_masses(self, "the load `JointReaction()`")
+        if gravity is not None:
+            self.needs_bodies("`gravity`")
+
+    @property
+    def joints(self) -> int:
+        """Two."""
+        return 2
 
     @property
     def tangential(self) -> bool:
@@ -142,9 +168,13 @@ class Column(AbstractRuled):
         return equals(self.follower, 1.0)
 
     @property
-    def sticks(self) -> bool:
-        """Whether friction is set-valued: joints truly stick, motions have events."""
-        return self.friction is not None and self.friction.sticks
+    def pulls(self) -> Numbers:
+        """Of both joints the load."""
+        return self.q, self.q
+
+    def needs_bodies(self, what: str) -> None:
+        """Refuse what rests on the rods' masses where these are not known."""
+        _needs_masses(self, what)
 
     def system(self) -> System:
         """What runs: its numbers, with all worked out that a motion does not change.
@@ -156,15 +186,29 @@ class Column(AbstractRuled):
         bodies = None
         if self.m2 is not None and self.s1 is not None:
             bodies = Bodies(self.m2, self.s1, self.b)
+        friction, bent, foundation = self.friction, self.rest_angles, self.foundation
+        heavy = bodies and (bodies.s1 + bodies.m2, bodies.b)
+        upright, across = fixed_forces(
+            self.dead_load, self.gravity, (1.0, self.l2), heavy
+        )
+        force = Follower(1)
+        if not self.tangential:
+            force = Follower(1, eta=self.follower, lever=self.l2)
         return System(
             q=self.q,
-            follower=None if self.tangential else self.follower,
+            followers=(force,),
             moments=((self.a,), (self.b, self.d)),
             springs=(self.kappa, None),
             lengths=(None, self.l2),
             damping=self.damping,
-            friction=None if self.friction is None else self.friction.torques(self.q),
+            friction=None if friction is None else friction.torques(self.pulls),
             bodies=bodies,
+            bent=None if bent is None else each(bent, 2),
+            upright=upright,
+            across=across,
+            foundation=foundation
+            if foundation is None
+            else spread((1.0, self.l2), each(foundation, 2)),
         )
 
     def invariants(self) -> Invariants:
@@ -183,9 +227,9 @@ class Column(AbstractRuled):
             )
 
 
-def refuse_si(column: Column) -> None:
+def refuse_si(column: AbstractChain) -> None:
     """Refuse a column in SI units, in which the equations of motion do not hold."""
-    if column.l1 is not None:
+    if isinstance(column, Column) and column.l1 is not None:
         length = f"{column.l1:g}" if is_concrete(column.l1) else "a traced number"
         raise ValueError(
             "Argument `column` must be in its own units, in which rod 1 has the length "
@@ -194,43 +238,46 @@ def refuse_si(column: Column) -> None:
         )
 
 
-def vector_field(t: Scalar, y: Numbers, column: Column) -> Numbers:
+def vector_field(t: Scalar, y: Numbers, column: AbstractChain) -> Numbers:
     """The equations of motion, in diffrax's signature.
 
     **Arguments:** `t`: unused, the column is autonomous; `y`: phi1, phi2, omega1,
-    omega2 as four scalars; `column`.
+    omega2 as four scalars, of n rods as 2 n; `column`.
 
-    **Returns:** their time derivatives, four scalars.
+    **Returns:** their time derivatives, as many scalars.
     """
-    slope = column.system().field(t, phase_of(y))
+    slope = column.system().field(t, phase_of(y, column.joints))
     return slope if isinstance(y, PhasePoint) else tuple(slope)
 
 
-def energy(column: Column, y: Numbers | State) -> jax.Array:
+def energy(column: AbstractChain, y: Numbers | State) -> jax.Array:
     r"""Kinetic energy and that of the springs, in units of k.
+
+    Of two rods
 
     $$E = \tfrac12 a\omega_1^2 + b \cos D\,\omega_1\omega_2 + \tfrac12 d\omega_2^2
     + \tfrac12\kappa\phi_1^2 + \tfrac12(\phi_2-\phi_1)^2$$
 
-    The follower load has no potential: its work is in `power`.
+    and, where there are any, that of dead load, gravity and foundation, all zero where
+    the chain stands upright. A follower load has no potential: its work is in `power`.
 
-    **Arguments:** `column`; `y`: a `State`, or its four scalars.
+    **Arguments:** `column`; `y`: a `State`, or its scalars.
     """
-    return jnp.asarray(column.system().energy(phase_of(y)))
+    return jnp.asarray(column.system().energy(phase_of(y, column.joints)))
 
 
-def power(column: Column, y: Numbers | State) -> Power:
+def power(column: AbstractChain, y: Numbers | State) -> Power:
     r"""What the load feeds in, and what damping and friction take out.
 
     $$\frac{dE}{dt} = P_{follower} - P_{damping} - P_{friction}$$
 
-    **Arguments:** `column`; `y`: a `State`, or its four scalars $\phi_1, \phi_2,
+    **Arguments:** `column`; `y`: a `State`, or its scalars $\phi_1, \phi_2,
     \omega_1, \omega_2$.
 
     **Returns:** a `Power`: scalars in $k\sqrt{k/(m l^2)}$; a part that the column does
     not have is None, not zero.
     """
-    return column.system().power(phase_of(y))
+    return column.system().power(phase_of(y, column.joints))
 
 
 def reactions(column: Column, y: Numbers | State) -> jax.Array:
@@ -247,7 +294,7 @@ def reactions(column: Column, y: Numbers | State) -> jax.Array:
     **Raises:** `ValueError` if the column was built without `m2` and `s1`.
     """
     _needs_masses(column, "`reactions`")
-    y = phase_of(y)
+    y = phase_of(y, 2)
     (along1, across1), (along2, across2) = column.system().reactions(y)
     s, c = sincos(y[1])  # from rod 2's frame to the fixed one
     return jnp.stack(

@@ -20,8 +20,7 @@ from .chain import (
     on_rods,
     welded,
 )
-from .joint_reactions import Reactions, solve_loads
-from .loads import Reaction
+from .loads import Reaction, Reactions, solve_loads
 from .stick_slip_modes import Holding, agreeing, modes_of, with_one_held
 from .torques import AbstractTorques
 

@@ -1,12 +1,16 @@
-r"""Damping: a matrix C with torques $-C\,\omega$ on the two rods."""
+r"""Damping: a matrix C with torques $-C\,\omega$ on the rods."""
 
 from __future__ import annotations
 
 import abc
 from typing import ClassVar
 
-from ..numerics.numbers import Pair, Scalar
-from ..numerics.rules import AbstractRuled, checked
+from ..numerics.numbers import Numbers, Pair, Scalar
+from ..numerics.rules import AbstractRuled, checked, number
+from .chain import Rows, Turned
+
+# by its rows; None where rods are known not to be coupled
+Matrix = tuple[tuple[Scalar | None, ...], ...]
 
 
 class AbstractDamping(AbstractRuled):
@@ -39,12 +43,34 @@ class AbstractDamping(AbstractRuled):
 
     @abc.abstractmethod
     def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
-        """The rows of C.
+        """The rows of C, of two rods.
 
         **Arguments:** `cos_d`: the cosine of phi1 - phi2; `omega`: the rods' rates. For
         the linear column they are 1 and (0, 0). Sums and products of the cosine alone,
         where `is_polynomial` says so.
         """
+
+    def rows(self, sines: Turned, omega: Numbers) -> Matrix:
+        """The rows of C, of any number of rods that the law is for.
+
+        **Arguments:** `sines`: sine and cosine of phi_i - phi_j; `omega`: the rods'
+        rates.
+
+        A law of one's own for more than two writes these in place of `matrix`.
+        """
+        return self.matrix(sines[0, 1][1], (omega[0], omega[1]))
+
+    def check(self, rods: int) -> None:
+        """Refuse a number of rods that the law is not for.
+
+        **Raises:** `ValueError`.
+        """
+        if rods != 2 and type(self).rows is AbstractDamping.rows:
+            raise ValueError(
+                f"Argument `damping` must be a law for {rods} rods, such as `Viscous` "
+                "with one number a joint, or one of your own with `rows`, but "
+                f"`{type(self).__name__}` is one for two."
+            )
 
     def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:
         r"""What holds the rods back from outside, which their joints carry.
@@ -61,22 +87,49 @@ class AbstractDamping(AbstractRuled):
 
 
 class Viscous(AbstractDamping):
-    r"""Viscous joints: $c_1 u_1$ and $c_2 u_2$ against the joints' rates.
+    r"""Viscous joints: torques $c_i u_i$ against the joints' rates.
+
+    Of two rods
 
     $$C = \begin{bmatrix} c_1 + c_2 & -c_2 \\ -c_2 & c_2 \end{bmatrix}$$
 
-    **Arguments:** `c1`, `c2` in $\sqrt{k m l^2}$, nonnegative.
+    **Arguments:** `c1`, `c2`, and of a longer chain those of the joints beyond, in
+    order: in $\sqrt{k m l^2}$, nonnegative.
     """
 
-    rules: ClassVar = {"c1": "nonnegative", "c2": "nonnegative"}
-    units: ClassVar = {"c1": "sqrt(k m l^2)", "c2": "sqrt(k m l^2)"}
+    rules: ClassVar = {"c1": "nonnegative", "c2": "nonnegative", "more": "nonnegative"}
+    units: ClassVar = dict.fromkeys(rules, "sqrt(k m l^2)")
 
     c1: Scalar
     c2: Scalar
+    more: Numbers = ()
 
-    def __init__(self, c1: Scalar, c2: Scalar):
-        """Check and keep both coefficients."""
+    def __init__(self, c1: Scalar, c2: Scalar, *more: Scalar):
+        """Check and keep the coefficients."""
         self.c1, self.c2 = checked(self.rules, c1=c1, c2=c2)
+        self.more = tuple(
+            number(f"c{i}", c, "nonnegative") for i, c in enumerate(more, 3)
+        )
+
+    def check(self, rods: int) -> None:
+        """Refuse another number of coefficients than joints (ValueError)."""
+        count = 2 + len(self.more)
+        if count != rods:
+            raise ValueError(
+                f"Argument `damping` must have one coefficient for each of {rods} "
+                f"joints, but has {count}."
+            )
+
+    def rows(self, sines: Turned, omega: Numbers) -> Matrix:
+        """The rows of C, three diagonals."""
+        del sines
+        c, n = (self.c1, self.c2, *self.more), len(omega)
+        rows: list[list[Scalar | None]] = [[None] * n for _ in c]
+        for i in range(n):
+            rows[i][i] = c[i] + c[i + 1] if i + 1 < n else c[i]
+            if i + 1 < n:
+                rows[i][i + 1] = rows[i + 1][i] = -c[i + 1]
+        return tuple(map(tuple, rows))
 
     def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
         """The rows of C; they do not depend on the motion."""
@@ -150,6 +203,19 @@ class Sum(AbstractDamping):
         (b11, b12), (b21, b22) = self.second.matrix(cos_d, omega)
         return (a11 + b11, a12 + b12), (a21 + b21, a22 + b22)
 
+    def check(self, rods: int) -> None:
+        """Refuse what either law refuses (ValueError)."""
+        self.first.check(rods)
+        self.second.check(rods)
+
+    def rows(self, sines: Turned, omega: Numbers) -> Matrix:
+        """The rows of the sum."""
+        both = self.first.rows(sines, omega), self.second.rows(sines, omega)
+        return tuple(
+            tuple(_sum(x, y) for x, y in zip(*rows, strict=True))
+            for rows in zip(*both, strict=True)
+        )
+
     def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:
         """The sum of both."""
         parts = [d for d in (self.first.drag(), self.second.drag()) if d is not None]
@@ -157,6 +223,40 @@ class Sum(AbstractDamping):
             return parts[0] if parts else None
         (a1, a2, a3), (b1, b2, b3) = parts
         return a1 + b1, a2 + b2, a3 + b3
+
+
+def _sum(x: Scalar | None, y: Scalar | None) -> Scalar | None:
+    if x is None or y is None:
+        return y if x is None else x
+    return x + y
+
+
+class Drag(AbstractDamping):
+    r"""External damping of any number of rods: $C_{ij} = A_{ij} \cos(\phi_i - \phi_j)$.
+
+    What `air` of a `Chain` runs as, with the moments A of the drag along the rods.
+    """
+
+    moments: Rows
+
+    def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
+        """The rows of C for two rods."""
+        del omega
+        (a11,), (a21, a22) = self.moments
+        return (a11, a21 * cos_d), (a21 * cos_d, a22)
+
+    def rows(self, sines: Turned, omega: Numbers) -> Matrix:
+        """The rows of C."""
+        n = range(len(omega))
+        return tuple(
+            tuple(
+                self.moments[i][i]
+                if i == j
+                else self.moments[max(i, j)][min(i, j)] * sines[min(i, j), max(i, j)][1]
+                for j in n
+            )
+            for i in n
+        )
 
 
 def joint_matrix(law: AbstractDamping) -> tuple[Scalar, Scalar, Scalar, Scalar]:
@@ -178,7 +278,7 @@ def is_polynomial(law: AbstractDamping | None) -> bool:
     """Whether the law can be given a power series for the cosine."""
     if isinstance(law, Sum):
         return is_polynomial(law.first) and is_polynomial(law.second)
-    return law is None or isinstance(law, Viscous | Air)
+    return law is None or isinstance(law, Viscous | Air | Drag)
 
 
 def lengths(law: AbstractDamping | None) -> list[Scalar]:

@@ -1,7 +1,7 @@
 r"""Dry friction in the joints: a law for the coefficient, and the load it rests on.
 
 The torque of joint i opposes its rate $u_i$ ($u_1 = \omega_1$,
-$u_2 = \omega_2 - \omega_1$):
+$u_i = \omega_i - \omega_{i-1}$):
 
 $$T_i = \rho_i N_i \mu_i(u_i)$$
 
@@ -14,28 +14,28 @@ from __future__ import annotations
 
 import abc
 import math
+from collections.abc import Sequence
 from typing import ClassVar, cast
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 from ..numerics.elementary import LOG2_E
 from ..numerics.numbers import (
     Joints,
     Numbers,
-    OneOrTwo,
-    Pair,
+    OneOrEach,
     Scalar,
-    both,
+    each,
     equals,
     is_concrete,
 )
 from ..numerics.rules import AbstractRuled, Invariants, checked
 from ..results import RATE
 from .loads import AbstractNormalLoad, FollowerLoad, Reaction, normal_load
-from .torque_curve import Curve
-from .torques import AbstractRateTorques, AbstractTorques, SmoothTorques
+from .torques import AbstractRateTorques, AbstractTorques, Curve, SmoothTorques
 
 
 class AbstractFriction(AbstractRuled):
@@ -68,8 +68,11 @@ class AbstractFriction(AbstractRuled):
         return load is not None and load.of_motion
 
     @abc.abstractmethod
-    def torques(self, q: Scalar) -> AbstractTorques:
-        """The law for a motion under q: all worked out that this does not change."""
+    def torques(self, pulls: Numbers) -> AbstractTorques:
+        """The law for a motion: all worked out that this does not change.
+
+        **Arguments:** `pulls`: of each joint the follower forces beyond it, q.
+        """
 
     @abc.abstractmethod
     def rate_cut(self) -> Scalar | None:
@@ -88,9 +91,8 @@ class AbstractRateFriction(AbstractFriction):
         mu: float
         v: float
 
-        def levers(self, u1, u2):
-            one, two = (u / jnp.sqrt(u * u + self.v**2) for u in (u1, u2))
-            return 0.1 * self.mu * one, 0.1 * self.mu * two
+        def levers(self, *rates):
+            return [0.1 * self.mu * u / jnp.sqrt(u * u + self.v**2) for u in rates]
 
         def rate_cut(self):
             return self.v
@@ -114,15 +116,19 @@ class AbstractRateFriction(AbstractFriction):
         """The follower load."""
         return FollowerLoad()
 
-    def torques(self, q: Scalar) -> AbstractRateTorques:
+    def torques(self, pulls: Numbers) -> AbstractRateTorques:
         """The levers under the load at rest, or the joints' reactions."""
         rests = self.load_law()
-        normal, load = ((1.0, 1.0), None) if rests is None else rests.split(q)
+        ones = (1.0,) * len(pulls)
+        normal, load = (ones, None) if rests is None else rests.split(pulls)
         return LawTorques(law=self, normal=normal, load=load)
 
     @abc.abstractmethod
-    def levers(self, u1: Scalar, u2: Scalar) -> Pair:
-        r"""Torque per unit of normal load, $\rho_i \mu_i(u_i)$, of both joints."""
+    def levers(self, *rates: Scalar) -> Sequence[Scalar]:
+        r"""Torque per unit of normal load, $\rho_i \mu_i(u_i)$, of all joints.
+
+        A law of one's own that is for two joints alone may name them, `u1, u2`.
+        """
 
 
 # Of the rate cut: where a law's slope at rest is looked at. The nearer place is as far
@@ -133,8 +139,8 @@ ALIKE = 0.1  # how far that may be from the derivative
 FLAT = 1e-5  # of the slope of the whole layer: as good as none
 
 
-def slopes_at_rest(law: AbstractRateFriction) -> Pair:
-    r"""How steep both levers are at rest, $\partial(\rho_i \mu_i)/\partial u_i$ at 0.
+def slopes_at_rest(law: AbstractRateFriction, joints: int) -> Numbers:
+    r"""How steep all levers are at rest, $\partial(\rho_i \mu_i)/\partial u_i$ at 0.
 
     JAX's derivative of `sign(u) * f(abs(u))` there is 0, whatever f does. So a law that
     is not of this package is compared with differences on both sides.
@@ -142,14 +148,14 @@ def slopes_at_rest(law: AbstractRateFriction) -> Pair:
     **Raises:** `ValueError` where both do not agree, NaN where numbers are traced.
     """
     if isinstance(law, SmoothCoulomb):
-        return jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))[1]
+        return _slopes(law, joints)
     if _is_traced(law):
-        return _checked_slopes(law)
+        return _checked_slopes(law, joints)
     with jax.ensure_compile_time_eval():
-        return _checked_slopes(law)
+        return _checked_slopes(law, joints)
 
 
-def check_slopes(law: AbstractFriction | None) -> None:
+def check_slopes(law: AbstractFriction | None, joints: int) -> None:
     """Refuse a law of one's own whose slope at rest JAX does not see.
 
     Nothing of it is in the program: traced numbers are not looked at. (Where they are,
@@ -160,22 +166,26 @@ def check_slopes(law: AbstractFriction | None) -> None:
     if not isinstance(law, AbstractRateFriction) or isinstance(law, SmoothCoulomb):
         return
     if not _is_traced(law):
-        slopes_at_rest(law)
+        slopes_at_rest(law, joints)
 
 
 def _is_traced(law: AbstractRateFriction) -> bool:
     return any(isinstance(x, Tracer) for x in jax.tree.leaves(law))
 
 
-def _checked_slopes(law: AbstractRateFriction) -> Pair:
-    _, slopes = jax.jvp(lambda u: law.levers(u, u), (0.0,), (1.0,))
-    cut = law.rate_cut()
-    cuts = jnp.broadcast_to(jnp.asarray(1.0 if cut is None else cut, float), (2,))
+def _slopes(law: AbstractRateFriction, joints: int) -> Numbers:
+    return jax.jvp(lambda u: (*law.levers(*[u] * joints),), (0.0,), (1.0,))[1]
 
-    def rises(share: float) -> Pair:
-        u1, u2 = share * cuts
-        (a1, a2), (b1, b2) = law.levers(u1, u2), law.levers(-u1, -u2)
-        return (a1 - b1) / (2 * u1), (a2 - b2) / (2 * u2)
+
+def _checked_slopes(law: AbstractRateFriction, joints: int) -> Numbers:
+    slopes = _slopes(law, joints)
+    cut = law.rate_cut()
+    cuts = jnp.broadcast_to(jnp.asarray(1.0 if cut is None else cut, float), (joints,))
+
+    def rises(share: float) -> Numbers:
+        rates = share * cuts
+        pairs = zip(law.levers(*rates), law.levers(*-rates), rates, strict=True)
+        return tuple((a - b) / (2 * u) for a, b, u in pairs)
 
     checked_ones = []
     rows = zip(slopes, *map(rises, (*PLACES, 1.0)), strict=True)
@@ -193,7 +203,7 @@ def _checked_slopes(law: AbstractRateFriction) -> Pair:
                 "it as a smooth odd function of the rate, without `sign` and `abs`."
             )
         checked_ones.append(jnp.where(agrees, slope, jnp.nan))
-    return checked_ones[0], checked_ones[1]
+    return tuple(checked_ones)
 
 
 class SmoothCoulomb(AbstractRateFriction):
@@ -240,10 +250,10 @@ class SmoothCoulomb(AbstractRateFriction):
     """
 
     rules: ClassVar = {
-        "mu_s": "nonnegative; two",
-        "mu_k": "nonnegative; two or none",
-        "pin_radius": "nonnegative; two",
-        "v_stribeck": "positive; two or none",
+        "mu_s": "nonnegative; each",
+        "mu_k": "nonnegative; each or none",
+        "pin_radius": "nonnegative; each",
+        "v_stribeck": "positive; each or none",
         "v_smooth": "positive",
     }
     units: ClassVar = {
@@ -254,10 +264,10 @@ class SmoothCoulomb(AbstractRateFriction):
         "v_smooth": RATE,
     }
 
-    mu_s: OneOrTwo
-    mu_k: OneOrTwo | None
-    pin_radius: OneOrTwo
-    v_stribeck: OneOrTwo | None
+    mu_s: OneOrEach
+    mu_k: OneOrEach | None
+    pin_radius: OneOrEach
+    v_stribeck: OneOrEach | None
     v_smooth: Scalar
     load: AbstractNormalLoad
 
@@ -295,25 +305,25 @@ class SmoothCoulomb(AbstractRateFriction):
         self.load = normal_load(load)
         self.refuse_broken()
 
-    def levers(self, u1: Scalar, u2: Scalar) -> Pair:
-        """Torque per unit of normal load, both joints."""
-        one, two = self._torques((1.0, 1.0)).at((u1, u2))
-        return one, two
+    def levers(self, *rates: Scalar) -> Numbers:
+        """Torque per unit of normal load, all joints."""
+        return self._torques((1.0,) * len(rates)).at(rates)
 
-    def torques(self, q: Scalar) -> SmoothTorques:
-        """The curves of both joints."""
-        return self._torques(*self.load.split(q))
+    def torques(self, pulls: Numbers) -> SmoothTorques:
+        """The curves of all joints."""
+        return self._torques(*self.load.split(pulls))
 
-    def _torques(self, normal: Pair, load: Reaction | None = None) -> SmoothTorques:
-        lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
+    def _torques(self, normal: Numbers, load: Reaction | None = None) -> SmoothTorques:
+        n = len(normal)
+        lever = [x * r for x, r in zip(normal, each(self.pin_radius, n), strict=True)]
         rises, root = 2.0 * LOG2_E / self.v_smooth, math.sqrt(LOG2_E)
         curves = []
-        for i, (x, mu_s) in enumerate(zip(lever, both(self.mu_s), strict=True)):
+        for i, (x, mu_s) in enumerate(zip(lever, each(self.mu_s, n), strict=True)):
             drop = falls = None
-            mu_k = mu_s if self.mu_k is None else both(self.mu_k)[i]
+            mu_k = mu_s if self.mu_k is None else each(self.mu_k, n)[i]
             if self.v_stribeck is not None:
                 drop = x * (mu_s - mu_k)
-                falls = root / both(self.v_stribeck)[i]
+                falls = root / each(self.v_stribeck, n)[i]
             curves.append(Curve(x * mu_k, drop, falls, rises))
         return SmoothTorques(curves=tuple(curves), cut=self.v_smooth, load=load)
 
@@ -334,12 +344,12 @@ class LawTorques(AbstractRateTorques):
     """A law of one's own under the load at rest."""
 
     law: AbstractRateFriction
-    normal: Pair
+    normal: Numbers
     load: Reaction | None = None
 
     def at(self, u: Numbers) -> Numbers:
         """Its levers, times that load."""
-        levers = self.law.levers(u[0], u[1])
+        levers = self.law.levers(*u)
         return tuple(g * n for g, n in zip(levers, self.normal, strict=True))
 
     def rate_cut(self) -> Scalar | None:
@@ -347,24 +357,42 @@ class LawTorques(AbstractRateTorques):
         return self.law.rate_cut()
 
 
-def falls_to_kinetic(mu_s: OneOrTwo, mu_k: OneOrTwo | None) -> Invariants:
-    """That mu_k <= mu_s in both joints; None for mu_k is mu_s."""
+def falls_to_kinetic(mu_s: OneOrEach, mu_k: OneOrEach | None) -> Invariants:
+    """That mu_k <= mu_s in all joints; None for mu_k is mu_s."""
     sentence = (
         "Argument `mu_k` must be at most `mu_s`, but is {1:g} with `mu_s` = {0:g}."
     )
     if mu_k is not None:
-        for pair in zip(both(mu_s), both(mu_k), strict=True):
+        n = _count(mu_s, mu_k)
+        for pair in zip(each(mu_s, n), each(mu_k, n), strict=True):
             yield pair, lambda s, k: k <= s, sentence
+
+
+def _count(*numbers: OneOrEach) -> int:
+    """Of how many joints they are: 1, where each is one number.
+
+    **Raises:** `ValueError` where they are of different numbers of joints.
+    """
+    counts = {len(x) for x in numbers if isinstance(x, tuple)}
+    if len(counts) > 1:
+        raise ValueError(
+            "Arguments `mu_s` and `mu_k` must be of the same number of joints, but are "
+            f"of {' and '.join(map(str, sorted(counts)))}."
+        )
+    return counts.pop() if counts else 1
 
 
 def _same(mu_s: Joints, mu_k: Joints) -> bool:
     """Whether two coefficients are known to be equal."""
     try:
+        one, other = (
+            tuple(cast(Numbers, x)) if np.ndim(cast(float, x)) else cast(Scalar, x)
+            for x in (mu_s, mu_k)
+        )
+        n = _count(one, other)
         return all(
             s is k or (is_concrete(k) and equals(s, float(k)))
-            for s, k in zip(
-                both(cast(OneOrTwo, mu_s)), both(cast(OneOrTwo, mu_k)), strict=True
-            )
+            for s, k in zip(each(one, n), each(other, n), strict=True)
         )
     except (TypeError, ValueError):
         return False

@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import jax
 
-from ..numerics.numbers import Joints, OneOrTwo, Scalar, both, is_concrete
+from ..numerics.numbers import Joints, Numbers, OneOrEach, Scalar, each, is_concrete
 from ..numerics.rules import Invariants, checked
 from .coulomb_torques import CoulombTorques
 from .friction import (
@@ -65,16 +65,16 @@ class SetValuedCoulomb(AbstractFriction):
     """
 
     rules: ClassVar = {
-        "mu_s": "nonnegative; two",
-        "mu_k": "nonnegative; two or none",
-        "pin_radius": "nonnegative; two",
+        "mu_s": "nonnegative; each",
+        "mu_k": "nonnegative; each or none",
+        "pin_radius": "nonnegative; each",
     }
     units: ClassVar = {"mu_s": "1", "mu_k": "1", "pin_radius": "l"}
     sticks: ClassVar[bool] = True
 
-    mu_s: OneOrTwo
-    mu_k: OneOrTwo | None
-    pin_radius: OneOrTwo
+    mu_s: OneOrEach
+    mu_k: OneOrEach | None
+    pin_radius: OneOrEach
     load: AbstractNormalLoad
 
     def __init__(
@@ -92,12 +92,12 @@ class SetValuedCoulomb(AbstractFriction):
         self.load = normal_load(load)
         self.refuse_broken()
 
-    def torques(self, q: Scalar) -> CoulombTorques:
+    def torques(self, pulls: Numbers) -> CoulombTorques:
         """The most that holds each joint, at rest and in slip."""
-        normal, load = self.load.split(q)
-        lever = [n * r for n, r in zip(normal, both(self.pin_radius), strict=True)]
+        (normal, load), n = self.load.split(pulls), len(pulls)
+        lever = [x * r for x, r in zip(normal, each(self.pin_radius, n), strict=True)]
         static, kinetic = (
-            tuple(x * mu for x, mu in zip(lever, both(mu), strict=True))
+            tuple(x * mu for x, mu in zip(lever, each(mu, n), strict=True))
             for mu in (self.mu_s, self.mu_s if self.mu_k is None else self.mu_k)
         )
         return CoulombTorques(static=static, kinetic=kinetic, load=load)

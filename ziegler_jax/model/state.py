@@ -1,4 +1,4 @@
-"""The state of a column: where a motion starts or ends."""
+"""The state of a column or chain: where a motion starts or ends."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax
+import numpy as np
 
-from ..numerics.numbers import Numbers, Pair, Scalar, Two
-from ..numerics.rules import pair
+from ..numerics.numbers import Numbers, Scalar, Several
+from ..numerics.rules import several
 from ..results import RATE
 
 
@@ -42,41 +43,52 @@ jax.tree_util.register_pytree_node(
 
 
 class State(eqx.Module):
-    r"""A start: angles $\phi_1, \phi_2$ (rad) and rates $\omega_1, \omega_2$.
+    r"""A start: the rods' angles $\phi_i$ (rad) and rates $\omega_i$.
 
     Springs are wound up by a turn: $\phi$ and $\phi + 2\pi$ are different states, and
-    angles are never reduced. Both rods turned by $2\pi n$ differ in spring 1's torque
+    angles are never reduced. All rods turned by $2\pi n$ differ in spring 1's torque
     alone, and in rounding: an angle's last digit, $2^{-52} |\phi|$, is the finest that
     its sine, and the motion, can know.
 
-    **Arguments:** `phi`, `omega`: two numbers each, finite where concrete.
+    **Arguments:** `phi`, `omega`: one number a rod, finite where concrete; what is left
+    out is zero.
+
+    **Raises:** `ValueError` for numbers that are not finite or not one a rod.
     """
 
     units: ClassVar = {"phi": "rad", "omega": RATE}
 
-    phi: Pair
-    omega: Pair
+    phi: Numbers
+    omega: Numbers
 
-    def __init__(self, phi: Two = (0.0, 0.0), omega: Two = (0.0, 0.0)):
-        """Keep the four numbers."""
-        self.phi = pair("phi", phi)
-        self.omega = pair("omega", omega)
+    def __init__(self, phi: Several | None = None, omega: Several | None = None):
+        """Keep the numbers."""
+        angles = None if phi is None else several("phi", phi)
+        rates = None if omega is None else several("omega", omega)
+        zeros = (np.float64(0.0),) * len(angles or rates or (0, 0))
+        self.phi = zeros if angles is None else angles
+        self.omega = zeros if rates is None else rates
+        if len(self.phi) != len(self.omega):
+            raise ValueError(
+                "Arguments `phi` and `omega` must have one number a rod each, but have "
+                f"{len(self.phi)} and {len(self.omega)}."
+            )
 
     @property
     def y(self) -> PhasePoint:
-        """The state as four scalars, as `vector_field` takes it."""
+        """The state as scalars, the angles first, as `vector_field` takes it."""
         return PhasePoint.of(self.phi, self.omega)
 
 
-def phase_of(y: Numbers | State) -> PhasePoint:
-    """A state as it runs, however it is given.
+def phase_of(y: Numbers | State, rods: int) -> PhasePoint:
+    """A state of so many rods as it runs, however it is given.
 
-    **Raises:** `ValueError` for what is no state and no four scalars.
+    **Raises:** `ValueError` for what is no such state and no such scalars.
     """
-    if isinstance(y, State):
-        return y.y
-    if not hasattr(y, "__len__") or len(y) != 4:
+    y = y.y if isinstance(y, State) else y
+    if not hasattr(y, "__len__") or len(y) != 2 * rods:
         raise ValueError(
-            f"Argument `y` must be a `State` or its four scalars, but is {y!r}."
+            f"Argument `y` must be a `State` of {rods} rods or its {2 * rods} scalars, "
+            f"but is {y!r}."
         )
     return PhasePoint(y)

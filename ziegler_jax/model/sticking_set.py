@@ -40,7 +40,7 @@ class StickingSet(eqx.Module):
         if friction is not None and friction.on_reactions:
             load = friction.load_law()
             assert load is not None
-            normal = load.at_rest(self.column.q)
+            normal = load.at_rest((self.column.q, self.column.q))
         one, two = (s * n for s, n in zip(law.static, normal, strict=True))
         return one, two
 

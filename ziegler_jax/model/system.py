@@ -1,8 +1,8 @@
 r"""What runs: a column's numbers, worked out once, without rules and without names.
 
-A `System` is a `chain` of rods under a load at the tip, with its damping and its
-friction. A question makes it of the column in its first line, `column.system()`, and
-asks it everything.
+A `System` is a `chain` of rods under follower forces, with its damping and friction,
+and what else it stands under: forces of fixed direction, a foundation. A question makes
+it of the column or chain in its first line, `column.system()`, and asks it everything.
 """
 
 from collections.abc import Sequence
@@ -14,11 +14,10 @@ from ..numerics.elementary import sincos
 from ..numerics.materialise import as_one_call, materialise
 from ..numerics.numbers import Numbers, Pair, Scalar
 from ..numerics.series import sum_of
-from .chain import Rows, Turned, joint_angles, on_rods, solved, turned
+from .chain import Rows, Turned, joint_angles, moved, on_rods, solved, turned
 from .coulomb_torques import CoulombInModes, CoulombTorques, MassAndForces
 from .damping import AbstractDamping, is_polynomial
-from .joint_reactions import Bodies, Reactions, reactions_of, solve_loads
-from .loads import Reaction
+from .loads import Bodies, Reaction, Reactions, reactions_of, solve_loads
 from .state import PhasePoint
 from .torques import AbstractRateTorques, AbstractTorques
 
@@ -26,10 +25,10 @@ from .torques import AbstractRateTorques, AbstractTorques
 class Power(NamedTuple):
     r"""Rates of work in $k\sqrt{k/(m l^2)}$, each a scalar or None.
 
-    `follower`: what the load feeds in, $Q \cdot \omega$ with its generalised forces
-    $Q = (q\sin(\phi_1 - \eta\phi_2),\ q\,l_2\sin((1-\eta)\phi_2))$; `damping`: what
-    damping takes out, $\omega \cdot C\omega$; `friction`: what friction takes out,
-    $T_1 u_1 + T_2 u_2$. Then $dE/dt$ = `follower` - `damping` - `friction`, with E by
+    `follower`: what the load feeds in, $Q \cdot \omega$ with its generalised forces, of
+    a column $Q = (q\sin(\phi_1 - \eta\phi_2),\ q\,l_2\sin((1-\eta)\phi_2))$; `damping`:
+    what damping takes out, $\omega \cdot C\omega$; `friction`: what friction takes out,
+    $\sum_i T_i u_i$. Then $dE/dt$ = `follower` - `damping` - `friction`, with E by
     `energy`.
     """
 
@@ -46,30 +45,58 @@ class EnergyRate(NamedTuple):
     loss: Scalar
 
 
+class Follower(eqx.Module):
+    r"""A force that turns with a rod: $w q$ at angle $\eta \phi$ to the vertical."""
+
+    rod: int = eqx.field(static=True)  # which, from 0
+    weight: Scalar | None = None  # w; None: 1
+    eta: Scalar | None = None  # None: known to be 1, along the rod
+    lever: Scalar | None = None  # where on its rod; None: 1
+
+
 class System(eqx.Module):
     r"""A column as it runs: numbers alone, `column.system()`.
 
     What a motion is asked at a state y, a `PhasePoint` as observers are given it and
     `State.y` is: `field`, `energy`, `power`, `friction_torques`.
 
-    - `q`, `follower`: the load and $\eta$; None: known to follow the last rod.
+    - `q`, `followers`: the load and the forces that it multiplies.
     - `moments`: $J_{ij}$, row by row of the lower triangle.
     - `springs`: $k_i$ of the joints; None: 1.
-    - `lengths`: $l_i$ of the rods, the load's levers; None: 1.
+    - `lengths`: $l_i$ of the rods, the forces' levers; None: 1.
     - `damping`, `friction`: what there is of them.
     - `bodies`: what the joints' reactions rest on, where they are known.
+    - `bent`: the joints' angles at which the springs are at rest; None: 0.
+    - `upright`, `across`: moments $V_i$, $H_i$ of the forces of fixed direction, along
+        the vertical and across it: torques $V_i \sin\phi_i - H_i \cos\phi_i$.
+    - `foundation`: moments $W_{ij}$ of springs across the vertical: torques
+        $-\cos\phi_i \sum_j W_{ij} \sin\phi_j$.
     """
 
     q: Scalar
-    follower: Scalar | None
+    followers: tuple[Follower, ...]
     moments: Rows
     springs: tuple[Scalar | None, ...]
     lengths: tuple[Scalar | None, ...]
     damping: AbstractDamping | None
     friction: AbstractTorques | None
-    bodies: Bodies | None
+    bodies: Bodies | None = None
+    bent: Numbers | None = None
+    upright: Numbers | None = None
+    across: Numbers | None = None
+    foundation: Rows | None = None
 
     # ---- what it is
+
+    @property
+    def joints(self) -> int:
+        """How many there are, and rods."""
+        return len(self.moments)
+
+    @property
+    def displaced(self) -> bool:
+        """Whether it may have no equilibrium at angles of zero."""
+        return self.bent is not None or self.across is not None
 
     @property
     def sticks(self) -> bool:
@@ -148,7 +175,7 @@ class System(eqx.Module):
         return _Forces(self, y).reactions().at(*self.field(0.0, y).omega)
 
     def energy(self, y: PhasePoint) -> Scalar:
-        """Kinetic energy and that of the springs (see `energy`)."""
+        """Kinetic energy and that of springs and fixed forces (see `energy`)."""
         return self._energy(y, turned(y.phi))
 
     def power(self, y: PhasePoint) -> Power:
@@ -168,8 +195,9 @@ class System(eqx.Module):
         + \omega_i\dot\omega_j) - \sin D_{ij}\,(\omega_i - \omega_j)\,\omega_i\omega_j
         \bigr) + \sum_i k_i \theta_i u_i, \qquad D_{ij} = \phi_i - \phi_j$$
 
-        (half of it for i = j). The loss is $Q\cdot\omega - dE/dt$, the sum of the last
-        two parts of `power`, whatever the laws are: none is evaluated.
+        (half of it for i = j), less the work of fixed forces and foundation. The loss
+        is $Q\cdot\omega - dE/dt$, the sum of the last two parts of `power`, whatever
+        the laws are: none is evaluated.
         """
         phi, rates = y.phi, y.omega
         sines = turned(phi)
@@ -186,6 +214,9 @@ class System(eqx.Module):
                 terms.append(moment * bent)
         turns = joint_angles(rates)
         terms += [x * u for x, u in zip(self._spring_torques(phi), turns, strict=True)]
+        still = self._fixed_forces(phi)
+        if still is not None:
+            terms += [-f * w for f, w in zip(still, rates, strict=True)]
         rate = sum_of(terms)
         fed = _work(self._load(phi, sines), rates)
         return EnergyRate(self._energy(y, sines), rate, fed - rate)
@@ -229,29 +260,74 @@ class System(eqx.Module):
             for j, moment in enumerate(row):
                 own = moment * rates[i] * rates[j]
                 terms.append(own / 2 if i == j else own * sines[j, i][1])
-        for k, x in zip(self.springs, joint_angles(phi), strict=True):
+        for k, x in zip(self.springs, self._wound(phi), strict=True):
             terms.append((x * x if k is None else k * x * x) / 2)
+        if self.upright is None and self.foundation is None:
+            return sum_of(terms)
+        angles = [sincos(x) for x in phi]
+        if self.upright is not None:
+            # as far as it has sunk: not cos - 1, which cancels
+            halves = [sincos(x / 2)[0] for x in phi]
+            pairs = zip(self.upright, halves, strict=True)
+            terms += [-2 * v * s * s for v, s in pairs]
+        if self.across is not None:
+            pairs = zip(self.across, angles, strict=True)
+            terms += [h * s for h, (s, _) in pairs]
+        if self.foundation is not None:
+            aside = [s for s, _ in angles]
+            pairs = zip(moved(self.foundation, aside), aside, strict=True)
+            terms += [f * s / 2 for f, s in pairs]
         return sum_of(terms)
 
+    def _wound(self, phi: Sequence[Scalar]) -> Numbers:
+        """By how much each spring is wound."""
+        angles = joint_angles(phi)
+        if self.bent is None:
+            return angles
+        return tuple(x - rest for x, rest in zip(angles, self.bent, strict=True))
+
     def _spring_torques(self, phi: Sequence[Scalar]) -> Numbers:
-        pairs = zip(self.springs, joint_angles(phi), strict=True)
+        pairs = zip(self.springs, self._wound(phi), strict=True)
         return tuple(x if k is None else k * x for k, x in pairs)
 
     def _load(self, phi: Sequence[Scalar], sines: Turned) -> tuple[Scalar | None, ...]:
         """The load's generalised forces; None where one is known to be zero."""
-        q, eta, last = self.q, self.follower, len(phi) - 1
-        load: list[Scalar | None] = []
-        for i, length in enumerate(self.lengths):
-            if eta is None:
-                force = None if i == last else q * sines[i, last][0]
-            elif i == last:
-                force = q * sincos((1 - eta) * phi[i])[0]
-            else:
-                force = q * sincos(phi[i] - eta * phi[last])[0]
-            if force is not None and length is not None:
-                force = force * length
-            load.append(force)
+        load: list[Scalar | None] = [None] * len(phi)
+        for force in self.followers:
+            pull = self.q if force.weight is None else self.q * force.weight
+            k, eta = force.rod, force.eta
+            for i, length in enumerate((*self.lengths[:k], force.lever)):
+                if eta is None and i == k:  # along its own rod
+                    continue
+                if eta is None:
+                    own = pull * sines[i, k][0]
+                elif i == k:
+                    own = pull * sincos((1 - eta) * phi[i])[0]
+                else:
+                    own = pull * sincos(phi[i] - eta * phi[k])[0]
+                if length is not None:
+                    own = own * length
+                before = load[i]
+                load[i] = own if before is None else before + own
         return tuple(load)
+
+    def _fixed_forces(self, phi: Sequence[Scalar]) -> Numbers | None:
+        """The torques of fixed forces and of the foundation; None: there are none."""
+        if self.upright is None and self.foundation is None:
+            return None
+        angles = [sincos(x) for x in phi]
+        forces: Numbers = (0.0,) * len(phi)
+        if self.upright is not None:
+            rows = zip(self.upright, angles, strict=True)
+            forces = tuple(v * s for v, (s, _) in rows)
+        if self.across is not None:
+            rows = zip(forces, self.across, angles, strict=True)
+            forces = tuple(f - h * c for f, h, (_, c) in rows)
+        if self.foundation is not None:
+            borne = moved(self.foundation, [s for s, _ in angles])
+            rows = zip(forces, borne, angles, strict=True)
+            forces = tuple(f - b * c for f, b, (_, c) in rows)
+        return forces
 
 
 # a system's field, traced once for such arguments: a scene asks for it ten times
@@ -268,14 +344,19 @@ class _Forces:
         self.load = system._load(phi, self.turned)
         self.damping: Numbers | None = None
         if system.damping is not None:
-            rows = system.damping.matrix(self.turned[0, 1][1], (rates[0], rates[1]))
+            rows = system.damping.rows(self.turned, rates)
             each = (zip(row, rates, strict=True) for row in rows)
-            self.damping = tuple(sum_of([c * w for c, w in pairs]) for pairs in each)
+            self.damping = tuple(
+                sum_of([c * w for c, w in pairs if c is not None]) for pairs in each
+            )
+        still = system._fixed_forces(phi)
         pull = on_rods(system._spring_torques(phi))
         squares = [w * w for w in rates]
         right = []
         for i, force in enumerate(self.load):
             r = -pull[i] if force is None else force - pull[i]
+            if still is not None:
+                r = r + still[i]
             for j, square in enumerate(squares):
                 if j != i:
                     moment = system.moments[max(i, j)][min(i, j)]
@@ -308,7 +389,8 @@ class _Forces:
         """What the joints transmit, still to be told the accelerations."""
         system, bodies = self.system, self.system.bodies
         assert bodies is not None  # `Column` saw to it
-        eta, drag = system.follower, system.damping and system.damping.drag()
+        (force,), drag = system.followers, system.damping and system.damping.drag()
+        eta = force.eta
         pull = (system.q, None)
         if eta is not None:
             sin_f, cos_f = sincos((1 - eta) * self.y.phi[-1])
@@ -322,8 +404,8 @@ class _Forces:
         free, slopes = self.accelerations(self.right), []
         for i, g in enumerate(torques):
             one = [zero] * i + [g] + [zero] * (len(torques) - i - 1)
-            moved = self.accelerations(tuple(-x for x in on_rods(one)))
-            slopes.append(reactions.slope(*moved))
+            pushed = self.accelerations(tuple(-x for x in on_rods(one)))
+            slopes.append(reactions.slope(*pushed))
         return solve_loads(reactions.at(*free), slopes, load)
 
 

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Sequence
-from typing import cast
+from typing import TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -10,18 +10,20 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float
 
-from ..model.column import Column, State, refuse_si
+from ..model.chain_of_rods import AbstractChain, check_column
+from ..model.column import refuse_si
 from ..model.friction import check_slopes
-from ..model.state import PhasePoint
+from ..model.state import PhasePoint, State
 from ..model.system import System
 from ..numerics.numbers import Scalar, is_concrete
 from ..numerics.rules import instance
 from .observers import AbstractObserver, Amplitude
 
+Some = TypeVar("Some", bound=AbstractChain)
 Times = Sequence[float] | Float[ArrayLike, " n"]
 
 
-def valid_scene(column: Column, y0: PhasePoint) -> jax.Array:
+def valid_scene(column: AbstractChain, y0: PhasePoint) -> jax.Array:
     """Whether the numbers of column and start keep their rules."""
     good = jnp.asarray(column.valid())
     for x in y0:
@@ -30,20 +32,37 @@ def valid_scene(column: Column, y0: PhasePoint) -> jax.Array:
 
 
 def float_state(start: State) -> PhasePoint:
-    """The start as four numbers of the session's precision."""
+    """The start as numbers of the session's precision."""
     dtype = jnp.result_type(float)
     return PhasePoint(jnp.asarray(x, dtype) for x in start.y)
 
 
-def check_scene(column: Column, start: State, name: str = "start") -> None:
-    """Raise a sentence if these are no column and no start."""
-    instance("column", column, Column)
+def check_scene(column: AbstractChain, start: State, name: str = "start") -> None:
+    """Raise a sentence if these are no column or chain and no start of it."""
+    check_column(column)
     refuse_si(column)
     instance(name, start, State)
-    check_slopes(column.friction)
+    if len(start.phi) != column.joints:
+        raise ValueError(
+            f"Argument `{name}` must have one angle and rate for each of "
+            f"{column.joints} rods, but is of {len(start.phi)}."
+        )
+    check_slopes(column.friction, column.joints)
 
 
-def check_maker(make_column: Callable[..., Column], count: int = 1) -> None:
+def check_two_rods(question: str, column: AbstractChain) -> None:
+    """Refuse a longer chain where a question is one of two rods.
+
+    **Raises:** `ValueError`.
+    """
+    if column.joints != 2:
+        raise ValueError(
+            f"Argument `column` must have two rods for `{question}`, but has "
+            f"{column.joints}."
+        )
+
+
+def check_maker(make_column: Callable[..., AbstractChain], count: int = 1) -> None:
     """Raise a sentence if this is no function of so many numbers."""
     numbers = "one number" if count == 1 else "two numbers"
     needs = f"Argument `make_column` must be a function of {numbers}"
@@ -64,23 +83,24 @@ def check_takes(needs: str, function: Callable[..., object], count: int) -> None
         raise ValueError(f"{needs}, but takes {signature}.") from None
 
 
-def made(make_column: Callable[[Scalar], Column], x: Scalar) -> Column:
+def made(make_column: Callable[[Scalar], Some], x: Scalar) -> Some:
     """The column that `make_column` gives, if it is one."""
     column = make_column(x)
-    if not isinstance(column, Column):
+    if not isinstance(column, AbstractChain):
         raise ValueError(
-            f"Argument `make_column` must return a `Column`, but returns {column!r}."
+            "Argument `make_column` must return a `Column` or a `Chain`, but returns "
+            f"{column!r}."
         )
     return column
 
 
 def scene_at(
-    cell: Callable[..., tuple[Column, State]], *numbers: Scalar, **named: Scalar
-) -> tuple[Column, State]:
+    cell: Callable[..., tuple[Some, State]], *numbers: Scalar, **named: Scalar
+) -> tuple[Some, State]:
     """The column and the start that `cell` gives, if it does."""
     match cell(*numbers, **named):
-        case Column() as column, State() as start:
-            return column, start
+        case AbstractChain() as column, State() as start:
+            return cast(Some, column), start
         case other:
             raise ValueError(
                 "Argument `cell` must return a column and a start, as `return column, "

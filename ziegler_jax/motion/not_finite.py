@@ -14,8 +14,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from ..model.column import Column, State
-from ..model.state import PhasePoint
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import PhasePoint, State
 from ..results import CODE, AbstractMotionResult
 from ..runtime import Arguments, own_flags, requires_x64
 from .checks import float_state
@@ -51,7 +51,7 @@ def motion(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]
         result = computed(*args, **options)
         if jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
             scene = (*args, *(options[k] for k in ("column", "start") if k in options))
-            column, start = cast(Column, scene[0]), cast(State, scene[1])
+            column, start = cast(AbstractChain, scene[0]), cast(State, scene[1])
             ended = cast(AbstractMotionResult[State], result)
             look_for_nan(name, column, start, ended)
         return result
@@ -60,7 +60,7 @@ def motion(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]
 
 
 def look_for_nan(
-    name: str, column: Column, start: State, result: AbstractMotionResult[State]
+    name: str, column: AbstractChain, start: State, result: AbstractMotionResult[State]
 ) -> None:
     """Raise where the motion ended because it, or what comes next, is not finite.
 
@@ -73,9 +73,11 @@ def look_for_nan(
         return
     t, y = _last(column, start, result)
     at = ", ".join(f"{x:.9g}" for x in y)
+    rods = range(1, len(y) // 2 + 1)
+    names = ", ".join(f"{kind}{i}" for kind in ("phi", "omega") for i in rods)
     sentence = (
         f"The motion in `{name}` is not a finite number at t = {t:.9g}, where "
-        f"(phi1, phi2, omega1, omega2) = ({at}), or just beyond."
+        f"({names}) = ({at}), or just beyond."
     )
     cause = _raised(column, t, y)
     if cause is not None:
@@ -85,7 +87,7 @@ def look_for_nan(
 
 
 def _last(
-    column: Column, start: State, result: AbstractMotionResult[State]
+    column: AbstractChain, start: State, result: AbstractMotionResult[State]
 ) -> tuple[float, list[float]]:
     """The last time and state: the result's own, or found by following it once more."""
     if hasattr(result, "final"):
@@ -100,9 +102,11 @@ def _last(
     return begun + float(run.time), [float(x) for x in run.y]
 
 
-def _raised(column: Column, t: float, y: list[float]) -> FloatingPointError | None:
+def _raised(
+    column: AbstractChain, t: float, y: list[float]
+) -> FloatingPointError | None:
     """What the field raises at this state, or on the way on from it."""
-    system, slope = column.system(), [0.0] * 4
+    system, slope = column.system(), [0.0] * len(y)
     with jax.debug_nans(True), jax.disable_jit():
         for h in BEYOND:
             try:

@@ -19,13 +19,13 @@ from ..model.state import PhasePoint
 from ..model.system import System
 from ..numerics.elementary import larger, smaller
 from ..numerics.hermite import HermiteQuartic
-from ..numerics.numbers import Flag, Joints, Numbers, OneOrTwo, Pair, Scalar, both
+from ..numerics.numbers import Flag, Joints, Numbers, OneOrEach, Scalar, each
 from ..numerics.passages import share_within
-from ..numerics.rules import keeps, number_or_pair
+from ..numerics.rules import keeps, number_or_each
 from ..results import CODE, RATE, TIME, Units, Variable, checked
 from ..solvers import AbstractFold, Step
 from ..solvers.explicit import Integrand
-from .section import SectionPlane, angles, passage
+from .section import SectionPlane, angles, passage, rod_angles
 
 POWER = "k sqrt(k/(m l^2))"
 
@@ -119,7 +119,7 @@ JOINT_AMPLITUDE = Variable(
 
 
 class Amplitude(AbstractObserver):
-    r"""The largest $|\phi_1|, |\phi_2|$ (rods) and $|\phi_2 - \phi_1|$ (joint 2).
+    r"""The largest $|\phi_i|$ (rods) and $|\phi_i - \phi_{i-1}|$ (joints).
 
     Each step contributes the extremum of its quintic Hermite interpolant, so that an
     amplitude does not depend on where the steps happen to end. Joint 1's angle is rod
@@ -132,8 +132,7 @@ class Amplitude(AbstractObserver):
     def init(self, system, t, y):
         """The start itself: of each angle the smallest and the largest value."""
         del system, t
-        phi1, phi2 = y[0], y[1]
-        return tuple((x, x) for x in (phi1, phi2, phi2 - phi1))
+        return tuple((x, x) for x in (*y.phi, *joint_angles(y.phi)[1:]))
 
     def step(self, system, state, step):
         """The wider of what was and the step's extrema."""
@@ -145,16 +144,16 @@ class Amplitude(AbstractObserver):
         return tuple(after)
 
     @staticmethod
-    def swings(state) -> Pair:
+    def swings(state) -> Numbers:
         """By how much each joint's angle has varied."""
-        (low1, high1), _, (low2, high2) = state
-        return high1 - low1, high2 - low2
+        n = (len(state) + 1) // 2
+        return tuple(high - low for low, high in (state[0], *state[n:]))
 
     def result(self, system, state, span, y):
         """`rod_amplitude(rod)` and `joint_amplitude(joint)`."""
-        del system, span, y
-        phi1, phi2, knee = (larger(-low, high) for low, high in state)
-        rod, joint = jnp.stack([phi1, phi2]), jnp.stack([phi1, knee])
+        del system, span
+        peaks, n = [larger(-low, high) for low, high in state], len(y.phi)
+        rod, joint = jnp.stack(peaks[:n]), jnp.stack([peaks[0], *peaks[n:]])
         return {
             "rod_amplitude": ROD_AMPLITUDE._replace(value=rod),
             "joint_amplitude": JOINT_AMPLITUDE._replace(value=joint),
@@ -162,9 +161,9 @@ class Amplitude(AbstractObserver):
 
 
 class Mean(AbstractObserver):
-    r"""The mean angles $\bar\phi_1, \bar\phi_2$: where a stuck motion sits.
+    r"""The mean angles $\bar\phi_i$: where a stuck motion sits.
 
-    The result has shape (2,), in rad.
+    The result has one number a rod, in rad.
     """
 
     name: ClassVar[str] = "mean"
@@ -172,13 +171,13 @@ class Mean(AbstractObserver):
     def init(self, system, t, y):
         """No area yet."""
         del system, t
-        return 0.0 * y[0], 0.0 * y[1]
+        return tuple(0.0 * x for x in y.phi)
 
     def step(self, system, state, step):
         """Add the integral of the step's quintic."""
         del system
         h = step.t1 - step.t0
-        pairs = zip(state, angles(step)[:2], strict=True)
+        pairs = zip(state, rod_angles(step), strict=True)
         return tuple(total + h * path.mean() for total, path in pairs)
 
     def result(self, system, state, span, y):
@@ -231,7 +230,7 @@ class StickFraction(AbstractObserver):
     A smoothed law never sticks, it creeps: the cut says how slow counts as sticking.
     With set-valued friction the modes say it, without a cut unless one is named.
     The time below the cut is that of the rate's cubic over each step, by its values
-    and accelerations at both ends. The result has shape (2,).
+    and accelerations at both ends. The result has one number a joint.
 
     **Arguments:** `rate_cut`: in $\sqrt{k/(m l^2)}$, one number or one a joint; None is
     the friction law's own (`v_smooth` of the smoothed law, below which its torque has
@@ -240,7 +239,7 @@ class StickFraction(AbstractObserver):
 
     units: ClassVar = {"rate_cut": RATE}
 
-    rate_cut: OneOrTwo | None = None
+    rate_cut: OneOrEach | None = None
     name: ClassVar[str] = "stick_fraction"
     mirrored: ClassVar[bool] = True
 
@@ -249,14 +248,14 @@ class StickFraction(AbstractObserver):
         self.rate_cut = (
             None
             if rate_cut is None
-            else number_or_pair("rate_cut", rate_cut, "positive")
+            else number_or_each("rate_cut", rate_cut, "positive")
         )
 
     def valid(self):
         """Positive cuts."""
         if self.rate_cut is None:
             return True
-        return keeps("positive", *both(self.rate_cut))
+        return keeps("positive", *each(self.rate_cut, 1))
 
     def check(self, system):
         """Without friction nothing sticks, unless the cut is named."""
@@ -265,11 +264,17 @@ class StickFraction(AbstractObserver):
                 "Argument `rate_cut` of `StickFraction` must be given for a column "
                 "without friction, but is None."
             )
+        cut, n = self.rate_cut, system.joints
+        if isinstance(cut, tuple) and len(cut) != n:
+            raise ValueError(
+                "Argument `rate_cut` of `StickFraction` must be one number, or one for "
+                f"each of {n} joints, but is {len(cut)} numbers."
+            )
 
     def init(self, system, t, y):
         """No time yet."""
         del system, t
-        return 0.0 * y[0], 0.0 * y[0]
+        return (0.0 * y[0],) * len(y.phi)
 
     def step(self, system, state, step):
         """Add the step's time below the cut."""
@@ -282,10 +287,11 @@ class StickFraction(AbstractObserver):
                 time + jnp.where(m == 0, h, 0.0)
                 for time, m in zip(state, step.modes, strict=True)
             )
-        ends = (joint_angles(y[2:]) for y in (step.y0, step.y1, step.f0, step.f1))
+        ends = (joint_angles(y.omega) for y in (step.y0, step.y1, step.f0, step.f1))
+        cuts = each(cut, len(state))
         return tuple(
             time + h * share_within(HermiteQuartic(u0, u1, h * a0, h * a1, 0.0 * h), c)
-            for time, u0, u1, a0, a1, c in zip(state, *ends, both(cut), strict=True)
+            for time, u0, u1, a0, a1, c in zip(state, *ends, cuts, strict=True)
         )
 
     def result(self, system, state, span, y):
@@ -360,7 +366,8 @@ class Observation(eqx.Module):
         def joint(y: PhasePoint) -> Numbers:
             return sum((o.integrand(system, y) for o in self.observers), ())
 
-        asked = jax.eval_shape(lambda: joint(PhasePoint((jnp.zeros(()),) * 4)))
+        numbers = 2 * system.joints
+        asked = jax.eval_shape(lambda: joint(PhasePoint((jnp.zeros(()),) * numbers)))
         return joint if asked else None
 
     def init(self, system: System, t: Scalar, y: PhasePoint) -> tuple:

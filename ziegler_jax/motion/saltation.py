@@ -42,9 +42,11 @@ def saltation(
         here = system_of(numbers)
         guards, rates = here.law.guard(here.balance(y)), joint_angles(y.omega)
         each = zip(here.law.modes, guards, rates, strict=True)
-        one, two = (jnp.where(m == 0, left, u) for m, left, u in each)
-        # both at once is not generic: then one is as good as the other
-        return jnp.where(joint == 2, two, one)
+        chosen, *others = (jnp.where(m == 0, left, u) for m, left, u in each)
+        # several at once is not generic: then one is as good as the other
+        for i, other in enumerate(others, 1):
+            chosen = jnp.where(joint == 2**i, other, chosen)
+        return chosen
 
     _, towards = jax.linearize(guard, step.y1, numbers)
     speed = towards(step.f1, jax.tree.map(jnp.zeros_like, numbers))

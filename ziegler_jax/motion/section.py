@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, get_args
+import re
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,19 +21,20 @@ from ..numerics.hermite import (
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Option, Scalar
 from ..numerics.passages import first_fall
-from ..numerics.rules import choice, number
+from ..numerics.rules import number
 from ..results import RATE, Units
 from ..solvers import Step
 
-Coordinate = Literal["phi1", "phi2", "omega1", "omega2"]
-COORDINATES = get_args(Coordinate)
+Coordinate = str  # "phi1", "omega2", ...
+COORDINATE = re.compile(r"(phi|omega)([1-9]\d?)")
 
 
 class SectionPlane(eqx.Module):
     r"""A plane of phase space that a motion passes, e.g. $\phi_1 = 0$ rising.
 
-    **Arguments:** `coordinate`: which is constant on it; `level`: its value, in rad or
-    $\sqrt{k/(m l^2)}$; `rising`: whether it grows as the motion passes, or falls.
+    **Arguments:** `coordinate`: which is constant on it, `phi1`, `omega2`, ...;
+    `level`: its value, in rad or $\sqrt{k/(m l^2)}$; `rising`: whether it grows as the
+    motion passes, or falls.
 
     **Raises:** `ValueError` for arguments that break a rule.
     """
@@ -48,7 +50,11 @@ class SectionPlane(eqx.Module):
         rising: bool = True,
     ):
         """Check and keep them."""
-        choice("coordinate", coordinate, COORDINATES)
+        if not isinstance(coordinate, str) or not COORDINATE.fullmatch(coordinate):
+            raise ValueError(
+                "Argument `coordinate` must be an angle or a rate, `phi1`, `phi2`, "
+                f"`omega1`, ..., but is {coordinate!r}."
+            )
         self.coordinate = coordinate
         self.level = number("level", level)
         if not isinstance(rising, bool | np.bool_):
@@ -64,13 +70,26 @@ class SectionPlane(eqx.Module):
 
     @property
     def index(self) -> int:
-        """The coordinate's place in a state."""
-        return COORDINATES.index(self.coordinate)
+        """The coordinate's place in a state of two rods."""
+        return self.place(2)
 
     @property
     def others(self) -> list[int]:
-        """Those of the others."""
+        """Those of the others there."""
         return [i for i in range(4) if i != self.index]
+
+    def place(self, rods: int) -> int:
+        """The coordinate's place in a state of so many rods.
+
+        **Raises:** `ValueError` where there is no such rod.
+        """
+        kind, which = cast(re.Match, COORDINATE.fullmatch(self.coordinate)).groups()
+        if int(which) > rods:
+            raise ValueError(
+                f"Argument `coordinate` must be of one of {rods} rods, but is "
+                f"{self.coordinate!r}."
+            )
+        return int(which) - 1 + (rods if kind == "omega" else 0)
 
     @property
     def sign(self) -> float:
@@ -97,7 +116,8 @@ def passage(plane: SectionPlane, step: Step) -> Passage:
     A step that begins and ends on one side may pass the plane and come back: it is
     looked for between the extrema of the coordinate's course.
     """
-    i, h, sign = plane.index, step.t1 - step.t0, -plane.sign
+    n, h, sign = len(step.y0.phi), step.t1 - step.t0, -plane.sign
+    i = plane.place(n)
     g0, g1 = (sign * (y[i] - plane.level) for y in (step.y0, step.y1))
     passes = (g0 > 0) & (g1 <= 0)
     # as far as a course of these slopes reaches beyond its ends, at most
@@ -107,10 +127,10 @@ def passage(plane: SectionPlane, step: Step) -> Passage:
 
     def locate(blank):
         del blank
-        turned = angles(step)[:2]
+        turned = rod_angles(step)
         rates = tuple(QuinticRate(path, 1 / h) for path in turned)
-        guard = Quintic(*(sign * x for x in turned[i % 2]))
-        if i < 2:
+        guard = Quintic(*(sign * x for x in turned[i % n]))
+        if i < n:
             guard = guard._replace(g0=g0, g1=g1)
         else:
             guard = QuinticRate(guard, 1 / h, sign * plane.level)
@@ -127,12 +147,24 @@ def passage(plane: SectionPlane, step: Step) -> Passage:
     return if_any_lane(may, locate, Passage(jnp.zeros_like(may), step.t1, step.y1))
 
 
-def angles(step: Step) -> tuple[Quintic, Quintic, Quintic]:
-    """phi1, phi2 and phi2 - phi1 over the step."""
+def rod_angles(step: Step) -> tuple[Quintic, ...]:
+    """The rods' angles over the step."""
     h = step.t1 - step.t0
-    one, two = (
-        Quintic(*(x for y, f in ends for x in (y[i], h * y[i + 2], h * h * f[i + 2])))
-        for i in (0, 1)
-        for ends in [((step.y0, step.f0), (step.y1, step.f1))]
+
+    def end(i: int, y: PhasePoint, f: PhasePoint) -> tuple[Scalar, Scalar, Scalar]:
+        return y.phi[i], h * y.omega[i], h * h * f.omega[i]
+
+    return tuple(
+        Quintic(*end(i, step.y0, step.f0), *end(i, step.y1, step.f1))
+        for i in range(len(step.y0.phi))
     )
-    return one, two, Quintic(*(b - a for a, b in zip(one, two, strict=True)))
+
+
+def angles(step: Step) -> tuple[Quintic, ...]:
+    """The rods' angles over the step, then those of the joints between them."""
+    rods = rod_angles(step)
+    joints = (
+        Quintic(*(b - a for a, b in zip(one, two, strict=True)))
+        for one, two in zip(rods, rods[1:], strict=False)
+    )
+    return *rods, *joints

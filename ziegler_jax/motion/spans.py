@@ -10,19 +10,19 @@ from typing import Generic, NamedTuple, TypeVar
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ..model.column import Column, State
-from ..model.state import PhasePoint
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import PhasePoint, State
 from ..model.system import System
 from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane, replaced, tree_where
-from ..numerics.numbers import Flag, Scalar, is_concrete
+from ..numerics.numbers import Flag, Scalar, any_of, is_concrete
 from ..numerics.rules import keeps
 from ..results import CODE
 from ..solvers import ACCEPTED, AbstractFold, Step, Verdict
 from .checks import float_state, valid_scene
 from .integrate import Motion, Run, follow
 from .options import Method
-from .section import angles
+from .section import rod_angles
 
 APART = 16  # units of rounding at the end: a shorter span is none
 
@@ -156,7 +156,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
 
 
 def follow_spans(
-    column: Column,
+    column: AbstractChain,
     start: State,
     fold: AbstractSpans[Watch],
     method: Method,
@@ -183,13 +183,12 @@ def turns_over(step: Step, escape: Scalar) -> Flag:
 
     About where the angle peaks: ends of long steps may lie far below.
     """
-    first, second, _ = angles(step)
-    over = (first.largest() > escape) | (second.largest() > escape)
+    over = any_of(path.largest() > escape for path in rod_angles(step))
     return may_turn_over(step, escape) & over  # whoever is looked at for a mate's sake
 
 
 def may_turn_over(step: Step, escape: Scalar) -> Flag:
     """Whether it is worth a look, by rates up to twice those at the step's ends."""
-    farthest = larger(jnp.abs(step.y1[0]), jnp.abs(step.y1[1]))
-    rates = (jnp.abs(y[i]) for y in (step.y0, step.y1) for i in (2, 3))
+    farthest = reduce(larger, map(jnp.abs, step.y1.phi))
+    rates = (jnp.abs(w) for y in (step.y0, step.y1) for w in y.omega)
     return farthest + 2 * (step.t1 - step.t0) * reduce(larger, rates) > escape

@@ -16,17 +16,18 @@ from contextlib import ExitStack
 import jax
 import jax.numpy as jnp
 
-from ..model.column import Column, refuse_si
+from ..model.chain_of_rods import AbstractChain, check_column
+from ..model.column import refuse_si
 from ..model.jacobian import accelerations_and_slopes
 from ..model.state import PhasePoint
 from ..model.system import System
 from ..numerics.numbers import Scalar, is_concrete
-from ..numerics.rules import instance, number
+from ..numerics.rules import number
 from ..numerics.series import sum_of
 from ..runtime import refuse_forked
 
 
-def is_stiff(column: Column, rtol: Scalar) -> jax.Array:
+def is_stiff(column: AbstractChain, rtol: Scalar) -> jax.Array:
     r"""Whether `Rosenbrock()` is cheaper for this column than `Explicit()`.
 
     $$-\mathrm{tr}\, \frac{\partial\dot\omega}{\partial\omega}\, rtol^{1/5} >
@@ -64,7 +65,7 @@ def is_stiff(column: Column, rtol: Scalar) -> jax.Array:
     **Raises:** `ValueError` for what is no `Column`, and for a concrete `rtol` that is
     not positive.
     """
-    instance("column", column, Column)
+    check_column(column)
     refuse_forked()
     refuse_si(column)
     rtol = number("rtol", rtol, "positive")
@@ -80,7 +81,9 @@ def is_stiff(column: Column, rtol: Scalar) -> jax.Array:
 def _decays_fast(system: System, rtol: Scalar) -> jax.Array:
     zero = jnp.zeros((), jnp.result_type(float))
 
-    _, (first, second) = accelerations_and_slopes(zero, PhasePoint((zero,) * 4), system)
-    square = sum_of([x**2 for row in (first, second) for x in row[:2]])
-    decay = -(first[2] + second[3])
+    n = system.joints
+    rest = PhasePoint((zero,) * (2 * n))
+    _, rows = accelerations_and_slopes(zero, rest, system)
+    square = sum_of([x**2 for row in rows for x in row[:n]])
+    decay = -sum_of([row[n + i] for i, row in enumerate(rows)])
     return decay * jnp.asarray(rtol, zero.dtype) ** 0.2 > square**0.25

@@ -12,6 +12,7 @@ with it goes an exponent to minus infinity.
 """
 
 import abc
+import math
 from collections.abc import Sequence
 from functools import reduce
 from typing import NamedTuple
@@ -70,7 +71,7 @@ def push(
 
     def field(t, both):
         numbers, change, system_of = leaves(system, dp)
-        y, vectors = apart(both)
+        y, vectors = apart(both, len(y0))
         slope, along = jax.linearize(
             lambda y, numbers: system_of(numbers).field(t, y), y, numbers
         )
@@ -79,7 +80,7 @@ def push(
     both = joined(y0, vectors)
     first = materialise(t0, field, t0, both)
     y1, error, last, *_ = solver.advance(field, t0, t1, both, first)
-    return [apart(x) for x in (first, y1, error, last)]
+    return [apart(x, len(y0)) for x in (first, y1, error, last)]
 
 
 def joined(y: PhasePoint, vectors: Sequence[PhasePoint]) -> Numbers:
@@ -87,9 +88,9 @@ def joined(y: PhasePoint, vectors: Sequence[PhasePoint]) -> Numbers:
     return tuple(x for each in (y, *vectors) for x in each)
 
 
-def apart(both: Numbers) -> tuple[PhasePoint, Vectors]:
-    """A state, and the vectors that stand behind it."""
-    y, *vectors = (PhasePoint(both[i : i + 4]) for i in range(0, len(both), 4))
+def apart(both: Numbers, size: int) -> tuple[PhasePoint, Vectors]:
+    """A state of so many numbers, and the vectors that stand behind it."""
+    y, *vectors = (PhasePoint(both[i : i + size]) for i in range(0, len(both), size))
     return y, tuple(vectors)
 
 
@@ -203,15 +204,27 @@ class AbstractGrowth(AbstractFold[State]):
 def unit_tangents(system: System, y: PhasePoint, count: int) -> TangentFrame:
     """`count` orthonormal vectors, without the rates of joints that stick.
 
-    Hadamard's: where joints stick, the last ones are those that are lost.
+    Hadamard's, for more than two rods those of the cosine transform: where joints
+    stick, the last ones are those that are lost.
     """
-    zero = 0.0 * y[0]
-    rows = tuple(PhasePoint(zero + x for x in row) for row in HADAMARD[:count])
-    vectors = rows
+    zero, size = 0.0 * y[0], len(y)
+    matrix = HADAMARD if size == 4 else _cosines(size)
+    vectors = tuple(PhasePoint(zero + x for x in row) for row in matrix[:count])
     if system.sticks:
         vectors = tuple(_without_stuck(system.law, v) for v in vectors)
     vectors, _ = orthonormal(vectors)
     return TangentFrame(vectors, (zero + 1.0,) * count, (zero,) * count)
+
+
+def _cosines(size: int) -> list[list[float]]:
+    """The rows of the cosine transform, which are orthonormal."""
+    rows = [
+        [math.cos(math.pi * k * (2 * j + 1) / (2 * size)) for j in range(size)]
+        for k in range(size)
+    ]
+    return [
+        [x * math.sqrt((2 if k else 1) / size) for x in r] for k, r in enumerate(rows)
+    ]
 
 
 def in_logs(frame: TangentFrame, when: Flag) -> TangentFrame:

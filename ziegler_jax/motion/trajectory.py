@@ -15,7 +15,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Int
 
-from ..model.column import Column, State
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import State
 from ..numerics.numbers import Count, Flag, Numbers, Scalar, is_concrete
 from ..numerics.rules import keeps, whole_number
 from ..results import (
@@ -42,19 +43,20 @@ from .options import Method, recorded
 class Events(eqx.Module):
     """Changes of modes with set-valued friction, in order; the first is the start.
 
-    `times` (n,), NaN where there is no event; `joints` (n,): 1 or 2, 3 for both at
-    once, 0 for the start; `modes` (n, 2) after the event: 1 and -1 slip, 0 sticks;
-    `count`: how many there were, which may be more than there is room for.
+    `times` (n,), NaN where there is no event; `joints` (n,): 1, 2, 4, ... for joint 1,
+    2, 3, ..., of several at once their sum, 0 for the start; `modes` (n, joints) after
+    the event: 1 and -1 slip, 0 sticks; `count`: how many there were, which may be more
+    than there is room for.
     """
 
     times: Float[Array, "*lanes n"]
     joints: Int[Array, "*lanes n"]
-    modes: Int[Array, "*lanes n 2"]
+    modes: Int[Array, "*lanes n joints"]
     count: Int[Array, "*lanes"]
 
     def variables(self) -> dict[str, Variable]:
         """`event_times(event)`, `event_joints`, `event_modes`, `event_count`."""
-        joints, modes = "joint that changed, 3 for both", "1 and -1 slip, 0 sticks"
+        joints, modes = "joints that changed, 1, 2, 4, ...", "1 and -1 slip, 0 sticks"
         along = ("event",)
         return {
             "event_times": Variable(self.times, "time of the event", TIME, along),
@@ -68,7 +70,7 @@ class Recorded(NamedTuple):
     """What `Record` keeps."""
 
     events: Events | None
-    ys: Float[Array, "4 n"]  # the states at `ts`, NaN where the lane has not been
+    ys: Float[Array, "numbers n"]  # the states at `ts`, NaN where the lane has not been
     recorded_count: Int[Array, ""]  # how many of them are there
     outcome: Int[Array, ""]
 
@@ -89,11 +91,11 @@ class Record(AbstractFold[Recorded]):
             none = Events(
                 jnp.full(n, jnp.nan, dtype),
                 jnp.zeros(n, jnp.int32),
-                jnp.zeros((n, 2), jnp.int32),
+                jnp.zeros((n, system.joints), jnp.int32),
                 jnp.zeros((), jnp.int32),
             )
             events = _with(none, True, t0, 0, system.law.modes)
-        ys = jnp.full((4, self.ts.shape[0]), jnp.nan, dtype)
+        ys = jnp.full((len(y0), self.ts.shape[0]), jnp.nan, dtype)
         ys = ys.at[:, 0].set(jnp.stack(y0))
         none = jnp.asarray(CODE.not_computed, jnp.int32)
         return Recorded(events, ys, jnp.array(1, jnp.int32), none)
@@ -131,7 +133,7 @@ def _with(
 
 
 class Trajectory(AbstractResult):
-    """A time history: `ts` (n,), `phi` and `omega` (n, 2), `outcome`.
+    """A time history: `ts` (n,), `phi` and `omega` (n, rods), `outcome`.
 
     Where the motion ended early, angles and rates after it are NaN and `outcome` says
     why; otherwise it is `complete`. With set-valued friction `events` lists the changes
@@ -140,8 +142,8 @@ class Trajectory(AbstractResult):
     """
 
     ts: Float[Array, "*lanes n"]
-    phi: Float[Array, "*lanes n 2"]
-    omega: Float[Array, "*lanes n 2"]
+    phi: Float[Array, "*lanes n rods"]
+    omega: Float[Array, "*lanes n rods"]
     steps: Int[Array, "*lanes"] = eqx.field(metadata=quantity("attempted steps"))
     outcome: Int[Array, "*lanes"] = eqx.field(
         metadata=quantity("how the motion ended", codes=OUTCOMES)
@@ -196,7 +198,8 @@ class Trajectory(AbstractResult):
             cut = {"event": slice(longest)} if "event" in dims else {}
             labelled = xr.Variable(dims, values, labels(variable._replace(units=units)))
             data[name] = labelled.isel(cut)
-        return xr.Dataset(data, {"joint": [1, 2]}, self.attributes())
+        joints = range(1, self.events.modes.shape[-1] + 1)
+        return xr.Dataset(data, {"joint": list(joints)}, self.attributes())
 
     def _variables(self) -> dict[str, Variable]:
         along = "sample" if self.times is None else "ts"
@@ -218,7 +221,7 @@ class Trajectory(AbstractResult):
 
 @not_finite.motion
 def trajectory(
-    column: Column,
+    column: AbstractChain,
     start: State,
     ts: Times,
     *,
@@ -271,8 +274,8 @@ def trajectory(
     ys = run.folded.ys.T
     history = Trajectory(
         ts=ts,
-        phi=ys[:, :2],
-        omega=ys[:, 2:],
+        phi=ys[:, : system.joints],
+        omega=ys[:, system.joints :],
         steps=run.steps,
         outcome=run.outcome.astype(jnp.int8),
         settings=recorded(**method.settings(), max_events=max_events),

@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..model.chain import accelerated, moved
-from ..model.column import Column
+from ..model.chain import accelerated, joint_angles, moved
+from ..model.chain_of_rods import AbstractChain
 from ..model.state import PhasePoint
 from ..model.system import System
 from ..numerics.numbers import Numbers, Scalar
@@ -31,7 +31,7 @@ from .section import angles
 from .tangents import past, push
 
 Parameters = Float[Array, " n"]
-Make = Callable[[Parameters], Column]  # a column of parameters
+Make = Callable[[Parameters], AbstractChain]  # a column of parameters
 Row = Float[Array, " k"]  # derivatives along k directions
 Rows = tuple[Row, ...]
 
@@ -77,16 +77,17 @@ class AbstractContact(eqx.Module):
 
 
 class Flow(NamedTuple):
-    """The motion at the end of a span, and its k = 4 + n derivatives.
+    """The motion at the end of a span, and its derivatives, k of them.
 
-    Columns 0 to 3 are those in the start, the others in the n parameters.
+    The first columns are those in the start, 4 of two rods, the others in the
+    parameters.
     """
 
-    y: Float[Array, "4"]
-    slope: Float[Array, "4"]  # the right-hand side there
-    extent: Float[Array, "3"]  # largest |phi1|, |phi2|, |phi2 - phi1|
-    moved: Float[Array, "4 k"]
-    extent_moved: Float[Array, "3 k"]
+    y: Float[Array, " s"]
+    slope: Float[Array, " s"]  # the right-hand side there
+    extent: Float[Array, " a"]  # largest |phi1|, |phi2|, ..., |phi2 - phi1|, ...
+    moved: Float[Array, "s k"]
+    extent_moved: Float[Array, "a k"]
     arrived: Bool[Array, ""]  # whether the span was integrated to its end
     steps: Int[Array, ""]
     modes: Float[Array, ""]  # a number of the sequence of modes, 0 where there is none
@@ -96,20 +97,20 @@ class Flow(NamedTuple):
 def varied_motion(
     make: Make,
     parameters: Parameters,
-    y0: Float[Array, "4"],
+    y0: Float[Array, " s"],
     span: Scalar,
     method: Method,
     vary: bool = True,
     contact: AbstractContact | None = None,
 ) -> Motion["Varied"]:
-    """The motion of `make(parameters)` from y0 (4,) over a positive span.
+    """The motion of `make(parameters)` from y0 over a positive span.
 
     **Arguments:** `parameters`: shape (n,); `vary`: whether to differentiate in them;
     `contact`: what to watch besides.
     """
     system, fold = varied(make, parameters, method.variational, vary)
     fold = Variational(fold.solver, fold.k, fold.moves, contact)
-    start = PhasePoint(y0[i] for i in range(4))
+    start = PhasePoint(y0[i] for i in range(y0.size))
     return Motion(system, start, fold, method, end=span)
 
 
@@ -135,19 +136,20 @@ def varied(
     """The system, and the fold that varies its motion."""
     system, moves = make(parameters).system(), None
     if vary:
-        zero = jnp.zeros(4, parameters.dtype)
+        zero = jnp.zeros(2 * system.joints, parameters.dtype)
         arrays = jax.tree.map(lambda x: isinstance(x, jax.Array), system)
         slopes = jax.jacfwd(lambda p: eqx.filter(make(p).system(), arrays))(parameters)
         moves = jax.tree.map(lambda s: jnp.concatenate([zero, s]), slopes)
-    return system, Variational(solver, 4 + (parameters.size if vary else 0), moves)
+    k = 2 * system.joints + (parameters.size if vary else 0)
+    return system, Variational(solver, k, moves)
 
 
 class Varied(NamedTuple):
     """Variations of the state, and the largest angles with theirs; k directions."""
 
     y: PhasePoint  # of rows
-    extent: Numbers  # three
-    extent_moves: Rows  # three
+    extent: Numbers
+    extent_moves: Rows
     modes: Scalar | tuple[()]  # set-valued friction: a number of the events so far
     contact: Nearest | tuple[()] = ()
 
@@ -155,8 +157,9 @@ class Varied(NamedTuple):
 class Variational(AbstractFold[Varied]):
     """The variational equations along a motion, with its largest angles.
 
-    **Arguments:** `solver`; `k`: the directions, 4 + n; `moves`: the derivatives of the
-    system's numbers along them, (k,) each, None where they do not move.
+    **Arguments:** `solver`; `k`: the directions, of state and numbers; `moves`: the
+    derivatives of the system's numbers along them, (k,) each, None where they do not
+    move.
     """
 
     needs_slope: ClassVar[bool] = True
@@ -172,9 +175,9 @@ class Variational(AbstractFold[Varied]):
         rows = self.unit(y0)
         if system.sticks:
             rows = PhasePoint.of(rows.phi, _stopped(system, y0, rows.omega))
-        angles = y0[0], y0[1], y0[1] - y0[0]
+        angles = *y0.phi, *joint_angles(y0.phi)[1:]
         signs = [jnp.where(x < 0, -1.0, 1.0) for x in angles]
-        turned = rows[0], rows[1], rows[1] - rows[0]
+        turned = *rows.phi, *joint_angles(rows.phi)[1:]
         return Varied(
             rows,
             tuple(jnp.abs(x) for x in angles),
@@ -190,8 +193,8 @@ class Variational(AbstractFold[Varied]):
 
     def unit(self, y0: PhasePoint) -> PhasePoint:
         """The state's unit vectors among the k directions."""
-        rows = jnp.eye(4, self.k, dtype=jnp.result_type(y0[0]))
-        return PhasePoint(rows[i] for i in range(4))
+        rows = jnp.eye(len(y0), self.k, dtype=jnp.result_type(y0[0]))
+        return PhasePoint(rows[i] for i in range(len(y0)))
 
     def advance(self, solver, t0, t1, y0, system, first, state):
         """A step, and (peaks, their and its own rows of k derivatives)."""
@@ -209,7 +212,7 @@ class Variational(AbstractFold[Varied]):
         (y1, error, f1, peaks), (dy, errors, dpeaks) = step(self.unit(y0), self.moves)
         # the state's columns alone: steps do not depend on what is differentiated
         worst = PhasePoint(
-            jnp.maximum(jnp.abs(e), jnp.max(jnp.abs(row[:4])))
+            jnp.maximum(jnp.abs(e), jnp.max(jnp.abs(row[: len(y0)])))
             for e, row in zip(error, cast(Rows, errors), strict=True)
         )
         return y1, worst, f1, (peaks, dy, dpeaks), None
@@ -249,8 +252,9 @@ class Variational(AbstractFold[Varied]):
         peaks, *jacobians = jacobians
 
         def carry(row):  # the step's Jacobian times what was, and the parameters' own
-            before = sum_of([row[i] * state.y[i] for i in range(4)])
-            return jnp.asarray(before).at[4:].add(row[4:])
+            size = len(state.y)
+            before = sum_of([row[i] * state.y[i] for i in range(size)])
+            return jnp.asarray(before).at[size:].add(row[size:])
 
         dy, dpeaks = (
             PhasePoint(map(carry, jacobians[0])),
@@ -332,8 +336,9 @@ def events_number(modes: Scalar | tuple[()], step: Step) -> Scalar | tuple[()]:
     if isinstance(modes, tuple):
         return ()
     assert step.event
-    joint, (m1, m2) = step.event
-    met = 0.7 * modes + (joint + 3.0 * m1 + 9.0 * m2 + 14.0)
+    joint, after = step.event
+    number = sum_of([joint, *(3.0 ** (i + 1) * m for i, m in enumerate(after))])
+    met = 0.7 * modes + (number + 14.0)
     return jnp.where(joint > 0, met, modes)
 
 
@@ -351,6 +356,6 @@ def _stopped(system: System, y: PhasePoint, rates: Numbers) -> Numbers:
 def _peaks(
     h: Scalar, y0: PhasePoint, f0: PhasePoint, y1: PhasePoint, f1: PhasePoint
 ) -> Numbers:
-    """Where phi1, phi2, phi2 - phi1 turn within a step, else at its end."""
+    """Where the rods' and joints' angles turn within a step, else at its end."""
     step = Step(0.0 * h, h, y0, y1, f0, f1, ())
     return tuple(path.extremum() for path in angles(step))

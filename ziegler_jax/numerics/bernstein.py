@@ -7,19 +7,20 @@ crosses a level no more often than they do. They tell that a mode holds over the
 step, or that it ends there once. Where they tell neither, the step is halved until they
 do; then the first end is a root, found by Newton's method.
 
-`joints`: for both the coefficients of w, the limit ($\tau_s$, or 0 where the joint
+`joints`: for each the coefficients of w, the limit ($\tau_s$, or 0 where the joint
 slips), whether it slips, and how closely the limit is to be met.
 """
 
 import math
 from collections.abc import Callable, Sequence
+from functools import reduce
 
 import jax.numpy as jnp
 from jax import lax
 
 from .hermite import falling_root
 from .materialise import if_any_lane, materialise
-from .numbers import Flag, Flags, Scalar
+from .numbers import Flag, Scalar, any_of
 from .series import sum_of, value, value_and_slope
 
 # of a joint: see above
@@ -66,14 +67,14 @@ def _look(
 def first_look(
     joints: Sequence[Joint], s: Scalar, at: Scalar
 ) -> tuple[Scalar, list[Scalar]]:
-    """A time over which both joints' ends are plain, and which they are."""
+    """A time over which all joints' ends are plain, and which they are."""
 
     def look(s):
         return [_look(w, limit, slips, tol, s) for w, limit, slips, tol in joints]
 
     def doubtful(state):
-        _, (one, two), count = state
-        worst = jnp.maximum(jnp.abs(one), jnp.abs(two))
+        _, ends, count = state
+        worst = reduce(jnp.maximum, map(jnp.abs, ends))
         return (worst >= IN_DOUBT) & (count < HALVINGS)
 
     def halve(state):
@@ -88,41 +89,65 @@ def first_look(
 
 def first_event(
     joints: Sequence[Joint], ends: list[Scalar], s: Scalar, at: Scalar
-) -> tuple[Scalar, Flags]:
+) -> tuple[Scalar, Sequence[Flag]]:
     """When the first joint's mode ends, and which joint it is."""
-    first, second = (e != 0 for e in ends)
+    there = [e != 0 for e in ends]
 
-    def guard(which):
-        """Of one of the joints: limit - side x watched."""
-        rows = []
+    def guards():
+        """Of each joint: limit - side x watched."""
         for (watched, limit, *_), e in zip(joints, ends, strict=True):
             side = jnp.sign(e)
-            rows.append((limit * jnp.abs(side), [-side * c for c in watched]))
-        (limit1, row1), (limit2, row2) = rows
-        row = [jnp.where(which, y, x) for x, y in zip(row1, row2, strict=True)]
-        return [jnp.where(which, limit2, limit1) + row[0], *row[1:]]
+            first, *rest = (-side * c for c in watched)
+            yield [limit * jnp.abs(side) + first, *rest]
 
-    asked = first | second
-    about1, about2 = (jnp.abs(e) - 1 for e in ends)
-    which = second & (~first | (about2 < about1))
-    about = jnp.where(asked, s * jnp.clip(jnp.where(which, about2, about1), 0, 1), 0.0)
-    level = -0.5 * jnp.where(which, joints[1][3], joints[0][3])
+    def guard(which):
+        """Of one of the joints."""
+        return [_of_one(which, column) for column in zip(*guards(), strict=True)]
+
+    asked = any_of(there)
+    abouts = [jnp.abs(e) - 1 for e in ends]
+    which, begins = there[:1], abouts[0]
+    some = there[0]
+    for ends_too, about in zip(there[1:], abouts[1:], strict=True):
+        better = ends_too & (~some | (about < begins))
+        begins, some = jnp.where(better, about, begins), some | ends_too
+        which = [*(w & ~better for w in which), better]
+    about = jnp.where(asked, s * jnp.clip(begins, 0, 1), 0.0)
+    levels = [-0.5 * joint[3] for joint in joints]
+    level = _of_one(which, levels)
     root = _root(lambda: guard(which), level, about, s, asked, at)
 
-    other = -0.5 * jnp.where(which, joints[0][3], joints[1][3])
+    for _ in joints[1:]:  # each that the first guess has passed over
 
-    def late():
-        return first & second & (value(guard(~which), root) < 2 * other)
+        def late(which=which, root=root):
+            """One whose guard is below its level already."""
+            passed, one = [], jnp.zeros_like(asked)
+            for w, e, row, level in zip(which, there, guards(), levels, strict=True):
+                low = value(row, root) < 2 * level
+                passed.append(low & e & ~w & ~one)
+                one |= passed[-1]
+            return passed
 
-    sooner = materialise(at, late)
+        passed = materialise(at, late)
+        sooner = any_of(passed)
 
-    def correct(root):
-        new = _root(lambda: guard(~which), other, 0.5 * root, s, sooner, at)
-        return jnp.where(sooner, new, root)
+        def correct(root, passed=passed, sooner=sooner):
+            other = _of_one(passed, levels)
+            new = _root(lambda: guard(passed), other, 0.5 * root, s, sooner, at)
+            return jnp.where(sooner, new, root)
 
-    root = if_any_lane(sooner, correct, root)
-    which = which ^ sooner
-    return root, (first & asked & ~which, second & which)
+        root = if_any_lane(sooner, correct, root)
+        pairs = zip(which, passed, strict=True)
+        which = [jnp.where(sooner, p, w) for w, p in pairs]
+    return root, which
+
+
+def _of_one(which: Sequence[Flag], values: Sequence[Scalar]) -> Scalar:
+    """The number of the joint that is meant; of none the first's."""
+    chosen = values[0]
+    for flag, x in zip(which[1:], values[1:], strict=True):
+        chosen = jnp.where(flag, x, chosen)
+    return chosen
 
 
 def _root(

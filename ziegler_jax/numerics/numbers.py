@@ -5,7 +5,9 @@ numbers stay NumPy float64 in a module, so that a scene built in a 32-bit sessio
 no digits in a 64-bit sweep.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import reduce
+from operator import or_
 
 import jax
 import numpy as np
@@ -18,10 +20,11 @@ Flag = Bool[Array, ""] | bool  # yes or no, known now or traced
 Count = Int[Array, ""] | int  # a whole number, known now or traced
 Pair = tuple[Scalar, Scalar]  # one number a joint, or one a rod
 Flags = tuple[Flag, Flag]  # the same of yes and no
-OneOrTwo = Scalar | Pair  # one number for both joints, or one a joint
-Two = Sequence[Scalar] | Float[Array, " 2"]  # a pair, and either, as it may be given
-Joints = Scalar | Two
 Numbers = tuple[Scalar, ...]  # any number of them, e.g. a state and differences
+OneOrEach = Scalar | Numbers  # one number for all joints, or one a joint
+Two = Sequence[Scalar] | Float[Array, " 2"]  # a pair, as it may be given
+Several = Sequence[Scalar] | Float[Array, " n"]  # one a rod, as they may be given
+Joints = Scalar | Several
 Option = Scalar | str | None  # an option, as the record of a result has it
 
 
@@ -37,6 +40,11 @@ def equals(x: Scalar | None, value: float) -> bool:
     return float(x) == value
 
 
-def both(x: OneOrTwo) -> Pair:
-    """A number or a pair, as a pair."""
-    return x if isinstance(x, tuple) else (x, x)
+def any_of(flags: Iterable[Flag]) -> Flag:
+    """Whether one of them is set."""
+    return reduce(or_, flags)
+
+
+def each(x: OneOrEach, n: int) -> Numbers:
+    """One number for each of n joints or rods."""
+    return x if isinstance(x, tuple) else (x,) * n

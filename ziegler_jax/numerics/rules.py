@@ -16,7 +16,17 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from ..results import Units
-from .numbers import Flag, Joints, Numbers, OneOrTwo, Pair, Scalar, Two, is_concrete
+from .numbers import (
+    Flag,
+    Joints,
+    Numbers,
+    OneOrEach,
+    Pair,
+    Scalar,
+    Several,
+    Two,
+    is_concrete,
+)
 
 # of each rule that binds several numbers: these, whether they keep it, and what to say
 # if they do not
@@ -149,14 +159,14 @@ def checked(rules: Mapping[str, str], **values: Joints | None) -> list[Any]:
     """Numbers as a module keeps them, by a table of rules.
 
     **Arguments:** `rules`: for each name a rule of `number`, and what there may be
-    beside one number: `positive; two`, a pair, one a joint; `positive; two or none`.
+    beside one number: `positive; each`, one a joint; `positive; each or none`.
 
     **Raises:** `ValueError` as `number`.
     """
     numbers = []
     for name, x in values.items():
         rule, beside = _read(rules, name)
-        read = number_or_pair if "two" in beside else number
+        read = number_or_each if "each" in beside else number
         absent = x is None and "none" in beside
         numbers.append(None if absent else read(name, cast(Joints, x), rule))
     return numbers
@@ -234,8 +244,40 @@ def pair(name: str, x: Two, rule: str = "finite") -> Pair:
     return number(f"{name}[0]", first, rule), number(f"{name}[1]", second, rule)
 
 
-def number_or_pair(name: str, x: Joints, rule: str = "finite") -> OneOrTwo:
-    """One number for both joints, or a tuple with one a joint."""
+def several(name: str, x: Several, rule: str = "finite") -> Numbers:
+    """Numbers, one a rod, from a sequence or an array; at least two."""
+    try:
+        numbers = list(x)
+    except TypeError:
+        numbers = []
+    if isinstance(x, str) or len(numbers) < 2:
+        raise ValueError(
+            f"Argument `{name}` must be at least two numbers, one a rod or joint, but "
+            f"is {x!r}."
+        )
+    return tuple(number(f"{name}[{i}]", n, rule) for i, n in enumerate(numbers))
+
+
+def number_or_each(name: str, x: Joints, rule: str = "finite") -> OneOrEach:
+    """One number for all joints, or a tuple with one a joint."""
     if isinstance(x, (tuple, list)) or np.ndim(cast(float, x)) == 1:
-        return pair(name, cast(Two, x), rule)
+        return several(name, cast(Several, x), rule)
     return number(name, x, rule)
+
+
+def fit(owner: AbstractRuled, n: int) -> None:
+    """Refuse numbers, its own or of its parts, that are one a joint of another count.
+
+    **Raises:** `ValueError`.
+    """
+    for name in owner.rules:
+        x = getattr(owner, name)
+        several = "each" in _read(owner.rules, name)[1]
+        if several and isinstance(x, tuple) and len(x) != n:
+            raise ValueError(
+                f"Argument `{name}` of `{type(owner).__name__}` must be one number, or "
+                f"one for each of {n} joints, but is {len(x)} numbers."
+            )
+    for part in vars(owner).values():
+        if isinstance(part, AbstractRuled):
+            fit(part, n)

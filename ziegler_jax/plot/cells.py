@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from ..model.column import Column, State
-from ..motion.checks import scene_at
+from ..motion.checks import check_two_rods, scene_at
 from ..motion.options import Method, Solver
 from ..motion.trajectory import Trajectory, trajectory
 from ..results import CODE, DIMENSIONS
@@ -73,7 +73,9 @@ def scene_of(here: xr.Dataset, cell: Cell) -> tuple[Column, State]:
                 f"Argument `cell` must be a function of the map's axes, which are "
                 f"{axes}, but has a parameter `{name}`."
             )
-    return scene_at(cell, **values)
+    scene = scene_at(cell, **values)
+    check_two_rods("plot.page", scene[0])
+    return scene
 
 
 def method_of(attributes: Mapping[str, object]) -> Method:

@@ -31,12 +31,13 @@ Where = TypeVar("Where")  # of a solve: where it is
 class Step(NamedTuple):
     """One step: both ends, the derivatives there, and the integrals over it.
 
-    `t0`, `t1`: its times; `y0`, `y1`: the states there, four scalars, both angles and
-    both rates, `y0.phi` and `y0.omega`; `f0`, `f1`: their time derivatives;
+    `t0`, `t1`: its times; `y0`, `y1`: the states there, scalars, the rods' angles and
+    their rates, `y0.phi` and `y0.omega`; `f0`, `f1`: their time derivatives;
     `integrals`: a tuple, in its order over the step what an observer's `integrand`
     gives. With set-valued friction
     `modes`: -1., 0. (sticks) or 1. for each joint, and `event`: the joint on which the
-    step ended (0 none, 3 both) with the new modes; else both are empty.
+    step ended (0 none, 1, 2, 4, ... for joint 1, 2, 3, ..., of several their sum) with
+    the new modes; else both are empty.
     `moved`: the differences that a fold carries on Taylor's steps, before that event.
     """
 

@@ -6,18 +6,18 @@ $$\Bigl(\frac{1}{\gamma h} I - J\Bigr) U_i = f\Bigl(y_0 + \sum_{j<i} a_{ij} U_j\
   + \frac1h \sum_{j<i} c_{ij} U_j, \qquad y_1 = y_0 + \sum_i m_i U_i,$$
 
 with the Jacobian J of f at $y_0$: linear systems with one matrix, no iteration.
-Smoothed friction is stiff in the two rates alone. With $y = (\phi, \omega)$,
+Smoothed friction is stiff in the rates alone. With $y = (\phi, \omega)$,
 $\dot\phi = \omega$ and $J = [[0, I], [P, Q]]$ the angles drop out of each system,
 
 $$\bigl(I - g Q - g^2 P\bigr)\, u_\omega = g\,(r_\omega + g P r_\phi), \qquad
   u_\phi = g\,(r_\phi + u_\omega), \qquad g = \gamma h,$$
 
-and a 2 x 2 matrix, inverted once a step, is all that is left to solve.
+and an n x n matrix, inverted once a step, is all that is left to solve.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -28,6 +28,7 @@ from ..model.jacobian import with_slopes
 from ..model.state import PhasePoint
 from ..numerics.materialise import materialise
 from ..numerics.numbers import Numbers, Scalar
+from ..numerics.series import sum_of
 from .explicit import Field, Integrand, weighted
 
 # Rodas5P: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical
@@ -142,7 +143,7 @@ class Linearised(NamedTuple):
 
 
 class Rosenbrock(eqx.Module):
-    r"""Rodas5P for autonomous fields of $(\phi_1, \phi_2, \omega_1, \omega_2)$.
+    r"""Rodas5P for autonomous fields of $(\phi, \omega)$.
 
     For smoothed friction with $v_{smooth}$ far below $\tau$, or strong damping: where
     a joint creeps, the steps of an explicit method stay below a few of its decay times,
@@ -178,27 +179,26 @@ class Rosenbrock(eqx.Module):
         $Z_i = g\,\bigl(p(Y_i) + p'(y_0)\,U_i\bigr) + \gamma \sum_{j<i} c_{ij} Z_j$.
         """
         del first  # the linearisation holds the field
-        h = t1 - t0
+        h, n = t1 - t0, len(y0.phi)
         g, per_h = GAMMA * h, 1.0 / h
         start = materialise(t0, lambda: _linearised(lambda y: field(t0, y), y0, g))
         quantities = (lambda y: ()) if integrand is None else integrand
         first_parts, along = jax.linearize(quantities, y0)
 
         def solved(slope, push):
-            r1, r2 = slope[0] + push[0], slope[1] + push[1]
-            (p11, p12), (p21, p22) = start.p
-            (i11, i12), (i21, i22) = start.inverse
-            s1 = slope[2] + push[2] + p11 * r1 + p12 * r2
-            s2 = slope[3] + push[3] + p21 * r1 + p22 * r2
-            w1, w2 = g * (i11 * s1 + i12 * s2), g * (i21 * s1 + i22 * s2)
-            return g * (r1 + w1), g * (r2 + w2), w1, w2
+            total = _sums(slope, push)
+            r = total[:n]
+            rows = zip(total[n:], start.p, strict=True)
+            s = [sum_of([x, *products(row, r)]) for x, row in rows]
+            w = [g * sum_of(products(row, s)) for row in start.inverse]
+            return (*(g * (a + b) for a, b in zip(r, w, strict=True)), *w)
 
         def stage(y, push):
             u = solved(field(t0, y), push)
             return u, _sums(quantities(y), along(PhasePoint(u)))
 
         def first_stage():
-            u = solved(start.field, (0.0,) * 4)
+            u = solved(start.field, (0.0,) * (2 * n))
             return u, _sums(first_parts, along(PhasePoint(u)))
 
         y = y0
@@ -206,7 +206,7 @@ class Rosenbrock(eqx.Module):
         stages, works = [u], [tuple(g * x for x in parts)]
         for a, c in zip(A, C, strict=True):
             y = PhasePoint(x + weighted(a, stages, i) for i, x in enumerate(y0))
-            push = tuple(per_h * weighted(c, stages, i) for i in range(4))
+            push = tuple(per_h * weighted(c, stages, i) for i in range(2 * n))
             u, parts = materialise(t0, stage, y, push)
             stages.append(u)
             works.append(
@@ -215,17 +215,19 @@ class Rosenbrock(eqx.Module):
                 )
             )
         y1 = PhasePoint(_sums(y, stages[-1]))
-        slopes = tuple(per_h * weighted(_END, stages, i) for i in (2, 3))
+        slopes = tuple(per_h * weighted(_END, stages, i) for i in range(n, 2 * n))
 
         def errors():
             there = field(t0, y1)
-            missed = [h * (there[i + 2] - slopes[i]) for i in (0, 1)]
-            e1, e2, *rates = stages[-1]
+            pairs = zip(there.omega, slopes, strict=True)
+            missed = [h * (a - b) for a, b in pairs]
+            last = PhasePoint(stages[-1])
+            rates = list(last.omega)
             for i, row in enumerate(start.inverse):
-                defect = row[0] * missed[0] + row[1] * missed[1]
+                defect = sum_of(products(row, missed))
                 larger = jnp.abs(defect) > jnp.abs(rates[i])
                 rates[i] = jnp.where(larger, defect, rates[i])
-            return PhasePoint((e1, e2, *rates))
+            return PhasePoint.of(last.phi, rates)
 
         error = materialise(t0, errors)
         integrals = tuple(weighted(M, works, i) for i in range(len(works[0])))
@@ -237,17 +239,29 @@ def _linearised(
     function: Callable[[PhasePoint], PhasePoint], y0: PhasePoint, g: Scalar
 ) -> Linearised:
     """The field at y0, and what its Jacobian makes of the step's linear systems."""
-    rates, (first, second) = with_slopes(lambda *y: function(PhasePoint(y)).omega, y0)
-    field = PhasePoint.of(y0.omega, rates)
-    p = tuple(tuple(g * x for x in row[:2]) for row in (first, second))
-    m11, m12, m21, m22 = (
-        (1.0 if i == j else 0.0) - g * (row[j + 2] + p[i][j])
-        for i, row in enumerate((first, second))
-        for j in (0, 1)
-    )
+    rates, slopes = with_slopes(lambda *y: function(PhasePoint(y)).omega, y0)
+    field, n = PhasePoint.of(y0.omega, rates), len(rates)
+    p = tuple(tuple(g * x for x in row[:n]) for row in slopes)
+    matrix = [
+        [(1.0 if i == j else 0.0) - g * (row[j + n] + p[i][j]) for j in range(n)]
+        for i, row in enumerate(slopes)
+    ]
+    return Linearised(field, p, _inverse(matrix))
+
+
+def _inverse(matrix: list[list[Scalar]]) -> Rows:
+    """Of two rods written out, of more by LAPACK."""
+    if len(matrix) > 2:
+        inverse = jnp.linalg.inv(jnp.stack([jnp.stack(row) for row in matrix]))
+        return tuple(tuple(row) for row in inverse)
+    (m11, m12), (m21, m22) = matrix
     over = 1.0 / (m11 * m22 - m12 * m21)
-    inverse = ((m22 * over, -m12 * over), (-m21 * over, m11 * over))
-    return Linearised(field, p, inverse)
+    return (m22 * over, -m12 * over), (-m21 * over, m11 * over)
+
+
+def products(row: Sequence[Scalar], x: Sequence[Scalar]) -> list[Scalar]:
+    """Number by number."""
+    return [a * b for a, b in zip(row, x, strict=True)]
 
 
 def _sums(values: Numbers, changes: Numbers) -> Numbers:

@@ -8,7 +8,7 @@ g_i = \frac{\tau_{s,i}^2 - \lambda_i^2}{2\tau_{s,i}} \text{ (sticks)}.$$
 
 A step in which a guard falls below zero is cut there: the state on the first such event
 is that of the method's own interpolant, no step is repeated. There the joint's rate is
-made exactly zero, the friction law chooses new modes for both joints, and the solve
+made exactly zero, the friction law chooses new modes for all joints, and the solve
 goes on.
 
 `Taylor` is the other engine for stick and slip, and the usual one where there are
@@ -20,6 +20,7 @@ vanishes.
 """
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import Generic, NamedTuple
 
 import jax
@@ -38,7 +39,7 @@ from ..numerics.hermite import (
     through,
 )
 from ..numerics.materialise import if_any_lane, materialise, tree_where
-from ..numerics.numbers import Flag, Flags, Numbers, Scalar
+from ..numerics.numbers import Count, Flag, Flags, Numbers, Scalar, any_of
 from .control import Signals
 from .explicit import Explicit
 from .fold import AbstractFold, AbstractLaneSolver, State, Step
@@ -136,7 +137,7 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
 
         balance, freed, close = materialise(t0, release)
         landed = tuple(a | b for a, b in zip(landed, freed, strict=True))
-        event = landed[0] | landed[1]
+        event = any_of(landed)
         met = (met & close) | forced
         # else as large as the state: repeated with a far shorter step, and with finite
         # slopes
@@ -163,7 +164,7 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
         at_same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
         at_once = jnp.where(event, jnp.where(at_same, at_once + 1.0, 0.0), at_once)
         last_event = jnp.where(event, t_end, last_event)
-        joint = jnp.where(landed[0], 1, 0) + jnp.where(landed[1], 2, 0)
+        joint = joints_number(landed)
         integrals = ()
         if watched is not None:
             rows = stages.integrands
@@ -211,12 +212,20 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
 
         def look():
             """A place within the step, for the torques that hold."""
-            rows = zip(guard, guard_rate, guard1, strict=True)
-            (x1, low1), (x2, low2) = [probe_point(g, h * v, g1) for g, v, g1 in rows]
-            low1 = jnp.where(stuck[0], low1, jnp.inf)
-            low2 = jnp.where(stuck[1], low2, jnp.inf)
-            x = jnp.where(low1 <= low2, x1, x2)
-            return jnp.where((low1 < 0) & (low2 < 0), jnp.minimum(x1, x2), x)
+            rows = zip(stuck, guard, guard_rate, guard1, strict=True)
+            places = []
+            for still, g, v, g1 in rows:
+                x, low = probe_point(g, h * v, g1)
+                places.append((x, jnp.where(still, low, jnp.inf)))
+
+            def lower(one, other):
+                """The lower of two places, of such below zero the earlier."""
+                (x1, low1), (x2, low2) = one, other
+                x = jnp.where(low1 <= low2, x1, x2)
+                x = jnp.where((low1 < 0) & (low2 < 0), jnp.minimum(x1, x2), x)
+                return x, jnp.minimum(low1, low2)
+
+            return reduce(lower, places)[0]
 
         inner = materialise(t0, look)
 
@@ -245,12 +254,17 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
                 jnp.where(falls, chord_root(course, left, right), jnp.inf)
                 for course, (falls, left, right) in zip(courses, brackets, strict=True)
             ]
-            second = about[1] < about[0]
             each = zip(courses, tol, brackets, about, strict=True)
-            row = [(*c, e, *b, x) for c, e, b, x in each]
-            return second, [jnp.where(second, b, a) for a, b in zip(*row, strict=True)]
+            first, *others = [(*c, e, *b, x) for c, e, b, x in each]
+            which: list[Flag] = [jnp.ones_like(t0, bool)]
+            for other in others:
+                sooner = other[-1] < first[-1]
+                pairs = zip(first, other, strict=True)
+                first = [jnp.where(sooner, b, a) for a, b in pairs]
+                which = [*(w & ~sooner for w in which), sooner]
+            return which, first
 
-        second, (*course, e, passes, left, right, about) = materialise(t0, choose)
+        which, (*course, e, passes, left, right, about) = materialise(t0, choose)
 
         def locate():
             begin = jnp.where(passes, about, 0.5)
@@ -264,7 +278,7 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
             soonest = 16 * eps * jnp.maximum(jnp.abs(t0), eps) / h
             x = jnp.minimum(jnp.maximum(root, soonest), 1.0)
             falls = tuple(course.slope(x) < 0 for course in courses)
-            mine = passes & ~second, passes & second
+            mine = tuple(passes & w for w in which)
             return (
                 x,
                 root <= soonest,
@@ -278,6 +292,12 @@ def event_tolerance(tolerance: Scalar, x: Scalar) -> Scalar:
     """How closely events are met: a share of a step's tolerance, above rounding."""
     least = FINEST * jnp.finfo(jnp.result_type(x)).eps
     return jnp.maximum(EVENT_SHARE * tolerance, least)
+
+
+def joints_number(ended: Sequence[Flag]) -> Count:
+    """The joints whose modes ended, in one number: the sum of 2^(i - 1)."""
+    numbers = [jnp.where(here, 2**i, 0) for i, here in enumerate(ended)]
+    return sum(numbers[1:], numbers[0])
 
 
 def begun(system: System, y0: PhasePoint, tol: Scalar) -> tuple[PhasePoint, Numbers]:

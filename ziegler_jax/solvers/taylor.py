@@ -21,7 +21,7 @@ from ..model.chain import joint_angles
 from ..model.state import PhasePoint
 from ..numerics.bernstein import ends_here, first_event, first_look
 from ..numerics.materialise import if_any_lane, materialise
-from ..numerics.numbers import Flag, Numbers, Scalar
+from ..numerics.numbers import Flag, Numbers, Scalar, any_of
 from ..numerics.series import value
 from .along import moved_by
 from .control import ControlState, Signals, StepControl, Verdict
@@ -36,6 +36,7 @@ from .stickslip import (
     chattering,
     chosen,
     event_tolerance,
+    joints_number,
 )
 
 # Gauss' rule of five nodes for integrals over a step, in closed form: what LAPACK gives
@@ -191,7 +192,7 @@ class TaylorSlip(AbstractLaneSolver[TaylorState]):
         joints = list(zip(motion.watched, limits, slips, tols, strict=True))
         s, ends = first_look(joints, whole, t0)
         event_time, mine = first_event(joints, ends, s, t0)
-        cut = mine[0] | mine[1]
+        cut = any_of(mine)
 
         def span():
             """The step's length and end: an event is no earlier than can be told."""
@@ -221,7 +222,7 @@ class TaylorSlip(AbstractLaneSolver[TaylorState]):
         f0 = PhasePoint.of(y0.omega, [a[0] for a in motion.accelerations])
         f_end = PhasePoint.of(y.omega, rates)
 
-        asked = ended[0] | ended[1]
+        asked = any_of(ended)
 
         def change(modes):
             new = chosen(law, system.balance(y), rest, ended, tols)
@@ -233,7 +234,7 @@ class TaylorSlip(AbstractLaneSolver[TaylorState]):
         rows = zip(ended, slips, after, strict=True)
         ended = [here & (m | (new != 0)) for here, m, new in rows]
         counted = _counted(where, asked, t_end)
-        joint = jnp.where(ended[0], 1, 0) + jnp.where(ended[1], 2, 0)
+        joint = joints_number(ended)
         integrals = _integrals(self.fold.integrand(system), motion.y, length, t0)
         moved = tuple(materialise(t0, moved_by, one, length) for one in along)
         event = joint, after

@@ -23,8 +23,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ..model.column import Column, State
-from ..model.state import PhasePoint
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import PhasePoint, State
 from ..motion.checks import float_state, valid_scene, with_amplitude
 from ..motion.integrate import Motion
 from ..motion.method import method_of, rate_cut_of, usual_method
@@ -101,7 +101,7 @@ class CertifiedMotion:
 
     def __init__(
         self,
-        column: Column,
+        column: AbstractChain,
         start: State,
         question: str,
         windows: Windows,
@@ -136,9 +136,8 @@ class CertifiedMotion:
         solver = self.method.solver
         coarse = isinstance(solver, Explicit) and solver.order <= 5
         self.at_once = STEPS_AT_ONCE if coarse else STEPS_AT_ONCE // 4
-        self.odd: Flag = False
-        if all(observer.mirrored for observer in given):
-            self.odd = is_odd(system) if odd is None else odd
+        halves = all(observer.mirrored for observer in given)
+        self.odd: Flag = halves and (is_odd(system) if odd is None else odd)
         transient, length, most = self.windows.spans
         self.exponents = exponents
         self.naming = Naming(
@@ -152,6 +151,7 @@ class CertifiedMotion:
         )
         self.last = length  # the span that is observed where nothing is certain
         self.horizon = transient + length * (most - 1)
+        self.chosen_at = transient + length  # the section, where it is not phi1 = 0
         good = keeps("nonnegative", transient)
         good &= keeps("positive", length, self.windows.escape, self.windows.rate_cut)
         good &= keeps("positive", self.method.rtol, self.method.atol)
@@ -164,9 +164,9 @@ class CertifiedMotion:
     def begin(self) -> Certifying:
         """Before the first step."""
         zero, none = 0.0 * self.y0[0], jnp.zeros((), jnp.int32)
-        no, attempt = jnp.asarray(False), blank_attempt(zero)
-        slope = attempt.slope
-        blank = Candidate(no, none, attempt.x, slope, slope, zero, zero)
+        size, no = 2 * self.system.joints - 1, jnp.asarray(False)
+        attempt = blank_attempt(zero, size, self.system.displaced)
+        blank = Candidate(no, none, attempt.x, attempt.slope, attempt.slope, zero, zero)
         march = self._march(none).begin()
         shot = run_that_is_over(lambda: self._shot(self.y0, attempt, none).begin())
         states = self.observation.init(self.system, zero, self.y0)
@@ -175,7 +175,7 @@ class CertifiedMotion:
         lane = Certifying(
             stage=none + MARCH,
             march=march,
-            returns=no_returns(zero),
+            returns=no_returns(zero, size),
             shot=shot,
             attempt=attempt,
             candidate=blank,
@@ -277,7 +277,7 @@ class CertifiedMotion:
     def _next_shot(self, now: Certifying) -> Certifying:
         """A shot before its first step."""
         observes = now.observing != CODE.not_computed
-        y0 = tree_where(observes, now.march.y, start_of(now.attempt.x))
+        y0 = tree_where(observes, now.march.y, start_of(now.attempt))
         return now._replace(shot=self._shot(y0, now.attempt, self._left(now)).begin())
 
     def grow_on(self, now: Certifying, max_steps: Count) -> Certifying:
@@ -307,7 +307,8 @@ class CertifiedMotion:
 
     def _march(self, spent: Count) -> Motion[Lookout]:
         carrier = shooting(self.method) if self.grows else None
-        fold = March(self.odd, self.rest, self.windows.bound, carrier)
+        until = self.chosen_at if self.system.displaced else None
+        fold = March(self.odd, self.rest, self.windows.bound, carrier, until)
         left = self.method.budget - spent
         return Motion(
             self.system, self.y0, fold, self.method.at_most(left),
@@ -339,14 +340,14 @@ class CertifiedMotion:
             checks, accepted = accepted, False
             tries |= checks
             count = jnp.where(checks, now.candidate.returns, count)
-        shoots, x, zero = tries, state.points[0], 0.0 * run.time
-        if self.watches:
-            shoots = tries | rests | over
+        x, zero = state.points[0], 0.0 * run.time
+        shoots = tries | rests | over if self.watches else tries
         span = self.last + zero
         if not self.rest.by_modes:
             span = jnp.where(rests, AT_REST, span)
         span = jnp.where(tries, span_of(state, count), span)
         attempt = attempt_at(now.attempt, x, span, self._sign(count), checks)
+        attempt = attempt._replace(level=run.folded.level)
         watched = jnp.where(rests, self.rest.outcome(self.system), CODE.unsettled)
         watched = jnp.where(rests | over, watched, CODE.not_computed)
         failed = jnp.where(last > REST, CODE.escaped, run.outcome)
@@ -400,7 +401,7 @@ class CertifiedMotion:
         orbit = Candidate(stable, state.returns, *numbers)
         at_once = stable & comes_at_once(orbit, attempt, self.system.sticks)
         record = Record(run.folded.record, attempt.span, run.y)
-        closed = Orbit(start_of(attempt.x), attempt.span, attempt.size, record)
+        closed = Orbit(start_of(attempt), attempt.span, attempt.size, record)
         returns = tree_where(stable, with_candidate(state), ask_no_more(state))
         if self.system.sticks:
             returns, alike = checked(now, returns)

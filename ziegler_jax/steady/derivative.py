@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..model.column import Column
+from ..model.chain_of_rods import AbstractChain
 from ..model.state import PhasePoint
 from ..motion.implicit import fixed, moving, solve, zeros_of
 from ..motion.integrate import Motion
@@ -30,7 +30,7 @@ from ..numerics.eigenvalues import eigenvalues
 from ..numerics.numbers import Scalar
 from ..results import Variable
 from .certified import CertifiedMotion
-from .contraction import Matrix3
+from .contraction import Matrix
 from .rest import Rest
 from .shots import SHORTEST, blank_attempt, return_of, shot_motion, start_of
 from .window_rule import SettleFold
@@ -43,12 +43,13 @@ class Place(NamedTuple):
 
     closed: Bool[Array, ""]
     known: Bool[Array, ""]  # whether an end is at a time that does not move
-    z: Float[Array, "4"]  # of the cycle: x, T
+    z: Float[Array, " k"]  # of the cycle: x, T
     sign: Scalar
     before: Scalar  # the end: when it begins, and for how long it was observed
     span: Scalar
     rest: Rest
     method: Method  # of the motion
+    level: Scalar | tuple[()] = ()  # of the section; (): 0
 
 
 class Carried(NamedTuple):
@@ -57,7 +58,7 @@ class Carried(NamedTuple):
     observed: Outputs  # the observers' numbers, in the order of their names
     span: Scalar
     radius: Scalar  # of the derivative of the last shot's return
-    y: Float[Array, "4"]  # the last state
+    y: Float[Array, " k"]  # the last state
 
 
 def carried(motion: CertifiedMotion, place: Place, size: int) -> Carried:
@@ -69,10 +70,11 @@ def carried(motion: CertifiedMotion, place: Place, size: int) -> Carried:
     dtype = jnp.result_type(float)
     p, make = moving((motion.column, motion.observation), dtype)
     y0 = jnp.stack([jnp.asarray(x, dtype) for x in motion.y0])
+    k = len(motion.y0)
 
     @jax.custom_jvp
     def zeros(p, y0, place):
-        return zeros_of((size + 6,), p, y0, place)
+        return zeros_of((size + 2 + k,), p, y0, place)
 
     @zeros.defjvp
     def rule(primals, tangents):
@@ -80,9 +82,9 @@ def carried(motion: CertifiedMotion, place: Place, size: int) -> Carried:
         dp, dy0, _ = tangents
         cycle = _cycle_moves(lambda z, p: _turn(*make(p), z, place), place, p, dp)
         end = jax.jvp(lambda p, y: _end(*make(p), y, place), (p, y0), (dp, dy0))[1]
-        nothing = jnp.full(4, jnp.nan, dtype)
+        nothing = jnp.full(k, jnp.nan, dtype)
         none = jnp.zeros(1, dtype)
-        end = jnp.concatenate([end[:-4], none, nothing[:1], end[-4:]])
+        end = jnp.concatenate([end[:-k], none, nothing[:1], end[-k:]])
         end = jnp.where(place.known, end, jnp.nan)
         cycle = jnp.concatenate([cycle, nothing])
         return zeros(*primals), jnp.where(place.closed, cycle, end)
@@ -97,37 +99,40 @@ def _cycle_moves(turn, place: Place, p: Outputs, dp: Outputs) -> Outputs:
     def along(dz, dp):
         return jax.jvp(turn, (place.z, p), (dz, dp))
 
-    unit = jnp.eye(5, 4, dtype=p.dtype)
-    last = jnp.arange(5)[:, None] == 4
+    k = place.z.size
+    unit = jnp.eye(k + 1, k, dtype=p.dtype)
+    last = jnp.arange(k + 1)[:, None] == k
     shown, rows = jax.vmap(along, out_axes=(None, 0))(
         unit, jnp.where(last, dp[None], 0.0)
     )
-    moved, by_scene = rows[:4].T, rows[4]
-    observed, image, slope = slice(0, -13), slice(-13, -9), slice(-9, None)
-    jacobian = place.sign * moved[image] - jnp.eye(4, k=-1, dtype=p.dtype)
+    moved, by_scene = rows[:k].T, rows[k]
+    m = (k - 1) ** 2
+    observed, image, slope = slice(0, -k - m), slice(-k - m, -m), slice(-m, None)
+    jacobian = place.sign * moved[image] - jnp.eye(k, k=-1, dtype=p.dtype)
     dz = -solve(jacobian, place.sign * by_scene[image])
     after = by_scene + moved @ dz
-    matrices = (x[slope].reshape(3, 3) for x in (shown, after))
+    matrices = (x[slope].reshape(k - 1, k - 1) for x in (shown, after))
     radius = jax.jvp(_radius, (next(matrices),), (next(matrices),))[1]
-    return jnp.concatenate([after[observed], dz[3:], radius[None]])
+    return jnp.concatenate([after[observed], dz[-1:], radius[None]])
 
 
-def _radius(slope: Matrix3) -> Scalar:
+def _radius(slope: Matrix) -> Scalar:
     """The largest modulus of an eigenvalue."""
     values = eigenvalues(slope)
     return jnp.abs(values[jnp.argmax(jnp.abs(values))])
 
 
 def _turn(
-    column: Column, observation: Observation, z: Float[Array, "4"], place: Place
+    column: AbstractChain, observation: Observation, z: Float[Array, " k"], place: Place
 ) -> Outputs:
     """What a shot at the cycle shows, where it arrives, and its return's derivative."""
-    span = jnp.where(place.closed, z[3], SHORTEST)
-    attempt = blank_attempt(0.0 * span)
+    span = jnp.where(place.closed, z[-1], SHORTEST)
+    displaced = not isinstance(place.level, tuple)
+    attempt = blank_attempt(0.0 * span, z.size - 1, displaced)
     attempt = attempt._replace(
-        x=z[:3], span=span, sign=place.sign + 0.0 * span, fine=jnp.asarray(True)
-    )
-    start = start_of(z[:3])
+        x=z[:-1], span=span, sign=place.sign + 0.0 * span, fine=jnp.asarray(True)
+    )._replace(level=place.level)
+    start = start_of(attempt)
     system = column.system()
     shot = shot_motion(system, start, attempt, place.method, observation)
     run = shot.advance(shot.begin())
@@ -138,7 +143,10 @@ def _turn(
 
 
 def _end(
-    column: Column, observation: Observation, y0: Float[Array, "4"], place: Place
+    column: AbstractChain,
+    observation: Observation,
+    y0: Float[Array, " k"],
+    place: Place,
 ) -> Outputs:
     """What observers see of the end of a motion, and its last state."""
     fold = SettleFold(

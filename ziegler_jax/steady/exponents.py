@@ -20,6 +20,7 @@ cycle or to rest looks alike but for that. Where no step's end dissipates, no mo
 attracts: *conservative*.
 """
 
+from functools import reduce
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -188,7 +189,7 @@ class Naming(AbstractSpans[Witness], AbstractGrowth[SpanState[Witness]]):
         for loss in system.power(step.y1)[1:]:
             if loss is not None:
                 dissipates |= measuring & (loss != 0)  # a law may feed as well
-        angle = jnp.maximum(jnp.abs(step.y1[0]), jnp.abs(step.y1[1]))
+        angle = reduce(jnp.maximum, map(jnp.abs, step.y1.phi))
         halves = zip((measuring & ~late, late), before.angles, strict=True)
         watch = watch._replace(
             growth=before.growth._replace(tangents=tangents),
@@ -218,7 +219,7 @@ def _passed(
         apart = jnp.maximum(apart, jnp.abs(x - x0))
         size = jnp.maximum(size, jnp.abs(x0))
     near = jnp.where(watch.passes, apart / size, jnp.inf)
-    rate, bands = point.y[2], []
+    rate, bands = point.y.omega[0], []
     for (low, high), mine in zip(watch.bands, (~late, late), strict=True):
         low = jnp.where(mine, jnp.minimum(low, rate), low)
         bands.append((low, jnp.where(mine, jnp.maximum(high, rate), high)))

@@ -14,7 +14,6 @@ from ..model.system import System, field
 from ..numerics.numbers import Flag, Scalar
 
 SAMPLES = 24
-MODES = ((1.0, 1.0), (1.0, -1.0), (0.0, 1.0))  # of joints with set-valued friction
 ROUNDING = 1e-9
 
 
@@ -22,22 +21,25 @@ def is_odd(system: System) -> Flag:
     """Whether the field is odd at states of all sizes: evaluated, not by its name."""
     dtype = jnp.result_type(float)
     source = np.random.default_rng(20)
-    scale = 10.0 ** np.stack(
-        [source.uniform(low, 0.3, SAMPLES) for low in (-3, -3, -5, -5)]
-    )
-    samples = source.uniform(-1, 1, (4, SAMPLES)) * scale
-    modes = np.array(MODES if system.sticks else MODES[:1])
+    n = system.joints
+    lows = (-3,) * n + (-5,) * n
+    scale = 10.0 ** np.stack([source.uniform(low, 0.3, SAMPLES) for low in lows])
+    samples = source.uniform(-1, 1, (2 * n, SAMPLES)) * scale
+    # all slip alike, every other one the other way, the first sticks
+    turns = [(-1.0) ** j for j in range(n)]
+    modes = np.array([(1.0,) * n, turns, (0.0, *(1.0,) * (n - 1))])
+    modes = modes if system.sticks else modes[:1]
     each = np.repeat(np.arange(len(modes)), SAMPLES)
     rows = np.concatenate([np.tile(samples, len(modes)), modes[each].T])
     # a power's last bit is the processor's own, and a scene's digest would be with it
     rows = rows.astype(np.float32).astype(float)
     zero = jnp.zeros((), dtype)
 
-    def slope(row: Float[Array, " 6"]) -> list[Array]:
-        turned = system.in_modes(tuple(row[4:])) if system.sticks else system
-        return [jnp.asarray(x) for x in field(zero, PhasePoint(row[:4]), turned)]
+    def slope(row: Float[Array, " numbers"]) -> list[Array]:
+        turned = system.in_modes(tuple(row[2 * n :])) if system.sticks else system
+        return [jnp.asarray(x) for x in field(zero, PhasePoint(row[: 2 * n]), turned)]
 
-    def turn(odd: Flag, row: Float[Array, " 6"]) -> tuple[Flag, None]:
+    def turn(odd: Flag, row: Float[Array, " numbers"]) -> tuple[Flag, None]:
         both = jax.vmap(slope)(jnp.stack([row, -row]))
         # number by number: XLA hands an array's sum to a library
         apart = [jnp.abs(one + other) for one, other in both]

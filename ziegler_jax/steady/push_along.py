@@ -69,7 +69,7 @@ def push_along(
     stage, numbers = hoisted(lambda t, y: materialise(t, whole, t, y), t0, y0)
 
     def of_a_lane(numbers, *own):
-        return _turn_by_turn(solver, partial(stage, numbers), *own)
+        return _turn_by_turn(solver, system.joints, partial(stage, numbers), *own)
 
     @custom_vmap
     def of_lanes(numbers, *own):
@@ -86,7 +86,7 @@ def push_along(
             return jnp.moveaxis(x, 0, -1)
 
         own = jax.tree.map(behind, own, tuple(batched[1:]))
-        done = _turn_by_turn(solver, partial(stages, numbers), *own)
+        done = _turn_by_turn(solver, system.joints, partial(stages, numbers), *own)
         done = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), done)
         return done, jax.tree.map(lambda _: True, done)
 
@@ -102,6 +102,7 @@ _Stage = Callable[[Scalar, PhasePoint], tuple[Numbers, tuple[Numbers, ...], Numb
 
 def _turn_by_turn(
     solver: Explicit,
+    rods: int,
     stage: _Stage,
     t0: jax.Array,
     h: jax.Array,
@@ -116,8 +117,8 @@ def _turn_by_turn(
     """
     rows, b, b_error = _tableau(solver)
     nodes, shares = (jnp.asarray(x, h.dtype) for x in ([*map(math.fsum, rows)], b))
-    angles, rates = _by_whose(both, h)
-    _, begun = _by_whose(first, h)
+    angles, rates = _by_whose(both, rods, h)
+    _, begun = _by_whose(first, rods, h)
     stages = jnp.zeros((len(rows), *begun.shape), h.dtype).at[0].set(begun)
     hs = h[None, None]
 
@@ -130,7 +131,7 @@ def _turn_by_turn(
     def turn(i, place):
         *_, stages, sums = place
         x, w = lax.switch(i, [partial(moved, row) for row in rows[1:]], stages)
-        state = PhasePoint((x[0, 0], x[1, 0], w[0, 0], w[1, 0]))
+        state = PhasePoint((*x[:, 0], *w[:, 0]))
         accelerations, jacobian, more = stage(t0 + nodes[i + 1] * h, state)
         vectors = *x[:, 1:], *w[:, 1:]
         for rod, (a, row) in enumerate(zip(accelerations, jacobian, strict=True)):
@@ -188,10 +189,14 @@ def _put(
     return lax.dynamic_update_slice(stages, part[None, None], where)
 
 
-def _by_whose(numbers: Numbers, like: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The first two numbers of a state and of the vectors behind it, and the others."""
-    rows = jnp.stack(numbers).reshape(-1, 2, 2, *like.shape)
-    first, second = (jnp.stack([rows[:, k, rod] for rod in (0, 1)]) for k in (0, 1))
+def _by_whose(
+    numbers: Numbers, rods: int, like: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """The first half of a state and of the vectors behind it, and the second."""
+    rows = jnp.stack(numbers).reshape(-1, 2, rods, *like.shape)
+    first, second = (
+        jnp.stack([rows[:, k, rod] for rod in range(rods)]) for k in (0, 1)
+    )
     return first, second
 
 
@@ -202,13 +207,13 @@ def _one_by_one(first: jax.Array, second: jax.Array) -> Numbers:
 
 
 def tangent_field(t: Scalar, both: Numbers, system: System) -> Numbers:
-    """The slopes of a state, and of the vectors that stand behind its four numbers.
+    """The slopes of a state, and of the vectors that stand behind its numbers.
 
     The field's Jacobian is worked out once, whatever the number of vectors. Each number
     is an array of its own: one of all vectors would not have the lanes behind, and
     steps would shuffle them (`benchmarks/README.md` counts).
     """
-    y, vectors = apart(both)
+    y, vectors = apart(both, 2 * system.joints)
     accelerations, rows = materialise(t, accelerations_and_slopes, t, y, system)
     turned = [PhasePoint.of(v.omega, [dot(row, v) for row in rows]) for v in vectors]
     return joined(PhasePoint.of(y.omega, accelerations), turned)

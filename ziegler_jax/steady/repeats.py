@@ -22,15 +22,17 @@ attracts: another start swings otherwise.
 """
 
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from ..model.chain import joint_angles
 from ..model.state import PhasePoint
 from ..model.system import EnergyRate, System
 from ..numerics.elementary import larger, smaller
 from ..numerics.hermite import HermiteQuartic, cubic
-from ..numerics.numbers import Flag, Numbers, Pair, Scalar
+from ..numerics.numbers import Flag, Numbers, Scalar
 from ..results import CODE
 from ..solvers import Step
 
@@ -49,9 +51,9 @@ DOUBT = 100.0
 class Window(NamedTuple):
     """What a window has seen beside the observers."""
 
-    turns: Pair  # how often each joint's angle has turned down
-    low: Pair  # the least energy where it did
-    high: Pair  # the greatest
+    turns: Numbers  # how often each joint's angle has turned down
+    low: Numbers  # the least energy where it did
+    high: Numbers  # the greatest
     lost: Scalar  # what friction and damping have taken out
     now: EnergyRate  # at the last step's end
 
@@ -59,9 +61,9 @@ class Window(NamedTuple):
 class Before(NamedTuple):
     """What is kept of the window before."""
 
-    swings: Pair
-    low: Pair
-    high: Pair
+    swings: Numbers
+    low: Numbers
+    high: Numbers
     lost: Scalar
 
 
@@ -80,11 +82,11 @@ class Agreement(NamedTuple):
     outcome: Scalar  # `not_computed` where they do not agree
 
 
-def begun(now: EnergyRate) -> Window:
+def begun(now: EnergyRate, joints: int) -> Window:
     """At a window's start."""
     zero = 0.0 * now.energy
-    least, most = zero + jnp.inf, zero - jnp.inf
-    return Window((zero, zero), (least, least), (most, most), zero, now)
+    none, least, most = ((x,) * joints for x in (zero, zero + jnp.inf, zero - jnp.inf))
+    return Window(none, least, most, zero, now)
 
 
 def at_start(system: System, y: PhasePoint) -> EnergyRate:
@@ -108,27 +110,20 @@ def watched(system: System, window: Window, step: Step) -> Window:
     """After a step."""
     h, before, after = step.t1 - step.t0, window.now, at_end(system, step)
     course = cubic(before.energy, after.energy, h * before.rate, h * after.rate)
-    ends = step.y0, step.y1, step.f0.omega, step.f1.omega
-    rates = zip(*map(by_joint, ends), strict=True)
+    ends = step.y0.omega, step.y1.omega, step.f0.omega, step.f1.omega
+    rates = zip(*map(joint_angles, ends), strict=True)
     turned = [turn(cubic(u0, u1, h * v0, h * v1), course) for u0, u1, v0, v1 in rates]
     turns, low, high = window.turns, window.low, window.high
-    turns = of_both(lambda by, n: n + jnp.where(by[0], 1.0, 0.0), turned, turns)
-    low = of_both(lambda by, x: smaller(x, jnp.where(by[0], by[1], x)), turned, low)
-    high = of_both(lambda by, x: larger(x, jnp.where(by[0], by[1], x)), turned, high)
+    turns = of_each(lambda by, n: n + jnp.where(by[0], 1.0, 0.0), turned, turns)
+    low = of_each(lambda by, x: smaller(x, jnp.where(by[0], by[1], x)), turned, low)
+    high = of_each(lambda by, x: larger(x, jnp.where(by[0], by[1], x)), turned, high)
     lost = window.lost + h * (before.loss + after.loss) / 2
     return Window(turns, low, high, lost, now=after)
 
 
-def of_both(function: Callable[..., Scalar], one: Sequence, other: Sequence) -> Pair:
-    """What a function of one joint's numbers gives for both."""
-    first, second = map(function, one, other)
-    return first, second
-
-
-def by_joint(rods: Numbers | Pair) -> Pair:
-    """A rate's or an acceleration's numbers of the joints, from those of the rods."""
-    first, second = rods[-2:]
-    return first, second - first
+def of_each(function: Callable[..., Scalar], one: Sequence, other: Sequence) -> Numbers:
+    """What a function of one joint's numbers gives for each."""
+    return tuple(map(function, one, other))
 
 
 def turn(rate: HermiteQuartic, energy: HermiteQuartic) -> tuple[Flag, Scalar]:
@@ -146,7 +141,7 @@ def turn(rate: HermiteQuartic, energy: HermiteQuartic) -> tuple[Flag, Scalar]:
 def compared(
     before: Before,
     window: Window,
-    swings: Pair,
+    swings: Numbers,
     agreement: Scalar,
     time: Scalar,
     noise: Noise,
@@ -171,9 +166,10 @@ def compared(
         paid |= jnp.logical_not(still) & pays
         relative = change / jnp.where(still, 1.0, jnp.maximum(swing, other))
         drift = jnp.maximum(drift, jnp.where(still, 0.0, relative))
-    size = larger(window.now.energy, jnp.where(moves, larger(*window.high), 0.0))
+    highest = reduce(larger, window.high)
+    size = larger(window.now.energy, jnp.where(moves, highest, 0.0))
     conserves = jnp.abs(lost) <= NOTHING * size
-    share = rtol + atol / jnp.maximum(jnp.maximum(*swings), atol)
+    share = rtol + atol / jnp.maximum(reduce(jnp.maximum, swings), atol)
     paid &= lost > DOUBT * share * time * size
     kind = jnp.where(paid, CODE.repeats, CODE.not_computed)
     kind = jnp.where(conserves, CODE.conservative, kind)

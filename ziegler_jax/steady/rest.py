@@ -7,21 +7,28 @@ own angles, $\theta = (\phi_1, \phi_2 - \phi_1)$, the linear column about the st
 
 $$\ddot\theta + C\,\dot\theta + K\,\theta = 0,$$
 
-must be stable by Hurwitz' conditions on $s^4 + p_1 s^3 + p_2 s^2 + p_3 s + p_4$ with
-every damping that a motion of this size or a smaller one may feel: a mean of the law's
-slopes over the rates from rest to the largest. So the law is asked at rest and at rates
+must be stable (by Hurwitz' conditions on $s^4 + p_1 s^3 + p_2 s^2 + p_3 s + p_4$; of
+more than two rods by its eigenvalues) with every damping that a motion of this size or
+a smaller one may feel: a mean of the law's slopes over the rates from rest to the
+largest. So the law is asked at rest and at rates
 from the largest down, in each joint by itself and direction; the least and the greatest
 of its slopes and some in between are tried, each of one joint with each of the other.
 Dampings that are stable at both ends need not be so between them. A damping of one
-joint that depends on the other's rate, or on an angle that small, is not seen.
+joint that depends on the other's rate, or on an angle that small, is not seen. Of more
+than two rods not all combinations are tried: those in which all dampings lie at one
+share of their ranges, and those in which one lies at an end and the others at the
+other.
 """
 
+from collections.abc import Sequence
 from functools import reduce
+from operator import and_
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool
 
@@ -30,7 +37,8 @@ from ..model.state import PhasePoint
 from ..model.system import System, field
 from ..numerics.elementary import larger
 from ..numerics.materialise import if_any_lane, tree_where
-from ..numerics.numbers import Flag, Scalar
+from ..numerics.numbers import Flag, Numbers, Scalar
+from ..numerics.series import sum_of
 from ..results import CODE
 from ..solvers import Step
 
@@ -44,8 +52,7 @@ LEVELS = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 0.001)
 BESIDE = 1e-6  # of it: at rest itself a law of |u| has no slope to JAX
 MEANS = 8  # slopes from the least to the greatest that a motion may feel in the mean
 DECADES = 1e-4  # of the greatest: below it they are not told apart
-JOINTS = ((1.0, 1.0), (0.0, 1.0))  # the rods that the angle of one joint turns
-Damping = tuple[Array, Array]  # a column of C: against the first joint, the second
+Damping = tuple[Array, ...]  # a column of C: against each joint
 
 
 class Speeds(NamedTuple):
@@ -59,7 +66,7 @@ class Rest(eqx.Module):
     """Whether a motion has come to rest: all joints stick, or are slow, and it decays.
 
     **Arguments:** `rate_cut`: what is slower creeps; None: set-valued friction, by
-    modes; `at_once`: what sticks in both joints sticks for ever: no span is waited for;
+    modes; `at_once`: what sticks in all joints sticks for ever: no span is waited for;
     `atol`: of the steps, whose own error keeps a motion that has decayed at rates of up
     to some tens of it. What is slower than `NOISE` of them is slow, whatever the cut.
     """
@@ -93,20 +100,19 @@ class Rest(eqx.Module):
         """After a step."""
         if self.by_modes:
             assert step.modes
-            m1, m2 = step.modes
-            rate = jnp.where((m1 == 0) & (m2 == 0), 0.0, 1.0)
-            rate = rate.astype(jnp.result_type(m1))
+            still = reduce(and_, (m == 0 for m in step.modes))
+            rate = jnp.where(still, 0.0, 1.0)
+            rate = rate.astype(jnp.result_type(step.modes[0]))
         else:
             rate = fastest(step.y1)
         return speeds._replace(now=larger(speeds.now, rate))
 
     def sticks(self, step: Step) -> Flag:
-        """Whether both joints stick from here on, where that is enough."""
+        """Whether all joints stick from here on, where that is enough."""
         if not (self.by_modes and self.at_once):
             return False
         assert step.event
-        m1, m2 = step.event[1]
-        return (m1 == 0) & (m2 == 0)
+        return reduce(and_, (m == 0 for m in step.event[1]))
 
     def reached(self, system: System, speeds: Speeds, step: Step, ended: Flag) -> Flag:
         """Whether it rests at the end of a step, with which a span may have ended."""
@@ -135,7 +141,7 @@ class Rest(eqx.Module):
 
 
 def fastest(y: PhasePoint) -> Scalar:
-    """The larger joint rate."""
+    """The largest joint rate."""
     return reduce(larger, map(jnp.abs, joint_angles(y.omega)))
 
 
@@ -148,17 +154,20 @@ def decays(system: System, y: PhasePoint, rate: Scalar) -> Flag:
 
     **Arguments:** `rate`: the largest of a joint; 0 where the motion stands still.
     """
-    zero = 0.0 * y[0]
+    y, zero = PhasePoint(y), 0.0 * y[0]
     sizes = (BESIDE,)
     if system.friction is not None or not system.polynomial:
         sizes += tuple(way * level for level in LEVELS for way in (1.0, -1.0))
     # of each joint K's column, then C's for each size: one after the other, for each
     # place where the field is written out is ten thousand instructions
+    n = system.joints
+    none = (0.0,) * n
     rows = [
         (*turned, size, *moved, 1.0 if size == BESIDE else 0.0)
-        for joint in JOINTS
-        for turned, size, moved in [(joint, 0.0, (0.0, 0.0))]
-        + [((0.0, 0.0), size, joint) for size in sizes]
+        for first in range(n)  # the rods from here on are what its angle turns
+        for joint in [(0.0,) * first + (1.0,) * (n - first)]
+        for turned, size, moved in [(joint, 0.0, none)]
+        + [(none, size, joint) for size in sizes]
     ]
 
     def forces(*y):
@@ -167,32 +176,35 @@ def decays(system: System, y: PhasePoint, rate: Scalar) -> Flag:
 
     def along(ends, row):
         """A column, and the least and the greatest of C's so far, by its own force."""
-        turned1, turned2, size, moved1, moved2, begins = row
-        state = y[0], y[1], size * rate * moved1, size * rate * moved2
-        direction = tuple(x + zero for x in (turned1, turned2, moved1, moved2))
+        turned, (size, *moved, begins) = row[:n], row[n:]
+        state = *y.phi, *(size * rate * x for x in moved)
+        direction = tuple(x + zero for x in (*turned, *moved))
         here = jax.jvp(forces, state, direction)[1]
         low, high = ends
-        own, least, most = (jnp.where(moved1 > 0, *x) for x in (here, low, high))
+        own, least, most = (_of_first(moved, x) for x in (here, low, high))
         low = tree_where((begins > 0) | (own < least), here, low)
         high = tree_where((begins > 0) | (own > most), here, high)
         return (low, high), (here, low, high)
 
-    blank = (zero, zero), (zero, zero)
+    blank = (zero,) * n, (zero,) * n
     columns = tuple(map(jnp.asarray, zip(*rows, strict=True)))
     _, (every, *ends) = lax.scan(along, blank, columns)
-    first, second = 0, len(sizes) + 1  # the joints' rows
-    (k11, k12), (k21, k22) = ((force[first], force[second]) for force in every)
-    low, high = ends
-    last1, last2 = second - 1, -1
-    low1, high1 = ((force1[last1], force2[last1]) for force1, force2 in (low, high))
-    low2, high2 = ((force1[last2], force2[last2]) for force1, force2 in (low, high))
-    one = len(sizes) == 1
-    # each damping of one joint with each of the other
-    c11, c21 = (c[:, None] for c in _between(low1, high1, 0, one))
-    c12, c22 = (c[None] for c in _between(low2, high2, 1, one))
+    each = len(sizes) + 1  # rows of a joint
+    stiff = [[force[each * j] for j in range(n)] for force in every]
+    last = [each * (j + 1) - 1 for j in range(n)]
+    one, dampings = len(sizes) == 1, []
+    for j, row in enumerate(last):
+        low, high = (tuple(force[row] for force in end) for end in ends)
+        dampings.append(_between(low, high, j, one))
     unsure = 0.0
     if system.friction is None:
-        unsure = rate * (rate + jnp.abs(y[0]) + jnp.abs(y[1]))
+        unsure = rate * sum_of([rate, *map(jnp.abs, y.phi)])
+    if n > 2:
+        return _all_decay(unsure, stiff, dampings) | (rate == 0)
+    # each damping of one joint with each of the other
+    (k11, k12), (k21, k22) = stiff
+    c11, c21 = (c[:, None] for c in dampings[0])
+    c12, c22 = (c[None] for c in dampings[1])
     damped = _damped(
         unsure,
         c11 + c22,
@@ -203,21 +215,62 @@ def decays(system: System, y: PhasePoint, rate: Scalar) -> Flag:
     return jnp.all(damped) | (rate == 0)
 
 
+def _of_first(moved: Sequence[Scalar], forces: Numbers) -> Scalar:
+    """That of the first joint whose rods move."""
+    chosen = forces[-1]
+    for x, force in reversed(list(zip(moved[:-1], forces[:-1], strict=True))):
+        chosen = jnp.where(x > 0, force, chosen)
+    return chosen
+
+
+def _all_decay(
+    unsure: Scalar, stiff: list[list[Scalar]], dampings: list[Damping]
+) -> Flag:
+    """Whether all eigenvalues lie to the left, with each damping that is tried.
+
+    **Arguments:** `unsure`: by which share of the largest they may be off.
+    """
+    n, count = len(stiff), dampings[0][0].shape[0]
+    shares = [[k] * n for k in range(count)]
+    if count > 1:
+        ends = (0, count - 1), (count - 1, 0)
+        shares += [
+            [one if j == i else others for j in range(n)]
+            for one, others in ends
+            for i in range(n)
+        ]
+    tried = np.asarray(shares)
+    c = jnp.stack(  # by trial, force, joint
+        [
+            jnp.stack([dampings[j][i][tried[:, j]] for j in range(n)], axis=-1)
+            for i in range(n)
+        ],
+        axis=-2,
+    )
+    k = jnp.stack([jnp.stack(row) for row in stiff])
+    k = jnp.broadcast_to(k, c.shape)
+    one = jnp.broadcast_to(jnp.eye(n), c.shape)
+    rates = jnp.concatenate([jnp.zeros_like(c), one], -1)
+    matrix = jnp.concatenate([rates, jnp.concatenate([-k, -c], -1)], -2)
+    values = jnp.linalg.eigvals(lax.stop_gradient(matrix))
+    size = jnp.max(jnp.abs(values), -1)
+    return jnp.all(jnp.max(values.real, -1) < -(unsure + ROUNDING) * size)
+
+
 def _between(low: Damping, high: Damping, joint: int, one: bool) -> Damping:
     """Columns of C from one to another, each by the same ratio greater than the last.
 
     **Arguments:** `joint`: by whose force; `one`: whether there is one alone.
     """
     if one:
-        return low[0][None], low[1][None]
+        return tuple(x[None] for x in low)
     least, most = low[joint], high[joint]
     begin = larger(least, DECADES * jnp.abs(most))
     ratio = jnp.log(jnp.where(most > begin, most / begin, 1.0))
     slopes = begin * jnp.exp(jnp.linspace(0.0, 1.0, MEANS) * ratio)
     rise = jnp.where(most > least, most - least, jnp.inf)
     shares = ((slopes - least) / rise).at[0].set(0.0)
-    first, second = (a + shares * (b - a) for a, b in zip(low, high, strict=True))
-    return first, second
+    return tuple(a + shares * (b - a) for a, b in zip(low, high, strict=True))
 
 
 def _damped(unsure: Scalar, p1: Scalar, p2: Scalar, p3: Scalar, p4: Scalar) -> Flag:

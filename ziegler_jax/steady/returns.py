@@ -1,6 +1,8 @@
 r"""A motion's returns to the section phi1 = 0, and what they tell of where it goes.
 
-A return is $x = (\phi_2, \omega_1, \omega_2)$ where the motion passes $\phi_1 = 0$.
+A return is $x = (\phi_2, \dots, \omega_1, \dots)$ where the motion passes $\phi_1 = 0$.
+Where the chain is bent or pushed aside, so that no rod stands upright at rest, it is
+the middle of what $\phi_1$ swings over in place of 0.
 Where the scene is odd, $f(-y) = -f(y)$, each half return counts, with its signs turned
 so that $\omega_1 > 0$: a symmetric cycle is then a fixed point of half the motion.
 
@@ -37,8 +39,8 @@ from ..results import CODE
 from ..solvers import ACCEPTED, AbstractFold, Explicit, Step, Taylor
 from ..solvers.along import expand_along
 from .contraction import (
-    Matrix3,
-    Vector3,
+    Matrix,
+    Vector,
     contraction_rate,
     image,
     largest,
@@ -76,9 +78,9 @@ class Candidate(NamedTuple):
 
     there: Bool[Array, ""]
     returns: Int[Array, ""]
-    x: Vector3  # where it passes the section
-    slope: Matrix3  # the derivative of the map of so many returns there
-    norm: Matrix3  # in which that contracts
+    x: Vector  # where it passes the section
+    slope: Matrix  # the derivative of the map of so many returns there
+    norm: Matrix  # in which that contracts
     radius: Scalar
     modes: Scalar | float = 0.0  # with set-valued friction: a number of its events
 
@@ -102,6 +104,26 @@ class Ends(NamedTuple):
     a1: Numbers
 
 
+class Swing(NamedTuple):
+    """What phi1 swings over, until the section is chosen."""
+
+    low: Scalar
+    high: Scalar
+
+    def after(self, step: Step, until: Scalar) -> "Swing":
+        """A step later: over the second half of the time that there is."""
+        phi = step.y1[0]
+        anew, over = step.t1 <= until / 2, step.t1 > until
+        low = jnp.where(anew, phi, jnp.minimum(self.low, phi))
+        high = jnp.where(anew, phi, jnp.maximum(self.high, phi))
+        return tree_where(over, self, Swing(low, high))
+
+    @property
+    def level(self) -> Scalar:
+        """The section's."""
+        return (self.low + self.high) / 2
+
+
 class Lookout(NamedTuple):
     """The running numbers of `March`."""
 
@@ -111,6 +133,12 @@ class Lookout(NamedTuple):
     calm: Calm | tuple[()]
     asks: Int[Array, ""]
     grown: Grown | tuple[()] = ()
+    swing: Swing | tuple[()] = ()  # where phi1 = 0 may not be the section
+
+    @property
+    def level(self) -> Scalar | tuple[()]:
+        """The section's; (): 0."""
+        return self.swing.level if self.swing else ()
 
 
 class March(AbstractFold[Lookout]):
@@ -129,12 +157,13 @@ class March(AbstractFold[Lookout]):
     rest: Rest
     escape: Scalar
     carrier: Explicit | Taylor | None = None
+    until: Scalar | None = None  # when the section is chosen; None: it is phi1 = 0
 
     def init(self, system, t0, y0):
         """No return yet."""
         del system
         zero = 0.0 * y0[0]
-        start, none = t0 + zero, (zero, zero)
+        start, none = t0 + zero, (zero,) * len(y0.phi)
         return Lookout(
             passed=Ends(start, start, y0, y0, none, none),
             waits=zero,
@@ -142,6 +171,7 @@ class March(AbstractFold[Lookout]):
             calm=() if self.rest.by_modes else Calm(start, zero, zero),
             asks=jnp.zeros((), jnp.int32),
             grown=() if self.carrier is None else kick_tangent(y0),
+            swing=() if self.until is None else Swing(y0[0], y0[0]),
         )
 
     def advance(self, solver, t0, t1, y0, system, first, state):
@@ -180,10 +210,17 @@ class March(AbstractFold[Lookout]):
         def look():
             """As numbers, and once: what a passage leaves asks for it 15 times."""
             falls = self.odd & (step.y1[0] < step.y0[0])
-            before, after = (jnp.where(falls, -y[0], y[0]) for y in (step.y0, step.y1))
+            heights = step.y0[0], step.y1[0]
+            if state.swing:
+                level = state.swing.level
+                heights = heights[0] - level, heights[1] - level
+            before, after = (jnp.where(falls, -x, x) for x in heights)
             rests, goes_on = self._rests(system, state, step)
             asks = jnp.where(accepts & rests, REST, state.asks)
-            there = jnp.where(accepts & (before < 0) & (after >= 0), 1.0, 0.0)
+            passes = accepts & (before < 0) & (after >= 0)
+            if self.until is not None:
+                passes &= step.t0 > self.until
+            there = jnp.where(passes, 1.0, 0.0)
             return there, asks.astype(jnp.int32), jnp.where(goes_on, 1.0, 0.0)
 
         def escaped(asks):
@@ -203,15 +240,16 @@ class March(AbstractFold[Lookout]):
         calm, growth = replaced(accepts, (calm, growth), (state.calm, state.grown))
         waits = state.waits + there
         hurries = jnp.where(waits > 1, 1.0, state.hurries)
-        after = Lookout(passed, waits, hurries, calm, asks, growth)
+        swing = state.swing
+        if swing and self.until is not None:
+            swing = tree_where(accepts, swing.after(step, self.until), swing)
+        after = Lookout(passed, waits, hurries, calm, asks, growth, swing)
         return after, jnp.inf, (asks != NOTHING) | (hurries * waits > 0)
 
     def _rests(self, system: System, state: Lookout, step: Step) -> Flags:
         """Whether it rests for long enough, not on its way up; or is calm so far."""
         if self.rest.by_modes:
-            assert step.event
-            m1, m2 = step.event[1]
-            return (m1 == 0) & (m2 == 0), True
+            return self.rest.sticks(step), True
         rate = fastest(step.y1)
         calm = _longer(cast(Calm, state.calm), step, rate)
         over = step.t1 - calm.start >= CALM
@@ -232,7 +270,7 @@ def _longer(calm: Calm, step: Step, rate: Scalar) -> Calm:
 class Returns(NamedTuple):
     """What the returns have told."""
 
-    points: Float[Array, "7 3"]  # the last ones, newest first
+    points: Float[Array, "7 m"]  # the last ones, newest first
     times: Float[Array, "7"]
     passages: Scalar
     last: Float[Array, "6"]  # d_n at the newest; infinity where n closes no orbit
@@ -247,12 +285,12 @@ class Returns(NamedTuple):
     returns: Int[Array, ""]  # and for a shot of how many
 
 
-def no_returns(zero: Scalar) -> Returns:
-    """Before the first."""
+def no_returns(zero: Scalar, size: int = 3) -> Returns:
+    """Before the first; `size`: the numbers of each."""
     none = jnp.zeros((), jnp.int32)
     counts = len(COUNTS)
     return Returns(
-        points=jnp.zeros((1 + counts, 3), jnp.result_type(zero)) + zero,
+        points=jnp.zeros((1 + counts, size), jnp.result_type(zero)) + zero,
         times=jnp.zeros(1 + counts, jnp.result_type(zero)) + zero,
         passages=zero,
         last=jnp.full(counts, jnp.inf, jnp.result_type(zero)) + zero,
@@ -292,7 +330,9 @@ def with_return(
         for y, a in ((y0, ends.a0), (y1, ends.a1))
     )
     step = Step(ends.t0, ends.t1, y0, y1, f0, f1, ())
-    here = passage(SectionPlane(), step)
+    swing = lookout.swing
+    plane = SectionPlane(level=swing.level) if swing else SectionPlane()
+    here = passage(plane, step)
     point = jnp.stack(here.y[1:])
     points = jnp.concatenate([point[None], state.points[:-1]])
     times = jnp.concatenate([jnp.stack([here.time]), state.times[:-1]])
@@ -376,7 +416,7 @@ def _drawn_near(now: Returns, orbit: Candidate) -> Returns:
 
 
 def follows(
-    orbit: Candidate, before: Vector3, after: Vector3, noise: Scalar
+    orbit: Candidate, before: Vector, after: Vector, noise: Scalar
 ) -> Bool[Array, ""]:
     """Whether distances from an orbit go on as its linear map says, and do not grow."""
     rate = contraction_rate(orbit.norm, orbit.radius)

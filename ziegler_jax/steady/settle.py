@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from ..model.column import Column, State
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import State
 from ..motion import not_finite
 from ..motion.checks import check_scene
 from ..motion.ending import ending, nan_where
@@ -79,7 +80,7 @@ _CERTIFICATE = {
 
 @not_finite.motion
 def settle(
-    column: Column,
+    column: AbstractChain,
     start: State,
     *,
     windows: Windows = Windows(),
@@ -196,7 +197,7 @@ Settling = CertifiedMotion | SettleProblem
 
 
 def settling(
-    column: Column,
+    column: AbstractChain,
     start: State,
     question: str,
     windows: Windows,
@@ -248,7 +249,7 @@ def _exponents(count: int, certify: bool | None) -> int:
     return int(count)
 
 
-def may_certify(column: Column, method: Method) -> bool:
+def may_certify(column: AbstractChain, method: Method) -> bool:
     """Whether cycles are certified by default."""
     if isinstance(method.solver, Rosenbrock):
         return False
@@ -300,6 +301,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
         span=orbit.span,
         rest=Rest(motion.windows.rate_cut, at_once=False),
         method=motion.method,
+        level=fixed(end.attempt.level),
     )
     move = carried(motion, place, floats(named).size)
     # a cycle does not depend on options, the end of another motion does
@@ -324,7 +326,7 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
             "of which kind an undecided lane is",
             codes=UNSETTLED,
         ),
-        "shot_steps": Variable(end.spent, "steps of shots, with three tangents each"),
+        "shot_steps": Variable(end.spent, "steps of shots, with tangents"),
     }
     named |= certificate
     scene = motion.column, motion.y0, motion.windows
@@ -340,7 +342,8 @@ def _certified(motion: CertifiedMotion, end: Certifying) -> Settled:
         named |= growth_variables(largest, failed, motion.method.tolerances[0])
     how, scene = ending(end), (motion.column, motion.y0, *options)
     y = jnp.stack(how["final"].y) + move.y
-    how["final"] = State((y[0], y[1]), (y[2], y[3]))
+    n = motion.system.joints
+    how["final"] = State(y[:n], y[n:])
     # the horizon is no matter of the scene, when another verdict came is one
     horizon, verdict = (lost(how["time"], of) for of in (options, scene))
     how["time"] = jnp.where(unsettled, horizon, verdict)

@@ -1,16 +1,17 @@
-r"""Shots at a cycle: motions of known length from the section, with three tangents.
+r"""Shots at a cycle: motions of known length from the section, with tangents.
 
 From $y_0 = (0, x)$ the motion is followed for a span T, and with it the tangents of the
-three numbers x. With the sign $\sigma$ (-1 where an odd number of half returns closes a
-symmetric orbit, else 1) and $a = \sigma\,y(T)$, $F = \sigma f(y(T))$, $V = \sigma\,
-\partial y(T) / \partial x$, the section is met $\delta t = -a_1 / F_1$ later, and
+numbers x, three of two rods, $2 n - 1$ of n. With the sign $\sigma$ (-1 where an odd
+number of half returns closes a symmetric orbit, else 1) and $a = \sigma\,y(T)$, $F =
+\sigma f(y(T))$, $V = \sigma\, \partial y(T) / \partial x$, the section is met $\delta t
+= -a_1 / F_1$ later, and
 
 $$H(x) = a + \delta t\,F, \qquad DH = V - \frac{F\,V_1}{F_1}, \qquad x \leftarrow x + (I
 - DH)^{-1} (H - x), \qquad T \leftarrow T + \delta t - \frac{V_1\,\delta x}{F_1}.$$
 
-(Components 2 to 4.) No passage has to be found: as x converges the span does, too.
-Steps are ten, at last a hundred times finer than the motion's own (Taylor's a
-thousand times).
+(Components from the second on.) No passage has to be found: as x converges the span
+does, too. Steps are ten, at last a hundred times finer than the motion's own (Taylor's
+a thousand times).
 """
 
 from collections.abc import Callable
@@ -35,8 +36,8 @@ from ..solvers import AbstractFold, Explicit, Taylor
 from ..solvers.along import expand_along
 from ..solvers.taylor import TaylorState
 from .contraction import (
-    Matrix3,
-    Vector3,
+    Matrix,
+    Vector,
     fixed_point_move,
     largest,
     size_of,
@@ -60,33 +61,34 @@ TAYLOR_FINE, TAYLOR_VERIFIED, MOST_DRY_SHOTS = 1e-3, 2e-8, 8
 class Attempt(NamedTuple):
     """Newton's method, from a return of the motion on."""
 
-    x: Vector3
+    x: Vector
     span: Scalar
     sign: Scalar
     size: Scalar  # of the last move
     shots: Int[Array, ""]  # so far
     fine: Bool[Array, ""]
     verified: Bool[Array, ""]
-    start: Vector3  # the motion's own return
-    image: Vector3  # where it returns next
-    first_slope: Matrix3  # with which derivative
-    slope: Matrix3  # the derivative at the last shot's start
+    start: Vector  # the motion's own return
+    image: Vector  # where it returns next
+    first_slope: Matrix  # with which derivative
+    slope: Matrix  # the derivative at the last shot's start
     modes: Scalar  # of the last shot: a number of its events
     first_modes: Scalar  # and of the first
     checks: Bool[Array, ""]  # one shot, to see whether the motion's events are those
+    level: Scalar | tuple[()] = ()  # of the section; (): 0
 
 
 class ShotState(NamedTuple):
     """The running numbers of a shot."""
 
-    tangents: Vectors  # three, along phi2, omega1, omega2
+    tangents: Vectors  # along phi2, ..., omega1, ...
     slopes: Vectors  # theirs; () where events turn them
     record: tuple  # of the observers
     modes: Scalar | tuple[()]  # set-valued friction: a number of the events so far
 
 
 class Shot(AbstractFold[ShotState]):
-    """Carries three tangents and observers along."""
+    """Carries the tangents and observers along."""
 
     needs_slope: ClassVar[bool] = True
 
@@ -96,7 +98,7 @@ class Shot(AbstractFold[ShotState]):
     def init(self, system, t0, y0):
         """Unit vectors, and nothing seen."""
         zero = 0.0 * y0[0]
-        unit = np.eye(3, 4, k=1)
+        unit = np.eye(len(y0) - 1, len(y0), k=1)
         tangents = tuple(PhasePoint(zero + x for x in row) for row in unit)
         record = self.observation.init(system, t0, y0)
         return ShotState(tangents, (), record, 0.0 * y0[0] if system.sticks else ())
@@ -105,7 +107,9 @@ class Shot(AbstractFold[ShotState]):
         """All slopes by one evaluation."""
         state = self.init(system, t0, y0)
         both = joined(y0, state.tangents)
-        first, slopes = apart(materialise(y0[0], tangent_field, t0, both, system))
+        first, slopes = apart(
+            materialise(y0[0], tangent_field, t0, both, system), len(y0)
+        )
         return first, state._replace(slopes=slopes)
 
     def integrand(self, system):
@@ -123,7 +127,7 @@ class Shot(AbstractFold[ShotState]):
         both, error, last, integrals = push_along(
             solver, system, t0, t1, y0, state.tangents, self.integrand(system), known
         )
-        (y1, images), (slope, slopes) = apart(both), apart(last)
+        (y1, images), (slope, slopes) = apart(both, len(y0)), apart(last, len(y0))
         slopes = slopes if state.slopes else ()
         return y1, error, slope, (images, slopes, integrals), None
 
@@ -140,7 +144,7 @@ class Shot(AbstractFold[ShotState]):
             assert isinstance(self.solver, Explicit)
             ends = step.t0, step.t1, step.y0
             both, *_ = push_along(self.solver, system, *ends, state.tangents)
-            images = apart(both)[1]
+            images = apart(both, len(step.y0))[1]
         else:
             images, slopes, integrals = integrals
         if step.modes:
@@ -207,6 +211,7 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
         modes=modes,
         first_modes=jnp.where(first, modes, attempt.first_modes),
         checks=attempt.checks,
+        level=attempt.level,
     )
     return after, good & ~verified & (count < most) & ~attempt.checks
 
@@ -214,9 +219,9 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
 class Return(NamedTuple):
     """What a shot from x says."""
 
-    image: Vector3  # H(x)
-    slope: Matrix3  # DH(x)
-    move: Vector3  # Newton's step to the fixed point
+    image: Vector  # H(x)
+    slope: Matrix  # DH(x)
+    move: Vector  # Newton's step to the fixed point
     longer: Scalar  # and what to add to the span
 
 
@@ -226,7 +231,8 @@ def return_of(run: Run[ShotState], attempt: Attempt) -> Return:
     rows = attempt.sign * jnp.stack([jnp.stack(column) for column in columns], axis=1)
     a, f, v = rows[:, 0], rows[:, 1], rows[:, 2:]
     speed = jnp.where(f[0] == 0, jnp.nan, f[0])
-    late, first = -a[0] / speed, v[0] / speed
+    above = a[0] if isinstance(attempt.level, tuple) else a[0] - attempt.level
+    late, first = -above / speed, v[0] / speed
     reached, slope = a[1:] + late * f[1:], v[1:] - f[1:, None] * first[None]
     slope = materialise(attempt.span, lambda: slope)
     move = fixed_point_move(slope, reached - attempt.x)
@@ -252,15 +258,21 @@ def run_that_is_over(begin: Callable[[], Run[Folded]]) -> Run[Folded]:
     return run._replace(outcome=run.outcome + CODE.complete)
 
 
-def start_of(x: Vector3) -> PhasePoint:
-    """The state of a point of the section."""
-    return PhasePoint((0.0 * x[0], x[0], x[1], x[2]))
+def start_of(attempt: Attempt) -> PhasePoint:
+    """Where its next shot begins: the state of its point of the section."""
+    level, x = attempt.level, attempt.x
+    height = 0.0 * x[0]
+    return PhasePoint((height if isinstance(level, tuple) else height + level, *x))
 
 
-def blank_attempt(zero: Scalar) -> Attempt:
-    """None yet."""
-    point, no = jnp.zeros(3, jnp.result_type(zero)) + zero, jnp.asarray(False)
-    matrix = jnp.zeros((3, 3), jnp.result_type(zero)) + zero
+def blank_attempt(zero: Scalar, size: int = 3, displaced: bool = False) -> Attempt:
+    """None yet.
+
+    **Arguments:** `size`: of a point of the section; `displaced`: whether that has a
+    level of its own.
+    """
+    point, no = jnp.zeros(size, jnp.result_type(zero)) + zero, jnp.asarray(False)
+    matrix = jnp.zeros((size, size), jnp.result_type(zero)) + zero
     return Attempt(
         x=point,
         span=zero,
@@ -276,11 +288,12 @@ def blank_attempt(zero: Scalar) -> Attempt:
         modes=zero,
         first_modes=zero,
         checks=no,
+        level=zero if displaced else (),
     )
 
 
 def attempt_at(
-    before: Attempt, x: Vector3, span: Scalar, sign: Scalar, checks: Flag = False
+    before: Attempt, x: Vector, span: Scalar, sign: Scalar, checks: Flag = False
 ) -> Attempt:
     """Newton's method before its first shot, in place of an attempt that is over."""
     none, no = jnp.zeros_like(before.shots), jnp.zeros_like(before.fine)

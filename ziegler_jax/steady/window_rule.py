@@ -5,7 +5,8 @@ from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
-from ..model.column import Column, State
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import State
 from ..model.system import System
 from ..motion.checks import float_state, valid_scene, with_amplitude
 from ..motion.integrate import Motion
@@ -53,11 +54,11 @@ class SettleFold(AbstractSpans[WindowState]):
     def begin(self, system, t0, y0):
         """Observers that saw nothing yet."""
         zero = 0.0 * y0[0]
-        pair, several = (zero, zero), self.most > 1
+        none, several = (zero,) * system.joints, self.most > 1
         return WindowState(
             observed=self.observation.init(system, t0, y0),
-            window=begun(at_start(system, y0)) if several else (),
-            before=Before(pair, pair, pair, zero) if several else (),
+            window=begun(at_start(system, y0), system.joints) if several else (),
+            before=Before(none, none, none, zero) if several else (),
             drift=zero + jnp.inf,
             speeds=self.rest.begin(y0),
         )
@@ -113,7 +114,8 @@ class SettleFold(AbstractSpans[WindowState]):
         if window and before:
             last_one = Before(swings, window.low, window.high, window.lost)
             before = tree_where(begins, last_one, before)
-            window = tree_where(begins, begun(at_end(system, step)), window)
+            anew = begun(at_end(system, step), system.joints)
+            window = tree_where(begins, anew, window)
         watch = WindowState(
             observed=tree_where(begins, fresh, watch.observed),
             window=window,
@@ -133,7 +135,7 @@ class SettleProblem(Motion[SpanState[WindowState]]):
 
     def __init__(
         self,
-        column: Column,
+        column: AbstractChain,
         start: State,
         question: str,
         windows: Windows,

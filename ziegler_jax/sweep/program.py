@@ -30,7 +30,7 @@ from jax.stages import Lowered
 
 from ..numerics.jaxprs import ClosedJaxpr, JaxprEqn
 from ..numerics.resumable import CALLS, equations_within, inlined, resumable_loop
-from ..results import DIMENSIONS, Variable
+from ..results import Variable, counted
 from ..runtime import (
     all_cores,
     compiles_whole_loops,
@@ -144,7 +144,7 @@ def traced(
             variables, coordinates, attributes = labelled(result)
             arrays = [jnp.asarray(v.value) for v in variables.values()]
         described["attributes"] = attributes
-        described["coordinates"] = {**DIMENSIONS, **coordinates}
+        described["coordinates"] = {**counted(variables), **coordinates}
         described["variables"] = {
             name: v._replace(value=jax.ShapeDtypeStruct(a.shape, a.dtype))
             for (name, v), a in zip(variables.items(), arrays, strict=True)

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..results import DIMENSIONS, REGIMES, AbstractResult, Variable, checked
+from ..results import REGIMES, AbstractResult, Variable, checked, counted
 from .grid import check_name
 
 # what a `point` returns: an entry, or a dict of entries
@@ -66,7 +66,7 @@ def labelled(result: Returned) -> Labelled:
 
 def _of_one_point(returned: Labelled) -> Labelled:
     """What can stand in a dataset: axes with names, each of one size, none empty."""
-    known = {**DIMENSIONS, **returned.coordinates}
+    known = {**counted(returned.variables), **returned.coordinates}
     sizes = {dim: ("its coordinate", len(values)) for dim, values in known.items()}
     for name, variable in returned.variables.items():
         shape = np.shape(cast(ArrayLike, variable.value))

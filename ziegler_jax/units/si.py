@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import reduce
 from typing import TypeVar, cast
 
 import equinox as eqx
@@ -34,8 +35,8 @@ from ..model.column import Column
 from ..model.friction import SmoothCoulomb
 from ..model.loads import AbstractNormalLoad, JointReaction
 from ..motion.trajectory import Trajectory
-from ..numerics.numbers import Joints, OneOrTwo, Pair, Scalar, both, is_concrete
-from ..numerics.rules import number, number_or_pair
+from ..numerics.numbers import Joints, Numbers, OneOrEach, Scalar, each, is_concrete
+from ..numerics.rules import number, number_or_each
 from ..results import TIME, AbstractResult
 from .known import UNITS, Powers, size
 from .restored import restored_dataset, restored_motion
@@ -152,7 +153,7 @@ class SI(eqx.Module):
         the program holds the joint by a small spring (its creep), which this law does
         not have: `v_smooth` stands for it and belongs to no datum of the program.
 
-        **Arguments:** all in SI units; one number for both joints, or one a joint:
+        **Arguments:** all in SI units; one number for all joints, or one a joint:
 
         - `mu_s`, `mu_k`: `MU_STATIC`, `MU_DYNAMIC`.
         - `pin_radius`: `PIN_RADIUS`, in m. Its default in Adams is one unit of length,
@@ -160,7 +161,7 @@ class SI(eqx.Module):
         - `transition_velocity`: `STICTION_TRANSITION_VELOCITY`, in m/s. Its default is
             0.1 units of length a unit of time.
 
-        and for both joints:
+        and for all joints:
 
         - `v_smooth`: in rad/s; None is a tenth of v_stribeck, of the smaller one where
             joints differ.
@@ -174,12 +175,12 @@ class SI(eqx.Module):
         **Raises:** `ValueError` as `SmoothCoulomb`, and for a radius or velocity that
         is not positive.
         """
-        radius = number_or_pair("pin_radius", pin_radius, "positive")
+        radius = number_or_each("pin_radius", pin_radius, "positive")
         factor = HALF_FALL / math.log(2.0) ** 0.5
         rate = SI.transition_rate(radius, transition_velocity)
         v_stribeck = _each(lambda x: factor * x, rate)
         if v_smooth is None:
-            v_smooth = _smaller(*both(v_stribeck)) / RATIO
+            v_smooth = reduce(_smaller, each(v_stribeck, 1)) / RATIO
         return SmoothCoulomb(
             mu_s,
             mu_k,
@@ -190,7 +191,7 @@ class SI(eqx.Module):
         )
 
     @staticmethod
-    def transition_rate(pin_radius: Joints, transition_velocity: Joints) -> OneOrTwo:
+    def transition_rate(pin_radius: Joints, transition_velocity: Joints) -> OneOrEach:
         r"""The joint rate v / R at which static friction ends, in rad/s.
 
         It tells which regimes a run enters: with this as `rate_cut`,
@@ -200,10 +201,10 @@ class SI(eqx.Module):
         **Arguments:** the pin's radius in m, the velocity of its surface in m/s; one
         number each, or one a joint.
 
-        **Returns:** a number, or a pair where an argument is one.
+        **Returns:** a number, or a tuple where an argument is one.
         """
-        radius = number_or_pair("pin_radius", pin_radius, "positive")
-        velocity = number_or_pair(
+        radius = number_or_each("pin_radius", pin_radius, "positive")
+        velocity = number_or_each(
             "transition_velocity", transition_velocity, "positive"
         )
         return _each(lambda v, r: v / r, velocity, radius)
@@ -240,12 +241,13 @@ class SI(eqx.Module):
         return size(powers, (self.m, self.l, self.k))
 
 
-def _each(function: Callable[..., Scalar], *values: OneOrTwo) -> OneOrTwo:
-    """A function of numbers; a pair, one a joint, where any of them is a pair."""
-    if not any(isinstance(x, tuple) for x in values):
-        return function(*values)
-    pairs = zip(*map(both, values), strict=True)
-    return cast(Pair, tuple(function(*x) for x in pairs))
+def _each(function: Callable[..., Scalar], *values: OneOrEach) -> OneOrEach:
+    """A function of numbers; a tuple, one a joint, where any of them is one."""
+    counts = {len(x) for x in values if isinstance(x, tuple)}
+    if not counts:
+        return function(*cast(Numbers, values))
+    n = max(counts)
+    return tuple(function(*x) for x in zip(*(each(v, n) for v in values), strict=True))
 
 
 def _smaller(x: Scalar, y: Scalar) -> Scalar:
