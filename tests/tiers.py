@@ -212,6 +212,14 @@ SLOW = {
         "[Method]",
     ],
     OTHER_WAY: [
+        "linear/test_linear_chains.py::test_its_derivatives_are_those_of_differences[all",
+        "linear/test_linear_chains.py::test_the_critical_load_is_where_the_spectrum_says"
+        "[all",
+        "model/test_chain_of_rods.py::test_a_smoothed_motion_is_that_of_free_bodies[5",
+        "steady/test_certified_chains.py::test_a_certified_cycle_is_closed_by_free_bodies"
+        "[True",
+        "steady/test_certified_chains.py::test_a_cycle_of_sticking_joints_is_closed_by",
+        "steady/test_certified_chains.py::test_exponents_and_thresholds_take_three_rods",
         "maps/test_which_cycle.py::test_in_a_map_with_two_attracting_cycles_no_label",
         "sweep/test_what_is_asked.py::test_a_scene_is_the_same_beside_a_profiler",
         "steady/test_endings.py::test_a_window_of_less_than_a_return_tells_nothing",

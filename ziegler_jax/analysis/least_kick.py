@@ -47,7 +47,7 @@ from ..results import (
     quantity,
 )
 from ..runtime import requires_x64
-from ..solvers import Explicit, Rosenbrock
+from ..solvers import Explicit
 from ..steady.certified import CertifiedMotion
 from ..steady.lane import Certifying
 from ..steady.oddness import is_odd
@@ -291,6 +291,11 @@ class _Problem:
         """Check it."""
         check_column(column)
         check_two_rods("least_kick", column)
+        if column.system().displaced:
+            raise ValueError(
+                "Argument `column` must rest upright for `least_kick`, whose kicks are "
+                "measured from there, but has rest angles or forces across it."
+            )
         instance("directions", directions, Directions)
         instance("windows", windows, Windows)
         instance("method", method, Method)
@@ -386,6 +391,6 @@ class _Problem:
 
 def _with_tangents(method: Method) -> Method:
     """A method that can carry tangents, of the same tolerances."""
-    solver = Explicit() if isinstance(method.solver, Rosenbrock) else method.solver
+    solver = method.solver if isinstance(method.solver, Explicit) else Explicit()
     usual = Method(solver, method.rtol, method.atol)
     return usual.at_most(method.budget)

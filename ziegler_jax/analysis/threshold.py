@@ -35,6 +35,7 @@ from ..model.chain_of_rods import AbstractChain, check_column
 from ..model.state import State
 from ..motion.checks import check_maker, check_scene, check_takes, made, scene_at
 from ..motion.implicit import fixed, lost
+from ..motion.method import explicit_method
 from ..motion.options import Method, Windows, recorded
 from ..motion.sequence import run_in_sequence
 from ..numerics.numbers import Flag, Pair, Scalar, Two, is_concrete
@@ -290,6 +291,9 @@ class _Question(NamedTuple):
         column, start = fixed(scene_at(self.cell, x))
         check_scene(column, start)
         windows, method = fixed((self.windows, self.method))
+        if method.solver is None and column.system().has_series:
+            # with Taylor's longer steps a threshold follows the steps' errors more
+            method = explicit_method("threshold", method)
         return CertifiedMotion(column, start, "threshold", windows, None, method)
 
 

@@ -44,9 +44,10 @@ from .matrices import (
     under,
 )
 
-# Loads that are looked at: so many, so many to the load that bends the springs alone by
-# as much as it turns. A loss of stability that ends again in between is passed over.
-LOADS, PER_UNIT = 768, 8
+# Loads that are looked at: so many, first so many to a unit, which turns the rods as
+# much as the springs alone do; then each is greater by a share. That comes to ten
+# million units. A loss of stability that ends again in between is passed over.
+LOADS, PER_UNIT, SHARE = 2048, 1000, 0.01
 HALVINGS = 40
 # Of an eigenvalue: two frequencies have met where their squares are so far from real.
 MET = 1e-4
@@ -117,11 +118,12 @@ class Loads:
         return about(there, nearer(there, angles, steps))
 
     def unit(self) -> Scalar:
-        """A load that turns as much as the springs alone do."""
+        """A load that turns as much as the springs alone do; 1 where none turns."""
         n = self.system.joints
         upper = jnp.eye(n) - jnp.eye(n, k=-1)
         stiffness = upper.T @ (springs(self.system)[:, None] * upper)
-        return 1 / jnp.sqrt(jnp.sum(jnp.linalg.solve(stiffness, self.by_load) ** 2))
+        turned = jnp.sum(jnp.linalg.solve(stiffness, self.by_load) ** 2)
+        return 1 / jnp.sqrt(jnp.where(turned > 0, turned, 1.0))
 
 
 def _scan(
@@ -131,24 +133,24 @@ def _scan(
     unit = loads.unit() / PER_UNIT
 
     def look(state):
-        k, angles, lost, brackets = state
-        low, high = k * unit, (k + 1) * unit
+        k, low, angles, lost, brackets = state
+        high = low + jnp.maximum(unit, SHARE * low)
         here, after = loads.at(high, angles), []
         lost |= jnp.max(jnp.abs(here.angles - angles)) > LEAP
         for bracket, kind in zip(brackets, unstable, strict=True):
             new = kind(here) & ~bracket.there & ~lost
             here_first = Bracket(jnp.asarray(True), low, high, angles)
             after.append(tree_where(new, here_first, bracket))
-        return k + 1, here.angles, lost, tuple(after)
+        return k + 1, high, here.angles, lost, tuple(after)
 
     def goes_on(state):
-        k, _, lost, brackets = state
+        k, *_, lost, brackets = state
         return (k < LOADS) & ~brackets[asked].there & ~lost
 
     zero = 0.0 * unit
     blank = Bracket(jnp.asarray(False), zero, zero + jnp.inf, start)
-    begin = zero, start, jnp.asarray(False), (blank, blank)
-    return lax.while_loop(goes_on, look, begin)[3]
+    begin = 0, zero, start, jnp.asarray(False), (blank, blank)
+    return lax.while_loop(goes_on, look, begin)[-1]
 
 
 def _halved(loads: Loads, bracket: Bracket, unstable: Unstable) -> Bracket:

@@ -9,7 +9,7 @@ from jax.core import Tracer
 
 from ..model.chain_of_rods import AbstractChain
 from ..model.column import Column
-from ..model.rods import PARTS, point_masses, uniform_rods
+from ..model.rods import NUMBERS, point_masses, uniform_rods
 from ..numerics.numbers import Scalar
 
 Make = Callable[..., AbstractChain]
@@ -83,7 +83,9 @@ def _takes(function: Make, values: Mapping[str, Scalar | None]) -> None:
         p.name for p in known if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
     }
     if any(p.kind is p.VAR_KEYWORD for p in known):
-        names |= set(PARTS) if function in (uniform_rods, point_masses) else set(values)
+        names |= (
+            set(NUMBERS) if function in (uniform_rods, point_masses) else set(values)
+        )
     for name in values:
         if name not in names:
             raise ValueError(

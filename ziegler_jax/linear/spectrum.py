@@ -127,7 +127,8 @@ def regime(column: AbstractChain) -> jax.Array:
     be told from divergence with $\det K > 0$.
 
     Of more than two rods, and where more than the load acts, by eigenvalues: what grows
-    or falls by less than 1e-13 of the fastest rate is neither.
+    or falls by less than 1e-13 of the fastest rate is neither; without damping 1e-8, as
+    eigenvalues that meet carry half the digits.
 
     **Returns:** int32, `invalid` for such damping, and where numbers only known when
     traced break a rule.
@@ -136,7 +137,7 @@ def regime(column: AbstractChain) -> jax.Array:
     """
     refuse_friction("regime", column)
     if not is_plain(column):
-        return _regime_of(spectrum(column), column.damping is not None)
+        return _regime_of(spectrum(column), column.system().damping is not None)
     assert isinstance(column, Column)
     return _regime(characteristic(column), jnp.asarray(column.q, dtype=float))
 

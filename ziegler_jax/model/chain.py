@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from ..numerics.elementary import sincos
@@ -113,9 +114,27 @@ def factored(mass: Rows, stuck: Sequence[Flag] | None = None) -> Factored:
     return Factored(tuple(tuple(row[:-1]) for row in rows), tuple(shares), (*inverse,))
 
 
+def is_definite(moments: Sequence[Scalar], n: int) -> Flag:
+    """Whether a symmetric matrix, its lower triangle row by row, is positive definite.
+
+    By the pivots of elimination; one that is left by rounding alone is none.
+    """
+    numbers, good = iter(moments), True
+    rows = [[next(numbers) for _ in range(i + 1)] for i in range(n)]
+    diagonal = [row[-1] for row in rows]
+    for k in reversed(range(n)):
+        *row, own = rows[k]
+        good &= (own > 1e-14 * diagonal[k]) & (diagonal[k] > 0)
+        shares = [x / _either(own > 0, own, 1.0) for x in row]
+        for i in range(k):
+            for j in range(i + 1):
+                rows[i][j] = rows[i][j] - shares[i] * row[j]
+    return good
+
+
 def _either(flag: Flag, new: Scalar, old: Scalar) -> Scalar:
     """`new` where the flag is set, else `old`; of one that is known nothing is left."""
-    if isinstance(flag, bool):
+    if isinstance(flag, bool | np.bool_):
         return new if flag else old
     return jnp.where(flag, new, old)
 

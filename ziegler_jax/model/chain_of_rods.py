@@ -21,13 +21,15 @@ from ..numerics.rules import (
     several,
 )
 from ..runtime import refuse_forked
-from .chain import Rows, spread
+from .chain import Rows, is_definite, spread
 from .damping import AbstractDamping, Drag, Sum
+from .damping import lengths as lengths_of
 from .forces import DeadLoad, FollowerForces, Gravity, fixed_forces
 from .friction import AbstractFriction
 from .system import System
 
 MOST_RODS = 16  # a motion's equations are written out rod by rod
+MOST_STICKING = 4  # and where joints truly stick all 3^n modes: of five 13 s of tracing
 
 
 class AbstractChain(AbstractRuled):
@@ -86,9 +88,29 @@ class AbstractChain(AbstractRuled):
                 )
         if self.friction is not None and self.friction.on_reactions:
             self.needs_bodies("the load `JointReaction()`")
+            self.refuse_fixed_forces("the load `JointReaction()`")
+        if self.sticks and self.joints > MOST_STICKING:
+            raise ValueError(
+                "Argument `friction` must not be set-valued in a chain of more than "
+                f"{MOST_STICKING} rods, whose 3^n modes are written out, but there are "
+                f"{self.joints}: write a smoothed law."
+            )
         fit(self, self.joints)
         if self.damping is not None:
             self.damping.check(self.joints)
+
+    def refuse_fixed_forces(self, what: str) -> None:
+        """Refuse what rests on the joints' reactions where more than q loads them.
+
+        **Raises:** `ValueError`.
+        """
+        for name in ("dead_load", "gravity", "foundation"):
+            if getattr(self, name) is not None:
+                raise ValueError(
+                    f"Argument `{name}` must be None for {what}, as its part in the "
+                    f"joints' reactions is not worked out, but is "
+                    f"{getattr(self, name)!r}."
+                )
 
     def needs_bodies(self, what: str) -> None:
         """Refuse what rests on the joints' reactions where these are not known."""
@@ -247,6 +269,11 @@ class Chain(AbstractChain):
         self.damping, self.friction, self.forces = damping, friction, forces
         self.dead_load, self.gravity = dead_load, gravity
         self.check_parts()
+        if lengths_of(damping):
+            raise ValueError(
+                "Argument `damping` must not hold `Air` in a `Chain`, which knows its "
+                f"own lengths: write `air=(e1, ...)`, but is {damping!r}."
+            )
         self.refuse_broken()
 
     @property
@@ -265,17 +292,15 @@ class Chain(AbstractChain):
         return self.pattern.pulls(self.q)
 
     def invariants(self) -> Invariants:
-        """Each rod has inertia about its joint."""
-        for i, (m, s, own) in enumerate(self._rods()):
-            if i == self.joints - 1 and self.tip_mass is not None:
-                continue
-            yield (
-                (m, s, own),
-                lambda m, s, own: m * s * s + own > 0,
-                "Arguments `masses`, `centres`, `inertias` must give each rod a moment "
-                f"of inertia about its joint, but rod {i + 1} has {{:g}}, {{:g}}, "
-                "{:g}.",
-            )
+        """A positive definite inertia."""
+        rows, _ = self._moments()
+        yield (
+            tuple(x for row in rows for x in row),
+            lambda *moments: is_definite(moments, self.joints),
+            "Arguments `masses`, `centres`, `inertias`, `tip_mass` and `tip_inertia` "
+            "must make a positive definite inertia, in which each rod has a moment "
+            "about its joint, but do not.",
+        )
 
     def _rods(self) -> list[tuple[Scalar, Scalar, Scalar]]:
         """Mass, centre and moment of inertia about it of each rod."""

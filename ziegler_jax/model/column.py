@@ -23,7 +23,7 @@ from ..numerics.numbers import (
     equals,
     is_concrete,
 )
-from ..numerics.rules import Invariants, checked
+from ..numerics.rules import Invariants, checked, instance
 from ..runtime import refuse_forked
 from .chain import spread
 from .chain_of_rods import AbstractChain
@@ -291,9 +291,12 @@ def reactions(column: Column, y: Numbers | State) -> jax.Array:
     **Returns:** an array of shape (2, 2): joint 1 and 2, components along the
     horizontal x and the vertical z.
 
-    **Raises:** `ValueError` if the column was built without `m2` and `s1`.
+    **Raises:** `ValueError` if the column was built without `m2` and `s1`, and under a
+    dead load, gravity or a foundation, whose parts are not worked out.
     """
+    instance("column", column, Column)
     _needs_masses(column, "`reactions`")
+    column.refuse_fixed_forces("`reactions`")
     y = phase_of(y, 2)
     (along1, across1), (along2, across2) = column.system().reactions(y)
     s, c = sincos(y[1])  # from rod 2's frame to the fixed one

@@ -2,6 +2,7 @@ r"""Forces on a chain of rods: patterns that follow the rods, and fixed ones."""
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -132,8 +133,10 @@ def fixed_forces(
         if force is None:
             continue
         assert arms is not None
-        if equals(force.direction, 0.0):
-            along, aside = tuple(force.size * arm for arm in arms), None
+        upwards = any(equals(force.direction, way * math.pi) for way in (1, -1))
+        if equals(force.direction, 0.0) or upwards:  # nothing of it bends
+            size = -force.size if upwards else force.size
+            along, aside = tuple(size * arm for arm in arms), None
         else:
             s, c = sincos(jnp.asarray(force.direction, float))
             along = tuple(force.size * c * arm for arm in arms)

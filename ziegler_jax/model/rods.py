@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import NamedTuple, TypedDict, Unpack
 
 import jax.numpy as jnp
+import numpy as np
 
 from ..numerics.numbers import Joints, Scalar, is_concrete
-from ..numerics.rules import check_options, number, positive, whole_number
+from ..numerics.rules import check_options, number, positive
 from .chain_of_rods import MOST_RODS, Chain
 from .column import Column
 from .damping import AbstractDamping
@@ -19,6 +20,7 @@ BODIES = ("m1", "m2", "l1", "l2")
 TIP = ("tip_mass", "tip_inertia")
 COMMON = ("damping", "friction", "rest_angles", "dead_load", "gravity", "foundation")
 PARTS = ("kappa", "follower", *COMMON, *TIP)  # of any column
+NUMBERS = ("kappa", "follower", "rest_angles", "foundation", *TIP)  # of these
 
 
 class CommonParts(TypedDict, total=False):
@@ -208,9 +210,18 @@ def leipholz(n: int, q: Scalar = 0.0, **parts: Unpack[ChainParts]) -> Chain:
 
     Source: H. H. E. Leipholz, Ingenieur-Archiv 32 (1963) 214-224.
     """
-    count = whole_number("n", n)
-    spread = FollowerForces((1 / count,) * count, at=0.5) if count > 1 else None
+    count = _rods(n)
+    spread = FollowerForces((1 / count,) * count, at=0.5)
     return _literature("leipholz", n, q, parts, forces=spread)
+
+
+def _rods(n: int) -> int:
+    whole = isinstance(n, int | np.integer) and not isinstance(n, bool)
+    if not whole or not 2 <= n <= MOST_RODS:
+        raise ValueError(
+            f"Argument `n` must be a whole number from 2 to {MOST_RODS}, but is {n!r}."
+        )
+    return int(n)
 
 
 def _literature(
@@ -223,9 +234,7 @@ def _literature(
 ) -> Chain:
     """A cantilever of unit length, mass and bending stiffness in n equal rods."""
     check_options(name, parts, (*COMMON, "air", "tip_inertia"))
-    count = whole_number("n", n)
-    if not 2 <= count <= MOST_RODS:
-        raise ValueError(f"Argument `n` must be from 2 to {MOST_RODS}, but is {count}.")
+    count = _rods(n)
     return Chain(
         q,
         lengths=(1 / count,) * count,

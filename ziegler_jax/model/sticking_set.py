@@ -64,7 +64,7 @@ class StickingSet(eqx.Module):
     def corners(self) -> Float[Array, "4 2"]:
         r"""The four corners, (4, 2): $\phi_1, \phi_2$ in turn round the set.
 
-        **Raises:** `ValueError` unless the load follows ($\eta = 1$).
+        **Raises:** `ValueError` unless the load follows ($\eta = 1$), and acts alone.
         """
         self._needs_following("corners")
         t1, t2 = self.static
@@ -82,6 +82,12 @@ class StickingSet(eqx.Module):
         return 4 * t1 * t2 / self.column.kappa
 
     def _needs_following(self, what: str) -> None:
+        if not self.column.upright:
+            raise ValueError(
+                f"`{what}` of a sticking set must be asked of a column on which its "
+                "load alone acts, but that has rest angles, fixed forces or a "
+                "foundation; `contains` holds for any."
+            )
         if not self.column.tangential:
             raise ValueError(
                 f"`{what}` of a sticking set must be asked of a load that follows, "

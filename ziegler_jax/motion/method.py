@@ -30,18 +30,17 @@ def explicit_method(
 def tangent_method(
     question: str, method: Method, system: System, usual: Explicit | None = None
 ) -> Method:
-    """The method where tangents go along: Taylor's if there are series.
+    """The method where tangents go along.
 
-    **Arguments:** `usual`: what else is taken where none is named; None: Tsit5.
+    **Arguments:** `usual`: what is taken where none is named; None: Taylor's if there
+    are series, else Tsit5.
 
     **Raises:** `ValueError` for one that carries none, or cannot follow the column.
     """
     instance("method", method, Method)
     if isinstance(method.solver, Rosenbrock):
         check_explicit(question, method)
-    other = Explicit() if usual is None else usual
-    usual_here = Taylor() if system.has_series else other
-    return method_of(question, method, system, usual_here)
+    return method_of(question, method, system, usual or usual_method(system))
 
 
 def check_explicit(question: str, method: Method) -> Explicit | None:

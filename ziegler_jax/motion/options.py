@@ -99,14 +99,14 @@ class Method(AbstractOptions):
     |---|---|---|---|
     | `settle` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 |
     | `sweep_up_down` | Tsit5, set-valued Taylor8 | 1e-6 | 1000000 (a motion) |
-    | `threshold` | Tsit5, set-valued Taylor8 | 1e-8 | 3000000 (a motion) |
-    | `flutter_onset`, `critical_kick` | as `threshold` | 1e-8 | 3000000 (a motion) |
+    | `threshold` | Tsit5 | 1e-8 | 3000000 (a motion) |
+    | `flutter_onset`, `critical_kick` | Tsit5 | 1e-8 | 3000000 (a motion) |
     | `least_kick` | Tsit5, set-valued Taylor8 | 1e-8 | 1000000 (a motion) |
     | `trajectory` | Dopri8, set-valued Taylor8 | 1e-8 | 1000000 |
-    | `periodic_orbit` | Dopri8, set-valued Taylor8 | 1e-10 | 100000 |
-    | `continue_cycle`, `bifurcation` | Dopri8, set-valued Taylor8 | 1e-10 | 10000000 |
-    | `branch_off` | Dopri8, set-valued Taylor8 | 1e-10 | 10000000 |
-    | `bifurcation_curve` | Dopri8, set-valued Taylor8 | 1e-10 | 10000000 |
+    | `periodic_orbit` | Dopri8, set-valued Tsit5 | 1e-10 | 100000 |
+    | `continue_cycle`, `bifurcation` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
+    | `branch_off` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
+    | `bifurcation_curve` | Dopri8, set-valued Tsit5 | 1e-10 | 10000000 |
     | `lyapunov_exponents` | Tsit5, set-valued Taylor8 | 1e-8 | 10000000 |
     | `poincare` | Tsit5 | 1e-9 | 10000000 |
 

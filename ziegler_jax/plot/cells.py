@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from ..model.column import Column, State
-from ..motion.checks import check_two_rods, scene_at
+from ..motion.checks import scene_at
 from ..motion.options import Method, Solver
 from ..motion.trajectory import Trajectory, trajectory
 from ..results import CODE, DIMENSIONS
@@ -74,7 +74,11 @@ def scene_of(here: xr.Dataset, cell: Cell) -> tuple[Column, State]:
                 f"{axes}, but has a parameter `{name}`."
             )
     scene = scene_at(cell, **values)
-    check_two_rods("plot.page", scene[0])
+    if not isinstance(scene[0], Column):
+        raise ValueError(
+            "Argument `cell` must give a `Column` for `plot.page`, which draws two "
+            f"rods, but gives {scene[0]!r}."
+        )
     return scene
 
 

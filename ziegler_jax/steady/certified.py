@@ -121,14 +121,13 @@ class CertifiedMotion:
         self.column, self.y0 = column, float_state(start)
         self.system = system = column.system()
         self.watches = observers is not None
-        given = () if observers is None else with_amplitude(observers, system)
+        given = with_amplitude(observers, system) if observers is not None else ()
         self.grows = any(isinstance(o, Growth) for o in given)
         self.method = method_of(question, method, system, usual_method(system))
         windows = windows_for(question, windows, rate_cut_of(system))
         self.windows = eqx.tree_at(  # those of `settle` by windows alone
             lambda w: w.agreement, windows, None, is_leaf=lambda x: x is None
         )
-        # a certificate has the period itself
         given = tuple(o for o in given if not isinstance(o, Growth | Period))
         self.observation = Observation(given)
         atol = self.method.tolerances[1]
@@ -137,6 +136,7 @@ class CertifiedMotion:
         coarse = isinstance(solver, Explicit) and solver.order <= 5
         self.at_once = STEPS_AT_ONCE if coarse else STEPS_AT_ONCE // 4
         halves = all(observer.mirrored for observer in given)
+        halves &= not system.displaced  # its section is no mirror image's
         self.odd: Flag = halves and (is_odd(system) if odd is None else odd)
         transient, length, most = self.windows.spans
         self.exponents = exponents
@@ -151,7 +151,7 @@ class CertifiedMotion:
         )
         self.last = length  # the span that is observed where nothing is certain
         self.horizon = transient + length * (most - 1)
-        self.chosen_at = transient + length  # the section, where it is not phi1 = 0
+        self.chosen_at = transient + length  # where the section is not phi1 = 0
         good = keeps("nonnegative", transient)
         good &= keeps("positive", length, self.windows.escape, self.windows.rate_cut)
         good &= keeps("positive", self.method.rtol, self.method.atol)

@@ -69,7 +69,6 @@ class Settled(AbstractDescribed, AbstractMotionResult[State]):
         return {"exponent": tuple(range(1, self.exponents.shape[-1] + 1))}
 
 
-MOST_EXPONENTS = 4  # as many as a state has numbers
 _FIELDS = {*Settled.__dataclass_fields__, "windows"}
 _EXPONENTS = {"exponents", "errors", "kind"}
 _CERTIFICATE = {
@@ -157,8 +156,8 @@ def settle(
         an error of 4e-5 after 100 time units (`benchmarks/b0_work_precision.py`); from
         there Calvo7 is, with Vern9 from 1e-9 on (in layers of 1e-4 and thinner Calvo7
         is not to be trusted, see `solvers.tableaus`).
-    - `exponents`: how many, 0 to 4, as above: two name tori, one chaos alone. None of
-        `certify` is then True.
+    - `exponents`: how many, 0 to 2 a rod, as above: two name tori, one chaos alone.
+        None of `certify` is then True.
     - `certify`: None certifies, with `SetValuedCoulomb` on Taylor's steps, whose series
         the tangents of shots share. It has to be asked for where set-valued friction
         has no series (the load `JointReaction()`, a damping law of one's own): there
@@ -214,7 +213,7 @@ def settling(
     scene = column, start, question, windows, observers, method
     check_scene(column, start)
     instance("method", method, Method)
-    exponents = _exponents(exponents, certify)
+    exponents = _exponents(exponents, certify, 2 * column.joints)
     if certify is None:
         certify = exponents > 0 or may_certify(column, method)
     if not isinstance(certify, bool):
@@ -234,11 +233,11 @@ def settling(
     return SettleProblem(*scene)
 
 
-def _exponents(count: int, certify: bool | None) -> int:
+def _exponents(count: int, certify: bool | None, most: int) -> int:
     whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-    if not whole or not 0 <= count <= MOST_EXPONENTS:
+    if not whole or not 0 <= count <= most:
         raise ValueError(
-            f"Argument `exponents` must be a whole number from 0 to {MOST_EXPONENTS}, "
+            f"Argument `exponents` must be a whole number from 0 to {most}, "
             f"but is {count!r}."
         )
     if count and certify is False:
