@@ -422,7 +422,9 @@ def test_bad_arguments_of_a_crossing_are_named(refuses):
     refuses(lambda: leave(side=np.array([1, -1])), "`side`", "array([ 1, -1])")
     refuses(lambda: jax.jit(lambda s: leave(side=s))(1), "`side`", "Tracer")
     refuses(lambda: leave(distance=-0.5), "`distance`", "-0.5")
-    refuses(lambda: leave(method=zj.Method(zj.Rosenbrock())), "`solver`", "`branch_off`")
+    refuses(
+        lambda: leave(method=zj.Method(zj.Rosenbrock())), "`solver`", "`branch_off`"
+    )
 
 
 def test_where_nothing_leaves_no_cycle_is_said_to():

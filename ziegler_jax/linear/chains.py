@@ -8,8 +8,8 @@ zero, the load takes the chain out of stability where
 - damped, a pair reaches the axis: $(K - \omega^2 M + i \omega C)\, x = 0$;
 - a real eigenvalue passes zero: $K x = 0$.
 
-The first such load is bracketed by the eigenvalues at equidistant loads, then by
-halves. Newton's method on these equations, with one component of x held at 1, finds it
+The first such load is bracketed by the eigenvalues at loads 1 % apart, then by halves.
+Newton's method on these equations, with one component of x held at 1, finds it
 to rounding, and its last two steps carry derivatives: k steps from a root have those
 up to order $2^k - 1$.
 

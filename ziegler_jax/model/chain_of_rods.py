@@ -166,7 +166,8 @@ class Chain(AbstractChain):
     - `damping`: None, `Viscous(c1, ..., cn)` or a law of one's own.
     - `air`: drag on the rods' points, $-e_i v$ a unit of length; one number or one a
         rod, nonnegative.
-    - `friction`: None or a friction law; not on `JointReaction()`.
+    - `friction`: None or a friction law; not on `JointReaction()`, and set-valued up to
+        four rods.
     - `forces`: the pattern; None: $q$ along the last rod, on its end.
     - `dead_load`, `gravity`: `DeadLoad(p, direction)`, `Gravity(g, direction)`.
     - `foundation`: $w_i$ of springs across the vertical, so much a unit of length

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from ..numerics.elementary import sincos
 from ..numerics.numbers import Joints, Numbers, OneOrEach, Scalar, Several, each, equals
 from ..numerics.rules import AbstractRuled, checked, several
+from ..numerics.series import added
 from .system import Follower
 
 
@@ -141,11 +142,7 @@ def fixed_forces(
             s, c = sincos(jnp.asarray(force.direction, float))
             along = tuple(force.size * c * arm for arm in arms)
             aside = tuple(force.size * s * arm for arm in arms)
-        upright = along if upright is None else _added(upright, along)
+        upright = along if upright is None else added(upright, along)
         if aside is not None:
-            across = aside if across is None else _added(across, aside)
+            across = aside if across is None else added(across, aside)
     return upright, across
-
-
-def _added(one: Numbers, other: Numbers) -> Numbers:
-    return tuple(a + b for a, b in zip(one, other, strict=True))

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from ..numerics.materialise import materialise
 from ..numerics.numbers import Joints, Numbers, OneOrEach, Pair, Scalar, each
 from ..numerics.rules import AbstractRuled, checked, whole_number
+from ..numerics.series import added
 
 
 class AbstractNormalLoad(AbstractRuled):
@@ -140,7 +141,7 @@ class LoadSum(AbstractNormalLoad):
 
     def at_rest(self, pulls: Numbers) -> Numbers:
         """Return the sum of both for each joint."""
-        return _added(self.first.at_rest(pulls), self.second.at_rest(pulls))
+        return added(self.first.at_rest(pulls), self.second.at_rest(pulls))
 
     def split(self, pulls: Numbers) -> tuple[Numbers, Reaction | None]:
         """Reactions and what is known beside them."""
@@ -154,7 +155,7 @@ class LoadSum(AbstractNormalLoad):
             known = second
         assert reaction is not None
         if reaction.preload is not None:
-            known = _added(reaction.preload, known)
+            known = added(reaction.preload, known)
         return (1.0,) * len(pulls), Reaction(reaction.steps, known)
 
 
@@ -163,10 +164,6 @@ class Reaction(eqx.Module):
 
     steps: int = eqx.field(static=True)  # of Newton's method
     preload: Numbers | None = None
-
-
-def _added(one: Numbers, other: Numbers) -> Numbers:
-    return tuple(a + b for a, b in zip(one, other, strict=True))
 
 
 def normal_load(load: AbstractNormalLoad | None) -> AbstractNormalLoad:

@@ -12,7 +12,7 @@ from functools import partial
 from typing import cast
 
 from .materialise import materialise
-from .numbers import Scalar
+from .numbers import Numbers, Scalar
 
 
 class Series:
@@ -172,6 +172,11 @@ def sincos_series(
 
     sine, cosine = _Turned(x.at, rule, (x, rate)), _Turned(x.at, rule, (x, rate))
     return sine.as_factor(), cosine.as_factor()
+
+
+def added(one: Numbers, other: Numbers) -> Numbers:
+    """Two rows of numbers, number by number."""
+    return tuple(a + b for a, b in zip(one, other, strict=True))
 
 
 def sum_of(terms: Sequence[Scalar]) -> Scalar:
