@@ -72,7 +72,7 @@ def test_pfluegers_column_is_an_eigenvalue_problem_of_its_own(ratio):
 def test_a_uniform_foundation_does_not_move_becks_load(n):
     """The foundation's moments are those of the mass: all squares shift alike."""
     bare, borne = q_cr(zj.beck(n)), q_cr(zj.beck(n, foundation=7.0))
-    assert abs(bare - borne) < 1e-12 * bare
+    assert abs(bare - borne) < 1e-12 * bare  # measured 1.6e-15
 
 
 def test_gravity_moves_the_flutter_load_of_two_rods_as_its_quadratic_says():
@@ -209,7 +209,7 @@ def test_closed_forms_of_two_rods_are_met_with_all_derivatives():
         )
         pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
         for a, b in pairs:
-            assert abs(a - b) < 1e-10 * (1 + abs(a))
+            assert abs(a - b) < 1e-10 * (1 + abs(a))  # measured 3.9e-16
 
 
 @pytest.mark.parametrize("kappa", [1e4, 10.0, 0.05, 0.01, 1e-3])
