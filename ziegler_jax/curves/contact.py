@@ -30,7 +30,9 @@ from ..model.chain import joint_angles
 from ..model.state import PhasePoint
 from ..model.system import System
 from ..motion.saltation import leaves
+from ..motion.section import joint_rates
 from ..motion.variational import NONE, AbstractContact
+from ..numerics.hermite import cubic, turning
 from ..numerics.numbers import Scalar
 from ..solvers import Step
 
@@ -111,19 +113,19 @@ class Dip(AtRest):
     def turn(self, step: Step) -> tuple[Scalar, Array]:
         """Where in the step slip is least, as a share of it; whether it is at all.
 
-        On the cubic through both ends: where the rate turns it stands still.
+        By the rate's series, or the cubic through both ends: where it turns the rate
+        stands still.
         """
-        (u0, u1), (a0, a1) = (
-            [self._mode(step) * self.rate(x) for x in pair]
-            for pair in ((step.y0, step.y1), (step.f0, step.f1))
-        )
-        h = step.t1 - step.t0
-        v0, v1, rise = h * a0, h * a1, u1 - u0
-        turns = (v0 < 0) & (v1 > 0) & (u0 > 0)  # slip that begins does not turn
-        # the slope v0 + 2 c2 x + 3 c3 x^2 of the cubic
-        c2, c3 = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
-        root = jnp.sqrt(jnp.where(turns, c2 * c2 - 3 * c3 * v0, 1.0))
-        x = -v0 / jnp.where(turns, c2 + root, 1.0)
+        mode, h = self._mode(step), step.t1 - step.t0
+        if step.series:
+            rate = joint_rates(step)[self.place]
+            turns, x = rate.turning()
+        else:
+            u0, u1, a0, a1 = map(self.rate, (step.y0, step.y1, step.f0, step.f1))
+            rate = cubic(u0, u1, h * a0, h * a1)
+            turns, x = turning(rate)
+        # slip that begins does not turn
+        turns &= (mode * rate.g0 > 0) & (mode * rate.v0 < 0)
         return jnp.where(turns, x, 1.0), jnp.asarray(turns)
 
     def least(self, step: Step, y: PhasePoint) -> Scalar:

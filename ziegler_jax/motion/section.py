@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import NamedTuple, cast
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple, TypeVar, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
@@ -21,10 +24,12 @@ from ..numerics.hermite import (
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Option, Scalar
 from ..numerics.passages import first_fall
+from ..numerics.polynomial import Polynomial, over_step
 from ..numerics.rules import number
 from ..results import RATE, Units
 from ..solvers import Step
 
+Course = TypeVar("Course", bound=Quintic | Polynomial)
 Coordinate = str  # "phi1", "omega2", ...
 COORDINATE = re.compile(r"(phi|omega)([1-9]\d?)")
 
@@ -111,7 +116,7 @@ class Passage(NamedTuple):
 
 
 def passage(plane: SectionPlane, step: Step) -> Passage:
-    """The step's first passage through the plane: angles on quintics, rates on theirs.
+    """The step's first passage through the plane, on `rod_angles` and `rod_rates`.
 
     A step that begins and ends on one side may pass the plane and come back: it is
     looked for between the extrema of the coordinate's course.
@@ -127,13 +132,8 @@ def passage(plane: SectionPlane, step: Step) -> Passage:
 
     def locate(blank):
         del blank
-        turned = rod_angles(step)
-        rates = tuple(QuinticRate(path, 1 / h) for path in turned)
-        guard = Quintic(*(sign * x for x in turned[i % n]))
-        if i < n:
-            guard = guard._replace(g0=g0, g1=g1)
-        else:
-            guard = QuinticRate(guard, 1 / h, sign * plane.level)
+        turned, rates = rod_angles(step), rod_rates(step)
+        guard = _guard(step, i, sign, plane.level)
 
         def where():
             there, left, right = first_fall(guard)
@@ -147,8 +147,42 @@ def passage(plane: SectionPlane, step: Step) -> Passage:
     return if_any_lane(may, locate, Passage(jnp.zeros_like(may), step.t1, step.y1))
 
 
-def rod_angles(step: Step) -> tuple[Quintic, ...]:
-    """The rods' angles over the step."""
+def _guard(
+    step: Step, i: int, sign: float, level: Scalar
+) -> Quintic | QuinticRate | Polynomial:
+    """How far coordinate i lies above its level, by its sign; exact at both ends."""
+    n = len(step.y0.phi)
+    g0, g1 = (sign * (y[i] - level) for y in (step.y0, step.y1))
+    if step.series:
+        _, *rest = _of_series(step)[i].terms
+        return Polynomial((g0, *(sign * c for c in rest)), g1)
+    course = Quintic(*(sign * x for x in _quintics(step)[i % n]))
+    if i < n:
+        return course._replace(g0=g0, g1=g1)
+    return QuinticRate(course, 1 / (step.t1 - step.t0), sign * level)
+
+
+def rod_angles(step: Step) -> tuple[Quintic | Polynomial, ...]:
+    """The rods' angles over the step: its own series, where it has none quintics."""
+    if step.series:
+        return _of_series(step)[: len(step.y0.phi)]
+    return _quintics(step)
+
+
+def rod_rates(step: Step) -> tuple[QuinticRate | Polynomial, ...]:
+    """How fast they turn."""
+    if step.series:
+        return _of_series(step)[len(step.y0.phi) :]
+    return tuple(QuinticRate(path, 1 / (step.t1 - step.t0)) for path in _quintics(step))
+
+
+def _of_series(step: Step) -> tuple[Polynomial, ...]:
+    h = step.t1 - step.t0
+    pairs = zip(step.series, step.y1, strict=True)
+    return tuple(over_step(c, h, end) for c, end in pairs)
+
+
+def _quintics(step: Step) -> tuple[Quintic, ...]:
     h = step.t1 - step.t0
 
     def end(i: int, y: PhasePoint, f: PhasePoint) -> tuple[Scalar, Scalar, Scalar]:
@@ -160,11 +194,19 @@ def rod_angles(step: Step) -> tuple[Quintic, ...]:
     )
 
 
-def angles(step: Step) -> tuple[Quintic, ...]:
+def angles(step: Step) -> tuple[Quintic | Polynomial, ...]:
     """The rods' angles over the step, then those of the joints between them."""
     rods = rod_angles(step)
-    joints = (
-        Quintic(*(b - a for a, b in zip(one, two, strict=True)))
-        for one, two in zip(rods, rods[1:], strict=False)
-    )
-    return *rods, *joints
+    return *rods, *_between(rods)
+
+
+def joint_rates(step: Step) -> tuple[Polynomial, ...]:
+    """How fast the joints turn, by the step's series."""
+    rates = _of_series(step)[len(step.y0.phi) :]
+    return rates[0], *_between(rates)
+
+
+def _between(rods: Sequence[Course]) -> Iterator[Course]:
+    """Each rod's number less that of the one before: a course is linear in its own."""
+    for one, two in pairwise(rods):
+        yield jax.tree.map(lambda a, b: b - a, one, two)

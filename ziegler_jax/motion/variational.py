@@ -6,7 +6,7 @@ counts with the step's: a cycle however small has multipliers of size one.
 """
 
 import abc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial, reduce
 from typing import ClassVar, NamedTuple, cast
 
@@ -20,10 +20,10 @@ from ..model.chain_of_rods import AbstractChain
 from ..model.state import PhasePoint
 from ..model.system import System
 from ..numerics.numbers import Numbers, Scalar
-from ..numerics.series import sum_of, value
+from ..numerics.series import sum_of
 from ..results import CODE
 from ..solvers import AbstractFold, Explicit, Step, Taylor
-from ..solvers.along import Moved, expand_along, moved_by
+from ..solvers.along import along_to, expand_along
 from ..solvers.expansion import allowed
 from .integrate import Motion, Run
 from .options import Method
@@ -229,23 +229,24 @@ class Variational(AbstractFold[Varied]):
         each = [allowed(one, rtol, atol) for one in (motion.y, *along[:4])]
         return reduce(jnp.minimum, each)
 
-    def _rows(self, step: Step, y1: PhasePoint, moved: Sequence[Moved]):
+    def _rows(self, step: Step):
         """As `advance`'s integrals, of a step of Taylor's and its differences."""
-        rows = jax.tree.map(lambda *x: jnp.stack(x), *moved)
-        turns = partial(_peaks, step.t1 - step.t0)
+        rows = jax.tree.map(lambda *x: jnp.stack(x), *step.moved)
 
-        def along(v, one):
-            differences = v, one.f0, one.y1, one.f1
-            return jax.jvp(turns, (step.y0, step.f0, y1, step.f1), differences)
+        def turns(series):
+            return tuple(p.extremum() for p in angles(step._replace(series=series)))
 
-        peaks, dpeaks = jax.vmap(along, out_axes=(None, 0))(self.unit(step.y0), rows)
+        def along(series):
+            return jax.jvp(turns, (step.series,), (series,))
+
+        peaks, dpeaks = jax.vmap(along, out_axes=(None, 0))(rows.series)
         return peaks, rows.y1, dpeaks
 
     def step(self, system, state, step):
         """Carry the variations over the step, and over the event at its end."""
         jacobians = step.integrals
         if step.moved:
-            jacobians = self._rows(step, step.y1, step.moved)
+            jacobians = self._rows(step)
         elif step.modes:  # it may have been cut
             ends = step.t0, step.t1, step.y0
             *_, jacobians, _ = self.advance(self.solver, *ends, system, step.f0, state)
@@ -306,11 +307,9 @@ class Variational(AbstractFold[Varied]):
         """At an instant within the step: the same step, only as far as there."""
         watch, share, turns = there
         h = share * (step.t1 - step.t0)
-        if isinstance(self.solver, Taylor):
-            how = self.solver.order, step.t0, state
-            motion, along = self.expand(system, step.y0, *how)
-            y = PhasePoint(value(c, h) for c in motion.y)
-            moved = [moved_by(one, h).y1 for one in along]
+        if step.series:
+            y = along_to(step.series, h)
+            moved = [along_to(one.series, h) for one in step.moved]
             rows = jax.tree.map(lambda *x: jnp.stack(x), *moved)
         else:
             ends = step.t0, step.t0 + h, step.y0

@@ -7,7 +7,7 @@ is seen.
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -60,28 +60,8 @@ class Quintic(NamedTuple):
         return self.g0, first, second, last - self.v1 / 5 + self.a1 / 20, last, self.g1
 
     def turning(self) -> tuple[Flag, Scalar]:
-        r"""Whether the slope changes its sign between the ends, and where about.
-
-        Between slopes of unlike sign the cubic has exactly one extremum, at the root
-        of $\kappa x^2 - (1 + \kappa)\,x + r = 0$ with $r = v_0 / (v_0 - v_1)$ and
-        $\kappa = 3 c_3 / (v_0 - v_1)$, written here so that nothing cancels. It lies
-        within h^3 of the quintic's, whose value there is within h^6. In 32 bits it is
-        cheap: seven digits of the place are fourteen of the number there. A number
-        whose slopes underflow hardly moves, and counts as one that does not turn. Then
-        the place is the end.
-        """
-        v0, v1, (_, c3) = self.v0, self.v1, _cubic(self)
-        turns = v0 * v1 < 0
-        inverse = 1 / jnp.where(turns, v0 - v1, 1.0)
-        r, kappa = v0 * inverse, 3 * c3 * inverse
-        b = 1 + kappa
-        root = _root(_short(b * b - 4 * kappa * r))
-        far, first = _short(jnp.abs(b)) + root, b >= 0
-        x = jnp.where(first, _short(2 * r), far) / jnp.where(
-            first, far, _short(-2 * kappa)
-        )
-        x = smaller(larger(x, 0.0), 1.0).astype(r.dtype)
-        return turns, jnp.where(turns, x, 1.0)
+        """Whether the slope changes its sign between the ends, and where about."""
+        return turning(self)
 
     def largest(self) -> Scalar:
         """The largest size at the end and about where it turns."""
@@ -211,7 +191,39 @@ def through(
     return cubic(g0, g1, v0, v0 + 2 * chord + c3)
 
 
-Course = HermiteQuartic | Quintic | QuinticRate
+class Course(Protocol):
+    """A number over a step, and how fast it runs."""
+
+    def __call__(self, x: Scalar) -> Scalar:
+        """The number at x, from 0 to 1."""
+        ...
+
+    def slope(self, x: Scalar) -> Scalar:
+        """Its slope there, per step."""
+        ...
+
+
+def turning(course: "HermiteQuartic | Quintic") -> tuple[Flag, Scalar]:
+    r"""Whether a number's slope changes its sign between the ends, and where about.
+
+    Between slopes of unlike sign the cubic has exactly one extremum, at the root
+    of $\kappa x^2 - (1 + \kappa)\,x + r = 0$ with $r = v_0 / (v_0 - v_1)$ and
+    $\kappa = 3 c_3 / (v_0 - v_1)$, written here so that nothing cancels. It lies
+    within h^3 of the quintic's, whose value there is within h^6. In 32 bits it is
+    cheap: seven digits of the place are fourteen of the number there. A number
+    whose slopes underflow hardly moves, and counts as one that does not turn. Then
+    the place is the end.
+    """
+    v0, v1, (_, c3) = course.v0, course.v1, _cubic(course)
+    turns = v0 * v1 < 0
+    inverse = 1 / jnp.where(turns, v0 - v1, 1.0)
+    r, kappa = v0 * inverse, 3 * c3 * inverse
+    b = 1 + kappa
+    root = _root(_short(b * b - 4 * kappa * r))
+    far, first = _short(jnp.abs(b)) + root, b >= 0
+    x = jnp.where(first, _short(2 * r), far) / jnp.where(first, far, _short(-2 * kappa))
+    x = smaller(larger(x, 0.0), 1.0).astype(r.dtype)
+    return turns, jnp.where(turns, x, 1.0)
 
 
 def probe_point(g0: Scalar, v0: Scalar, g1: Scalar) -> Pair:

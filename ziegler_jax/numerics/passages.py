@@ -16,12 +16,15 @@ from .hermite import (
 )
 from .materialise import if_any_lane, materialise
 from .numbers import Flag, Numbers, Pair, Scalar
+from .polynomial import Polynomial
 from .series import value, value_and_slope
 
 TURNING = 5  # steps of Newton's method, from a chord on
 
 
-def first_fall(course: Quintic | QuinticRate) -> tuple[Flag, Scalar, Scalar]:
+def first_fall(
+    course: Quintic | QuinticRate | Polynomial,
+) -> tuple[Flag, Scalar, Scalar]:
     """Whether the course falls through zero, and the bracket of the first time.
 
     It changes its sign no more often than its control polygon does. Where that is more

@@ -24,18 +24,17 @@ from jax.custom_batching import custom_vmap
 from ..model.state import PhasePoint
 from ..model.system import System
 from ..numerics.numbers import Scalar
-from ..numerics.series import value, value_and_slope
+from ..numerics.series import value
 from .expansion import Coefficients, Expansion, expand
 
-Series4 = tuple[Coefficients, ...]  # of a state or a difference, by its numbers
+StateSeries = tuple[Coefficients, ...]  # of a state or a difference, by its numbers
 
 
 class Moved(NamedTuple):
-    """A difference over a step: of the first slope, the end and the last slope."""
+    """A difference over a step: its series, and what it is at the end."""
 
-    f0: PhasePoint
+    series: StateSeries
     y1: PhasePoint
-    f1: PhasePoint
 
 
 def leaves(
@@ -60,7 +59,7 @@ def expand_along(
     token: Scalar,
     vectors: Sequence[PhasePoint],
     moves: System | None = None,
-) -> tuple[Expansion, list[Series4]]:
+) -> tuple[Expansion, list[StateSeries]]:
     """The series of the motion from y, and of each difference that begins as a vector.
 
     **Arguments:** `system`: in the modes of the step; `token`: see `materialise`;
@@ -120,10 +119,6 @@ def _lanes_behind(size: int, x: jax.Array, moves: bool) -> jax.Array:
     return jnp.moveaxis(x, 0, -1)
 
 
-def moved_by(series: Series4, h: Scalar) -> Moved:
-    """A difference over a step of length h."""
-    n = len(series) // 2
-    ends = [value_and_slope(c, h) for c in series[n:]]
-    end = PhasePoint.of([value(c, h) for c in series[:n]], [w for w, _ in ends])
-    first = PhasePoint.of([c[0] for c in series[n:]], [c[1] for c in series[n:]])
-    return Moved(first, end, PhasePoint.of(end.omega, [a for _, a in ends]))
+def along_to(series: StateSeries, h: Scalar) -> PhasePoint:
+    """The state, or a difference, a time h after the series' start."""
+    return PhasePoint(value(c, h) for c in series)

@@ -18,7 +18,7 @@ from ..model.state import PhasePoint
 from ..model.system import System, field
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Count, Flag, Numbers, Scalar
-from .along import Moved, Series4
+from .along import Moved, StateSeries
 from .control import NOT_HERE, Signals, Verdict
 from .expansion import Expansion, allowed, expand
 from .explicit import Explicit, Integrand
@@ -38,7 +38,9 @@ class Step(NamedTuple):
     `modes`: -1., 0. (sticks) or 1. for each joint, and `event`: the joint on which the
     step ended (0 none, 1, 2, 4, ... for joint 1, 2, 3, ..., of several their sum) with
     the new modes; else both are empty.
-    `moved`: the differences that a fold carries on Taylor's steps, before that event.
+    `series`: of a step of Taylor's the coefficients of the states' numbers in time from
+    its start; `moved`: the differences that a fold carries on such steps, before that
+    event. Of other steps both are empty.
     """
 
     t0: Scalar
@@ -50,6 +52,7 @@ class Step(NamedTuple):
     integrals: tuple
     modes: Numbers = ()
     event: tuple[Count, Numbers] | tuple[()] = ()
+    series: StateSeries = ()
     moved: tuple[Moved, ...] = ()
 
 
@@ -88,13 +91,13 @@ class AbstractFold(eqx.Module, Generic[State]):
 
     def expand(
         self, system: System, y0: PhasePoint, order: int, token: Scalar, state: State
-    ) -> tuple[Expansion, list[Series4]]:
+    ) -> tuple[Expansion, list[StateSeries]]:
         """The series of a step of Taylor's, and of the differences that go along."""
         del state
         return expand(system, y0, order, token), []
 
     def allowed(
-        self, motion: Expansion, along: list[Series4], rtol: Scalar, atol: Scalar
+        self, motion: Expansion, along: list[StateSeries], rtol: Scalar, atol: Scalar
     ) -> Scalar:
         """How long that step may be."""
         del along

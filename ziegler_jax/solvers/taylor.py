@@ -23,7 +23,7 @@ from ..numerics.bernstein import ends_here, first_event, first_look
 from ..numerics.materialise import if_any_lane, materialise
 from ..numerics.numbers import Flag, Numbers, Scalar, any_of
 from ..numerics.series import value
-from .along import moved_by
+from .along import Moved, along_to
 from .control import ControlState, Signals, StepControl, Verdict
 from .expansion import Coefficients
 from .explicit import Integrand
@@ -236,9 +236,11 @@ class TaylorSlip(AbstractLaneSolver[TaylorState]):
         counted = _counted(where, asked, t_end)
         joint = joints_number(ended)
         integrals = _integrals(self.fold.integrand(system), motion.y, length, t0)
-        moved = tuple(materialise(t0, moved_by, one, length) for one in along)
-        event = joint, after
-        step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, event, moved)
+        moved = tuple(
+            Moved(one, materialise(t0, along_to, one, length)) for one in along
+        )
+        event, series = (joint, after), motion.y
+        step = Step(t0, t_end, y0, y, f0, f_end, integrals, modes, event, series, moved)
         verdict = judge(y, (), t_end)
         folded, stop, done = self.fold.accepted(system, folded, step, verdict)
         accelerations = ()
