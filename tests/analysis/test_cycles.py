@@ -397,3 +397,22 @@ def test_what_no_orbit_can_be_watched_by_is_refused(refuses):
     refuses(watch((zj.Growth(),)), "`observers`", "`Growth()`", "`periodic_orbit`")
     refuses(watch((3,)), "`observers`", "3")
     refuses(watch((Named(),)), "`rates`", "the result's own", "`period`")
+
+
+def test_by_taylors_steps_an_orbit_is_the_explicit_ones_with_its_derivatives():
+    def numbers(solver):
+        def at(q):
+            law = zj.SetValuedCoulomb(0.2, 0.1, pin_radius=0.05)
+            guess = zj.State((0.0, 0.3), (0.3, 0.1))
+            method = zj.Method(solver, rtol=1e-12)
+            orbit = zj.periodic_orbit(
+                zj.uniform_rods(q, friction=law), guess, method=method
+            )
+            return jnp.stack([*orbit.rod_amplitude, orbit.joint_amplitude[1]])
+
+        q = jnp.asarray(2.6)
+        return jax.jit(lambda q: jax.jvp(at, (q,), (jnp.ones_like(q),)))(q)
+
+    explicit, taylor = numbers(zj.Explicit()), numbers(zj.Taylor())
+    for one, two in zip(explicit, taylor, strict=True):
+        assert np.abs(two / one - 1).max() < 1e-9

@@ -9,7 +9,7 @@ from newton_euler import Rods, motion
 import ziegler_jax as zj
 from ziegler_jax.model.state import PhasePoint
 from ziegler_jax.motion.observers import Observation
-from ziegler_jax.solvers.along import expand_along, moved_by
+from ziegler_jax.solvers.along import along_to, expand_along
 from ziegler_jax.solvers.expansion import expand
 from ziegler_jax.steady.shots import attempt_at, blank_attempt, shot_motion, start_of
 
@@ -90,7 +90,7 @@ def test_the_series_of_a_difference_is_the_difference_of_series():
         motion, (one,) = expand_along(
             here, PhasePoint(y), 8, y[0], [PhasePoint(v)], moves
         )
-        return jnp.stack(moved_by(one, s).y1)
+        return jnp.stack(along_to(one, s))
 
     def end(q, y, modes):
         here = column(q, 0.2, 0.1).system().in_modes((modes[0], modes[1]))

@@ -16,7 +16,9 @@ from .hermite import cubic, differentiated, turning
 from .numbers import Flag, Numbers, Pair, Scalar
 from .series import sum_of, value, value_and_slope
 
-POLISHED = 2  # steps of Newton's method to where a number turns, from the cubic's place
+# Steps of Newton's method to where a number turns, from the cubic's place: there its
+# error is the square of the place's.
+POLISHED, EXACT = 2, 5
 
 
 class Polynomial(NamedTuple):
@@ -61,14 +63,14 @@ class Polynomial(NamedTuple):
         )
         return self.g0, *inner, self.g1
 
-    def turning(self) -> tuple[Flag, Scalar]:
+    def turning(self, polished: int = POLISHED) -> tuple[Flag, Scalar]:
         """Whether the slope changes its sign between the ends, and where.
 
         Else the place is the end.
         """
         slopes = self.slopes()
         turns, x = turning(cubic(self.g0, self.g1, slopes[0], sum_of(slopes)))
-        for _ in range(POLISHED):
+        for _ in range(polished):
             slope, bend = value_and_slope(slopes, x)
             moved = x - slope / jnp.where(bend == 0, jnp.inf, bend)
             x = jnp.where(turns, jnp.clip(moved, 0.0, 1.0), 1.0)
@@ -90,7 +92,7 @@ class Polynomial(NamedTuple):
 
         Where it turns it does not move to first order: the place carries no derivative.
         """
-        _, x = jax.lax.stop_gradient(self).turning()
+        _, x = jax.lax.stop_gradient(self).turning(EXACT)
         return self(x)
 
     def mean(self) -> Scalar:
