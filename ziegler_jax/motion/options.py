@@ -111,9 +111,9 @@ class Method(AbstractOptions):
     | `poincare` | Tsit5 | 1e-9 | 10000000 |
 
     Taylor8 stands for Tsit5 with the load `JointReaction()` and with a damping law of
-    one's own. Orbits, branches and curves take `Taylor()` where it is named: at the same
-    tolerance its orbits are some thirty times nearer, run as long, and compile half as
-    long again.
+    one's own. Orbits, branches and curves take `Taylor()` where it is named: at the
+    same tolerance its orbits are some thirty times nearer, run as long, and compile
+    half as long again.
 
     **Raises:** `ValueError` for what is no such method, and numbers that break a rule;
     and by `settle`, `sweep_up_down`, `trajectory` and `poincare` where a derivative in
