@@ -147,8 +147,8 @@ def report(sample, cells, point=point):
     print(json.dumps(rounded(result)), flush=True)
 
 
-def report_sensitive(cells, point=point):
-    """Which ends change at another tolerance: by outcome, or amplitudes by 1 %."""
+def report_sensitive(sample, cells, rtol, point=point):
+    """Which ends change at a finer tolerance: by outcome, or amplitudes by 1 %."""
     table = jnp.asarray(cells)
 
     def at(cell, observers, method):
@@ -157,7 +157,7 @@ def report_sensitive(cells, point=point):
 
     axis = np.arange(len(cells))
     usual = zj.sweep(lambda cell: at(cell, (zj.Growth(),), zj.Method()), cell=axis)
-    fine = zj.sweep(lambda cell: at(cell, (), zj.Method(rtol=1e-8)), cell=axis)
+    fine = zj.sweep(lambda cell: at(cell, (), zj.Method(rtol=rtol)), cell=axis)
     ends, others = usual.outcome.values, fine.outcome.values
     settled = [zj.CODE.cycle, zj.CODE.stuck]
     both = np.isin(ends, settled) & np.isin(others, settled)
@@ -171,11 +171,14 @@ def report_sensitive(cells, point=point):
     result = {
         "benchmark": "a5_certificates",
         "commit": commit(),
-        "sample": "sensitive",
+        "sample": sample,
         "points": len(cells),
+        "finer_tolerance": rtol,
         "settled_twice": int(both.sum()),
         "changed": int(changed.sum()),
         "changed_and_sensitive": int((changed & sensitive).sum()),
+        "growths_of_changed": np.sort(usual.growth.values[changed]).tolist(),
+        "settled_and_sensitive": int((both & sensitive).sum()),
         "changed_and_late": int((changed & late).sum()),
         "late": int(late.sum()),
         "cycles": int(cycles.sum()),
@@ -189,6 +192,7 @@ def main():
     parser.add_argument("--cells", type=int, default=13_500)
     parser.add_argument("--beside", type=int, default=1000)
     parser.add_argument("--again", type=int, default=8000)
+    parser.add_argument("--again-beside", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--law", choices=("smooth", "dry"), default="smooth")
     options = parser.parse_args()
@@ -202,7 +206,11 @@ def main():
         beside = cells_beside_thresholds(options.beside, source, law)
         report("thresholds", beside, law)
     if options.again:
-        report_sensitive(cells_of_the_map(options.again, source), law)
+        cells = cells_of_the_map(options.again, source)
+        report_sensitive("sensitive", cells, 1e-8, law)
+    if options.again_beside:
+        beside = cells_beside_thresholds(options.again_beside, source, law)
+        report_sensitive("sensitive beside thresholds", beside, 1e-10, law)
 
 
 if __name__ == "__main__":

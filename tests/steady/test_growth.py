@@ -62,8 +62,8 @@ def test_a_start_at_rest_has_no_direction_and_a_failed_lane_no_growth():
     assert not at_rest.sensitive and not failed.sensitive
 
 
-def test_a_hundredth_of_the_state_is_the_bound():
-    growth = jnp.asarray([0.99e4, 1.01e4, jnp.nan])
+def test_a_thousandth_of_the_state_is_the_bound():
+    growth = jnp.asarray([0.99e3, 1.01e3, jnp.nan])
     failed = jnp.asarray([False, False, True])
     found = growth_variables(growth, failed, 1e-6)
     assert found["sensitive"].value.tolist() == [False, True, False]
