@@ -31,6 +31,7 @@ NIGHT = [
     "_goes_on[all]",
     "steady/test_endings.py::test_of_many",
     "sweep/test_stores_under_attack.py::test_any_file_may_be_damaged[all",
+    "steady/test_dry_certificates.py::test_multipliers_of_200_columns",
 ]
 
 # Files of few tests that take long, dearest first: they are begun first, so that in the
