@@ -49,7 +49,7 @@ def as_function(
         for path, leaf in paths
     }
     unused = {"q"}
-    if isinstance(column, Column) and column.upright:
+    if isinstance(column, Column) and column.follower_only:
         unused |= {"m2", "s1"} | ({"l2"} if column.follower == 1.0 else set())
     names = [n for n in leaves if n not in unused] if parameters is None else parameters
     for name in names:

@@ -188,7 +188,7 @@ def tangent_column(column: AbstractChain) -> AbstractChain:
 
 def is_plain(column: AbstractChain) -> bool:
     """Whether it is two rods under a load alone: then formulas know all."""
-    return isinstance(column, Column) and column.upright
+    return isinstance(column, Column) and column.follower_only
 
 
 def _at_equilibrium(column: AbstractChain) -> Matrices:

@@ -66,8 +66,8 @@ class AbstractChain(AbstractRuled):
         return self.friction is not None and self.friction.sticks
 
     @property
-    def upright(self) -> bool:
-        """Whether no more than its load acts on it, and angles of zero are at rest."""
+    def follower_only(self) -> bool:
+        """Whether follower forces alone act on it, and its springs rest at zero."""
         parts = self.dead_load, self.gravity, self.rest_angles, self.foundation
         return all(part is None for part in parts)
 
