@@ -38,7 +38,7 @@ ax.legend()
 
 # %%
 damped = zj.beck(4, damping=zj.Viscous(0.01, 0.01, 0.01, 0.01))
-names = [f"damping.{c}" for c in ("c1", "c2", "more.0", "more.1")]
+names = [f"damping.{c}" for c in ("c1", "c2", "c3", "c4")]
 table = zj.sensitivity(damped, parameters=names)
 print(f"undamped {loads[1]:.3f}, damped {table.q_cr:.3f}")
 table.elasticity.to_series()

@@ -239,6 +239,36 @@ def test_bad_numbers_are_refused_by_name_value_and_rule(refuses, numbers, parts)
     refuses(lambda: zj.Chain(**{"lengths": (1.0,) * 3} | numbers).system(), *parts)
 
 
+class OwnJoints(zj.AbstractDamping):
+    """Viscous joints, written for any number of rods."""
+
+    c: tuple
+
+    def rows(self, sines, omega):
+        bent = np.eye(len(omega)) - np.eye(len(omega), k=-1)
+        return tuple(map(tuple, bent.T @ np.diag(self.c) @ bent))
+
+
+class Neither(zj.AbstractDamping):
+    pass
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_a_damping_law_by_its_rows_is_one_for_any_number_of_rods(refuses, n):
+    """Alone and in a sum; in the motion and in the linear questions."""
+    c = (0.1, 0.2, 0.3)[:n]
+    own, joints = OwnJoints(c), zj.Viscous(*c)
+    y = tuple(np.linspace(0.1, 0.5, 2 * n))
+    make = zj.uniform_rods if n == 2 else lambda q, **parts: zj.beck(n, q, **parts)
+    for one, other in ((own, joints), (own + joints, joints + joints)):
+        here, there = (make(1.0, damping=law) for law in (one, other))
+        field = zj.vector_field(0.0, y, here)
+        np.testing.assert_allclose(field, zj.vector_field(0.0, y, there), atol=1e-14)
+        found, known = (zj.linearise(x).damping for x in (here, there))
+        np.testing.assert_allclose(found, known, atol=1e-15)
+    refuses(lambda: make(1.0, damping=Neither()), "`damping`", "`rows`", "`Neither`")
+
+
 def test_what_is_not_worked_out_beside_fixed_forces_is_refused(refuses):
     """Joint reactions under gravity; closed forms of the sticking set; least kicks."""
     heavy, bent = {"gravity": zj.Gravity(0.1)}, {"rest_angles": 0.1}
