@@ -47,7 +47,9 @@ class AbstractDamping(AbstractRuled):
         the linear column they are 1 and (0, 0). Sums and products of the cosine alone,
         where `is_polynomial` says so.
         """
-        raise NotImplementedError
+        raise NotImplementedError(
+            f"`{type(self).__name__}` has no `matrix` of its own: ask it for `rows`."
+        )
 
     def rows(self, sines: Turned, omega: Numbers) -> Matrix:
         """The rows of C, of any number of rods that the law is for.
