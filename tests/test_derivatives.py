@@ -77,7 +77,7 @@ def _fields_of_a_column(p):
         "knots": zj.energy(zj.point_masses(q=p.q, m1=p.m1, m2=p.m2, l2=p.l2), y),
         "power": jnp.stack(powers),
         "linear": jnp.stack(rows),
-        "damping": jnp.array(tangent.damping.matrix(1.0, (0.0, 0.0))),
+        "damping": jnp.array(tangent.damping.rows({(0, 1): (0.0, 1.0)}, (0.0, 0.0))),
         "q_cr": load.q_cr,
         "frequency": load.frequency,
         "divergence": zj.critical_load(

@@ -58,6 +58,39 @@ def test_a_restored_motion_is_that_of_the_equations_in_si_units():
     np.testing.assert_allclose(back.omega, direct.y[2:].T, atol=2e-9)
 
 
+def test_a_chain_in_si_units_moves_as_its_equations_in_si_units():
+    """The chain is free of units: in newtons, kilograms and metres it runs as it is."""
+    parts = {
+        "lengths": (0.7, 0.4, 0.5), "masses": (0.3, 0.2, 0.1), "tip_mass": 0.05,
+        "centres": (0.3, 0.2, 0.25), "inertias": (0.01, 0.004, 0.002), "air": 0.02,
+        "springs": (4.0, 3.0, 2.0), "rest_angles": (0.1, 0.0, 0.0), "foundation": 0.3,
+        "damping": zj.Viscous(0.01, 0.02, 0.03), "gravity": zj.Gravity(0.5, 0.3),
+        "dead_load": zj.DeadLoad(0.4),
+    }  # fmt: skip
+    chain, seconds = zj.Chain(7.0, **parts), np.linspace(0, 3, 31)
+    start, exact = zj.State(omega=(0.0, 0.0, 0.5)), zj.Method(rtol=1e-11, atol=1e-11)
+    direct = zj.trajectory(chain, start, seconds, method=exact)
+    times = seconds / UNITS.time
+    own = UNITS.scaled(chain), UNITS.scaled(start), times
+    back = UNITS.restore(zj.trajectory(*own, method=exact))
+    assert np.abs(direct.phi).max() > 0.1
+    np.testing.assert_allclose(back.phi, direct.phi, atol=1e-11)  # measured 6.3e-13
+    # measured 2.0e-11, of 7
+    np.testing.assert_allclose(back.omega, direct.omega, atol=3e-10)
+
+
+def test_a_chain_in_si_units_names_its_masses_and_springs(refuses):
+    """A default of 1 would be a kilogram, or a newton metre."""
+    lengths = (0.7, 0.7, 0.7)
+    for name, other in (("masses", "springs"), ("springs", "masses")):
+        chain = zj.Chain(7.0, lengths=lengths, **{other: 2.0})
+        refuses(lambda chain=chain: UNITS.scaled(chain), f"`{name}`", "SI", "default")
+    own = UNITS.scaled(zj.Chain(7.0, lengths=lengths, masses=0.3, springs=4.0))
+    left, y = zj.Chain(7.0 * 0.7 / 4.0, lengths=(1.0,) * 3), (0.1, 0.2, 0.3) * 2
+    here, there = (zj.vector_field(0.0, y, c) for c in (own, left))
+    np.testing.assert_allclose(here, there, rtol=1e-13)
+
+
 def test_a_restored_motion_says_that_it_is_in_seconds(refuses):
     column = rods(12.0)
     motion = zj.trajectory(column, KICK, np.linspace(0, 20, 201))

@@ -221,6 +221,7 @@ SLOW = {
         "steady/test_certified_chains.py::test_a_certified_cycle_is_closed_by_free_bodies"
         "[True",
         "steady/test_certified_chains.py::test_a_cycle_of_sticking_joints_is_closed_by",
+        "steady/test_certified_chains.py::test_windows_see_the_period_that_is_certified",
         "steady/test_certified_chains.py::test_exponents_and_thresholds_take_three_rods",
         "maps/test_which_cycle.py::test_in_a_map_with_two_attracting_cycles_no_label",
         "sweep/test_what_is_asked.py::test_a_scene_is_the_same_beside_a_profiler",

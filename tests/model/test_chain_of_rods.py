@@ -48,7 +48,7 @@ def test_accelerations_are_those_of_free_bodies(rng, n):
     field = jax.jit(lambda y: chain.system().field(0.0, zj.PhasePoint(y)).omega)
     for _ in range(50):
         y = rng.uniform(-1.5, 1.5, 2 * n)
-        expected, _ = bodies.solved(y, [0.0] * n)
+        expected, *_ = bodies.solved(y, [0.0] * n)
         found = np.array(field(tuple(map(jnp.asarray, y))))
         # measured 4.3e-15
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
@@ -237,6 +237,36 @@ def test_a_part_that_is_not_named_is_not_in_the_program():
 )  # fmt: skip
 def test_bad_numbers_are_refused_by_name_value_and_rule(refuses, numbers, parts):
     refuses(lambda: zj.Chain(**{"lengths": (1.0,) * 3} | numbers).system(), *parts)
+
+
+class OwnJoints(zj.AbstractDamping):
+    """Viscous joints, written for any number of rods."""
+
+    c: tuple
+
+    def rows(self, sines, omega):
+        bent = np.eye(len(omega)) - np.eye(len(omega), k=-1)
+        return tuple(map(tuple, bent.T @ np.diag(self.c) @ bent))
+
+
+class Neither(zj.AbstractDamping):
+    pass
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_a_damping_law_by_its_rows_is_one_for_any_number_of_rods(refuses, n):
+    """Alone and in a sum; in the motion and in the linear questions."""
+    c = (0.1, 0.2, 0.3)[:n]
+    own, joints = OwnJoints(c), zj.Viscous(*c)
+    y = tuple(np.linspace(0.1, 0.5, 2 * n))
+    make = zj.uniform_rods if n == 2 else lambda q, **parts: zj.beck(n, q, **parts)
+    for one, other in ((own, joints), (own + joints, joints + joints)):
+        here, there = (make(1.0, damping=law) for law in (one, other))
+        field = zj.vector_field(0.0, y, here)
+        np.testing.assert_allclose(field, zj.vector_field(0.0, y, there), atol=1e-14)
+        found, known = (zj.linearise(x).damping for x in (here, there))
+        np.testing.assert_allclose(found, known, atol=1e-15)
+    refuses(lambda: make(1.0, damping=Neither()), "`damping`", "`rows`", "`Neither`")
 
 
 def test_what_is_not_worked_out_beside_fixed_forces_is_refused(refuses):

@@ -171,6 +171,37 @@ def test_a_modes_period_is_two_pi_over_its_frequency(linear):
     assert abs(found.period * w / (2 * np.pi) - 1) < 3e-8
 
 
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_a_bent_chains_period_is_that_of_its_mode(which):
+    """Of three rods about 0.3: phi1 never passes zero, and starts anywhere."""
+    mass = np.array(
+        [[7 / 3, 3 / 2, 1 / 2], [3 / 2, 4 / 3, 1 / 2], [1 / 2, 1 / 2, 1 / 3]]
+    )
+    bent = np.eye(3) - np.eye(3, k=-1)
+    root = np.linalg.inv(np.linalg.cholesky(mass))
+    squares, shapes = np.linalg.eigh(root @ bent.T @ bent @ root.T)
+    w, shape = np.sqrt(squares[which]), root.T @ shapes[:, which]
+    shape = SMALL * shape / np.abs(shape).max()
+    for begins in (1.0, 4.0):  # rising, falling
+        found = bent_swing(w, shape, begins, 10.5 * 2 * np.pi / w)
+        # measured 3.2e-8: the sine's next term
+        assert abs(found.period * w / (2 * np.pi) - 1) < 3e-7
+    assert "middle of its swing" in found.to_dataset().period.long_name
+
+
+@jax.jit
+def bent_swing(w, shape, begins, window):
+    phi, omega = 0.3 + jnp.cos(begins) * shape, w * jnp.sin(begins) * shape
+    return zj.settle(
+        zj.Chain(lengths=(1.0,) * 3, rest_angles=(0.3, 0.0, 0.0)),
+        zj.State(tuple(phi), tuple(omega)),
+        windows=zj.Windows(transient=0.0, length=window, max_windows=1),
+        observers=(zj.Period(),),
+        method=zj.Method(rtol=1e-10, atol=1e-15),
+        certify=False,
+    )
+
+
 def test_a_modes_mean_is_that_of_the_cosine(linear):
     w, shape, _, found = linear
     # half a turn more than whole ones

@@ -1,6 +1,6 @@
 """Motions against two free rods that their joints' forces hold together, in scipy.
 
-See `newton_euler`: nothing of it is the package's, nor derived from the same equations.
+See `free_bodies`: nothing of it is the package's, nor derived from the same equations.
 """
 
 import dataclasses
@@ -52,11 +52,11 @@ def apart(rods, y, smooth):
     """Differences in accelerations and reactions of smoothed friction."""
     u = y[2], y[3] - y[2]
     levers = [mu * np.tanh(x / smooth) for mu, x in zip(rods.mu_k, u, strict=True)]
-    exact, torques, _ = rods.solved(y, levers)
-    forces = rods.response(y) @ [1, *torques]
+    exact, torques, _ = rods.bodies.solved(y, levers)
+    forces = rods.bodies.response(y) @ [1, *torques]
     found, reactions = state_and_reactions(numbers(rods), tuple(y), smooth)
     moved = np.abs(np.array(found) - exact).max()
-    return moved, np.abs(np.ravel(reactions) - forces[6:]).max()
+    return moved, np.abs(np.ravel(reactions) - forces[6:10]).max()
 
 
 def random_rods(rng, **fixed):

@@ -60,7 +60,7 @@ def test_a_section_shows_its_points_and_names_its_plane():
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), points.omega[:, 0])
     title = ax.get_title(loc="left")
     assert title == r"section $\dot\varphi_2 = 0.1$, falling"
-    with pytest.raises(ValueError, match="`rod` must be 1 or 2, but is 3"):
+    with pytest.raises(ValueError, match="`rod` must be one of 1 to 2, but is 3"):
         zj.plot.section(points, rod=3)
 
 
@@ -68,7 +68,9 @@ def test_the_arrow_turns_by_the_follower_fraction_of_rod_2(tmp_path):
     phi = np.array([[0.1, 0.6], [0.1, 0.6]])
     for follower in (1.0, 0.5, 0.0):
         moving = zj.plot.animate(
-            motion(np.arange(2.0), phi), tmp_path / "m.gif", follower=follower
+            motion(np.arange(2.0), phi),
+            tmp_path / "m.gif",
+            column=zj.uniform_rods(1.0, follower=follower),
         )
         moving._func(0)
         (arrow,) = [t for t in plt.gcf().axes[0].texts if isinstance(t, Annotation)]
@@ -82,8 +84,9 @@ def test_the_arrow_turns_by_the_follower_fraction_of_rod_2(tmp_path):
 def test_the_column_moves_as_its_angles_say(tmp_path):
     ts = np.linspace(0, 2, 21)
     phi = np.stack([0.5 * np.sin(ts), -0.2 * ts], axis=1)
+    column = zj.uniform_rods(1.0, l2=0.5)
     moving = zj.plot.animate(
-        motion(ts, phi), tmp_path / "m.gif", speed=1.0, fps=5, l2=0.5
+        motion(ts, phi), tmp_path / "m.gif", speed=1.0, fps=5, column=column
     )
     with Image.open(tmp_path / "m.gif") as image:
         assert image.n_frames == 10
@@ -103,6 +106,37 @@ def test_the_column_moves_as_its_angles_say(tmp_path):
     for bad in ("x", 0, np.nan):
         with pytest.raises(ValueError, match="`fps` must be"):
             zj.plot.animate(motion(ts, phi), fps=bad)
+    with pytest.raises(ValueError, match="`column` must have the 2 rods .* has 3"):
+        zj.plot.animate(motion(ts, phi), column=zj.beck(3))
+    with pytest.raises(ValueError, match="`column` must be a `Column` or a `Chain`"):
+        zj.plot.animate(motion(ts, phi), column=0.5)
+
+
+def test_a_chain_moves_as_its_angles_say_under_all_its_forces(tmp_path):
+    ts, angles = np.linspace(0, 2, 21), np.array([0.1, -0.3, 0.8])
+    lengths, ways = (0.5, 1.0, 0.25), np.array([1.0, 0.5, 0.0])
+    forces = zj.FollowerForces((2.0, 0.0, -1.0), tuple(ways), at=(0.5, 1.0, 1.0))
+    chain = zj.Chain(1.0, lengths=lengths, forces=forces)
+    moving = zj.plot.animate(
+        motion(ts, np.tile(angles, (21, 1))), tmp_path / "m.gif", column=chain
+    )
+    moving._func(5)
+    ax = plt.gcf().axes[0]
+    steps = np.array(lengths) * [-np.sin(angles), np.cos(angles)]
+    places = np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
+    for i, rod in enumerate(ax.lines[1:4]):
+        np.testing.assert_allclose(rod.get_data(), places[:, i : i + 2], atol=1e-14)
+    one, three = [t for t in ax.texts if isinstance(t, Annotation)]
+    np.testing.assert_allclose(one.xy, places[:, 1] / 2, atol=1e-14)
+    np.testing.assert_allclose(three.xy, places[:, 3], atol=1e-14)
+    # tails: what presses stands before the rod, what pulls lies behind its end
+    first, last = (np.array(t.get_position()) - t.xy for t in (one, three))
+    along = [-np.sin(ways[0] * angles[0]), np.cos(ways[0] * angles[0])]
+    np.testing.assert_allclose(first / np.hypot(*first), along, atol=1e-14)
+    np.testing.assert_allclose(last, [0.0, -np.hypot(*first) / 2], atol=1e-14)
+    plt.close("all")
+    pictured = zj.plot.spectrum(motion(ts, np.outer(ts, angles)), skip=0.0)
+    assert len(pictured.lines) == 3
 
 
 # Machado, Oliveira and Fernandes (2009), full deficiency, of linear RGB
@@ -137,6 +171,17 @@ def test_codes_of_a_map_are_told_apart_by_any_eye(codes, eye):
     places = [lab(colour, eye) for colour in colours]
     apart = [np.linalg.norm(a - b) for i, a in enumerate(places) for b in places[:i]]
     assert min(apart) > 10  # measured 10.7: white and the pale blue of stable columns
+
+
+@pytest.mark.parametrize("eye", EYES)
+@pytest.mark.parametrize("rods", range(2, 8))
+def test_rods_beside_each_other_are_told_apart_by_any_eye(rods, eye):
+    from ziegler_jax.plot.style import rod_colours
+
+    places = [lab(colour, eye) for colour in rod_colours(rods)]
+    beside = zip(places, places[1:], strict=False)
+    apart = min(np.linalg.norm(a - b) for a, b in beside)
+    assert apart > 10  # measured 11.4 of seven, 31 of three
 
 
 def test_stuck_has_one_colour_and_no_other_verdict_wears_it():

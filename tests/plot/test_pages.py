@@ -202,7 +202,7 @@ def test_a_store_in_si_units_makes_a_page(tmp_path):
     at = np.array(shown["ts"])
     direct = zj.trajectory(*in_newtons(6.5, 0.009), at)
     # the time is that of the column's own units
-    assert shown["l2"] == 0.5 and at[-1] == pytest.approx(60.0, rel=1e-12)
+    assert shown["lengths"] == [1.0, 0.5] and at[-1] == pytest.approx(60.0, rel=1e-12)
     # what is written is rounded, of 0.09: measured 5e-9
     np.testing.assert_allclose(np.array(shown["phi"]).T, direct.phi, rtol=0, atol=5e-8)
 
@@ -280,6 +280,35 @@ def test_it_says_so_of_what_was_judged_by_windows(name):
         assert followed(ds, cell, {"q": place}).note == ""
         other = followed(ds, lambda q: cell(q, 1e-3), {"q": place})
         assert "joint 1 is" in other.note and "in the map" in other.note
+
+
+def test_a_map_of_three_rods_makes_a_page(tmp_path):
+    """Its rods, their forces and what the pointer reads, of the last joint."""
+
+    def cell(q):
+        damping, forces = zj.Viscous(0.1, 0.1, 0.1), zj.FollowerForces((0.5, 0, 1))
+        chain = zj.Chain(q, lengths=(1, 0.5, 2), damping=damping, forces=forces)
+        return chain, zj.State(omega=(0.0, 0.0, 0.3))
+
+    def point(q, w):
+        ts = np.linspace(0.0, 5.0, 11)
+        end = zj.trajectory(*cell(q), ts).phi[-1]
+        return {"angle": zj.Variable(w * end, "end", "rad", ("rod",))}
+
+    ds = zj.sweep(point, q=[0.5, 1.0], w=[1.0, 2.0], progress=False)
+    options = {"x": "q", "y": "w", "cells": [(1.0, 2.0)]}
+    path = zj.plot.page(ds, cell, tmp_path / "p.html", "angle", **options)
+    page = Reader(path)
+    (shown,), (field,) = page.json["cells"], page.json["fields"]
+    assert shown["lengths"] == [1.0, 0.5, 2.0]
+    assert shown["forces"] == [[0, 1.0, 1.0, 0.5], [2, 1.0, 1.0, 1.0]]
+    assert len(shown["phi"]) == len(shown["omega"]) == len(page.json["colours"]) == 3
+    motion = zj.trajectory(*cell(1.0), np.array(shown["ts"]))
+    # what is written is rounded, of 1.5: measured 5e-8
+    np.testing.assert_allclose(np.array(shown["phi"]).T, motion.phi, atol=5e-7)
+    read = [[ds.angle.sel(q=q, w=w, rod=3) for q in ds.q] for w in ds.w]
+    np.testing.assert_allclose(field["values"], read, rtol=1e-4)
+    assert all(f"rod {i}</b>" in path.read_text("utf-8") for i in (1, 2, 3))
 
 
 def test_what_makes_no_page_is_refused(ds, refuses, tmp_path):

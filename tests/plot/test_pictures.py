@@ -298,6 +298,22 @@ def test_a_time_history_stands_beside_its_phase_plane():
     assert "budget_spent" in zj.plot.time_history(ended)[0].get_title()
 
 
+def test_a_time_history_has_as_many_lines_as_rods():
+    ts = np.linspace(0, 1, 5)
+    phi, omega = np.outer(ts, [1, 2, 3, 4]), np.outer(ts**2, [1, -1, 2, -2])
+    motion = zj.Trajectory(ts, phi, omega, 5, zj.CODE.complete)
+    history, phase = zj.plot.time_history(motion)
+    for i in range(4):
+        np.testing.assert_array_equal(history.lines[i].get_ydata(), phi[:, i])
+        np.testing.assert_array_equal(
+            phase.lines[i].get_xydata().T, [phi[:, i], omega[:, i]]
+        )
+    labels = [text.get_text() for text in history.get_legend().get_texts()]
+    assert labels == [rf"$\varphi_{{{i}}}$" for i in (1, 2, 3, 4)]
+    # above the lines
+    assert history.get_ylim()[1] > 1.1 * phi.max()
+
+
 def test_what_is_drawn_goes_where_it_was_asked_to(plane):
     axes = plt.subplots(1, 2)[1]
     assert zj.plot.map(plane, "joint_amplitude", "q", "mu", ax=axes[1]) is axes[1]

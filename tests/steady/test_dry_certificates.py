@@ -43,8 +43,9 @@ def returned(rods, y, span):
     """Where the motion from y passes the section next, by the other code."""
     y = motion(rods, y, [0.0, span], tol=1e-12)[0][-1]
     u = y[2], y[3] - y[2]
-    modes = rods.modes(y, [x == 0 for x in u], np.sign(u).astype(int).tolist())
-    slope = np.array([*y[2:], *rods.solved(y, rods.levers(modes))[0]])
+    bodies = rods.bodies
+    modes = bodies.modes(y, [x == 0 for x in u], np.sign(u).astype(int).tolist())
+    slope = np.array([*y[2:], *bodies.solved(y, bodies.levers(modes))[0]])
     return (y - y[0] / slope[0] * slope)[1:]
 
 

@@ -33,7 +33,7 @@ class Matrices(NamedTuple):
 
 def about(system: System, angles: Vector) -> Matrices:
     """The matrices at these angles, where the chain stands still."""
-    n, upright = system.joints, not system.displaced
+    n = system.joints
     apart = angles[:, None] - angles[None, :]
     mass = _dense(system.moments) * jnp.cos(apart)
     upper = jnp.eye(n) - jnp.eye(n, k=-1)  # the joints' angles of the rods'
@@ -53,7 +53,7 @@ def about(system: System, angles: Vector) -> Matrices:
         stiffness = stiffness + w * c[:, None] * c[None, :] - jnp.diag(s * (w @ s))
     damping = None
     if system.damping is not None:
-        sines = straight(n) if upright else turned(tuple(angles))
+        sines = turned(tuple(angles)) if system.displaced else straight(n)
         rows = system.damping.rows(sines, (jnp.zeros((), angles.dtype),) * n)
         damping = jnp.stack(
             [jnp.stack(floats(0.0 if x is None else x for x in row)) for row in rows]

@@ -1,6 +1,7 @@
 """A column as a function of named numbers: its own leaves, or a scene's arguments."""
 
 import inspect
+import re
 from collections.abc import Callable, Iterable, Mapping
 
 import jax
@@ -21,9 +22,9 @@ def as_function(
 ) -> tuple[Make, dict[str, Scalar | None]]:
     """A function of keywords that makes the column, and the keywords' values.
 
-    A `Column` offers its leaves under their path, e.g. `kappa` or `damping.c1`, all
-    that its linear map uses if none are named. A function offers its arguments; those
-    without a value get None.
+    A column or chain offers its leaves under their path, e.g. `kappa`, `damping.c1` or
+    `springs.0`, all that its linear map uses if none are named. A function offers its
+    arguments; those without a value get None.
     """
     if not isinstance(column, AbstractChain):
         if not callable(column):
@@ -44,12 +45,9 @@ def as_function(
         _takes(column, values)
         return column, values
     paths, tree = jax.tree_util.tree_flatten_with_path(column)
-    leaves = {
-        jax.tree_util.keystr(path, simple=True, separator="."): leaf
-        for path, leaf in paths
-    }
+    leaves = {_named(path): leaf for path, leaf in paths}
     unused = {"q"}
-    if isinstance(column, Column) and column.upright:
+    if isinstance(column, Column) and column.follower_only:
         unused |= {"m2", "s1"} | ({"l2"} if column.follower == 1.0 else set())
     names = [n for n in leaves if n not in unused] if parameters is None else parameters
     for name in names:
@@ -70,6 +68,12 @@ def as_function(
                 "`critical_load`."
             )
     return make, {name: float(np.asarray(leaves[name])) for name in names}
+
+
+def _named(path: tuple) -> str:
+    """A leaf's path; of `Viscous` beyond two joints as those of the first two."""
+    name = jax.tree_util.keystr(path, simple=True, separator=".")
+    return re.sub(r"\bc3_on\.(\d+)$", lambda place: f"c{int(place[1]) + 3}", name)
 
 
 def _takes(function: Make, values: Mapping[str, Scalar | None]) -> None:

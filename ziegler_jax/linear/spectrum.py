@@ -26,7 +26,7 @@ from jaxtyping import Array, Int
 
 from ..model.chain_of_rods import AbstractChain, check_column
 from ..model.column import Column, refuse_si
-from ..model.damping import Sum, Viscous
+from ..model.damping import Sum, Viscous, at_rest
 from ..model.friction import AbstractRateFriction, slopes_at_rest
 from ..numerics.numbers import Pair, Scalar, is_concrete
 from ..numerics.series import value
@@ -63,7 +63,7 @@ def linearise(column: AbstractChain) -> Linear:
     assert isinstance(column, Column)
     rows = ((0.0, 0.0), (0.0, 0.0))
     if column.damping is not None:
-        rows = column.damping.matrix(1.0, (0.0, 0.0))
+        rows = at_rest(column.damping)
     mass, stiff = inertia(column), stiffness(column)
     return Linear(*map(_matrix, (mass, rows, stiff)))
 
@@ -188,7 +188,7 @@ def tangent_column(column: AbstractChain) -> AbstractChain:
 
 def is_plain(column: AbstractChain) -> bool:
     """Whether it is two rods under a load alone: then formulas know all."""
-    return isinstance(column, Column) and column.upright
+    return isinstance(column, Column) and column.follower_only
 
 
 def _at_equilibrium(column: AbstractChain) -> Matrices:

@@ -66,8 +66,8 @@ class AbstractChain(AbstractRuled):
         return self.friction is not None and self.friction.sticks
 
     @property
-    def upright(self) -> bool:
-        """Whether no more than its load acts on it, and angles of zero are at rest."""
+    def follower_only(self) -> bool:
+        """Whether follower forces alone act on it, and its springs rest at zero."""
         parts = self.dead_load, self.gravity, self.rest_angles, self.foundation
         return all(part is None for part in parts)
 
@@ -159,6 +159,7 @@ class Chain(AbstractChain):
         the tip.
     - `lengths`: $l_i$, one a rod, from the base on: 2 to 16 of them.
     - `masses`, `springs`: $m_i$, $k_i$, one number or one a rod or joint; positive.
+        None is 1, the unit; a chain in SI units names both (`SI.scaled`).
     - `centres`: $s_i$, each rod's centre of mass from its joint; None: its middle.
     - `inertias`: $I_i$ about that, nonnegative; None: $m_i l_i^2/12$, uniform rods.
     - `tip_mass`, `tip_inertia`: $m_t$, $I_t$ at the tip.
@@ -181,8 +182,8 @@ class Chain(AbstractChain):
     rules: ClassVar = {
         "q": "finite",
         "lengths": "positive; each",
-        "masses": "positive; each",
-        "springs": "positive; each",
+        "masses": "positive; each or none",
+        "springs": "positive; each or none",
         "centres": "finite; each or none",
         "inertias": "nonnegative; each or none",
         "tip_mass": "nonnegative; none",
@@ -207,8 +208,8 @@ class Chain(AbstractChain):
 
     q: Scalar
     lengths: Numbers
-    masses: OneOrEach
-    springs: OneOrEach
+    masses: OneOrEach | None
+    springs: OneOrEach | None
     centres: OneOrEach | None
     inertias: OneOrEach | None
     tip_mass: Scalar | None
@@ -227,8 +228,8 @@ class Chain(AbstractChain):
         q: Scalar = 0.0,
         *,
         lengths: Several,
-        masses: Joints = 1.0,
-        springs: Joints = 1.0,
+        masses: Joints | None = None,
+        springs: Joints | None = None,
         centres: Joints | None = None,
         inertias: Joints | None = None,
         tip_mass: Scalar | None = None,
@@ -306,7 +307,7 @@ class Chain(AbstractChain):
     def _rods(self) -> list[tuple[Scalar, Scalar, Scalar]]:
         """Mass, centre and moment of inertia about it of each rod."""
         n = self.joints
-        masses = each(self.masses, n)
+        masses = each(1.0 if self.masses is None else self.masses, n)
         centres = each(self.centres, n) if self.centres is not None else None
         rods = []
         for i, (m, l) in enumerate(zip(masses, self.lengths, strict=True)):  # noqa: E741
@@ -356,7 +357,7 @@ class Chain(AbstractChain):
             q=self.q,
             followers=self.pattern.followers(lengths),
             moments=moments,
-            springs=each(self.springs, n),
+            springs=(None,) * n if self.springs is None else each(self.springs, n),
             lengths=lengths,
             damping=damping,
             friction=friction,

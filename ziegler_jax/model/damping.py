@@ -2,19 +2,18 @@ r"""Damping: a matrix C with torques $-C\,\omega$ on the rods."""
 
 from __future__ import annotations
 
-import abc
 from typing import ClassVar
 
 from ..numerics.numbers import Numbers, Pair, Scalar
 from ..numerics.rules import AbstractRuled, checked, number
-from .chain import Rows, Turned
+from .chain import Rows, Turned, straight
 
 # by its rows; None where rods are known not to be coupled
 Matrix = tuple[tuple[Scalar | None, ...], ...]
 
 
 class AbstractDamping(AbstractRuled):
-    r"""A damping law: what gives a 2 x 2 matrix, maybe of the rates.
+    r"""A damping law: what gives the matrix C of the rods, maybe of their rates.
 
     Quadratic damping, torques $c\,|u_i|\,u_i$ against the joints' rates:
 
@@ -41,22 +40,25 @@ class AbstractDamping(AbstractRuled):
     one that it lists, or the powers of m, l and k.
     """
 
-    @abc.abstractmethod
     def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
-        """The rows of C, of two rods.
+        """The rows of C, which a law for two rods alone writes.
 
         **Arguments:** `cos_d`: the cosine of phi1 - phi2; `omega`: the rods' rates. For
         the linear column they are 1 and (0, 0). Sums and products of the cosine alone,
         where `is_polynomial` says so.
         """
+        raise NotImplementedError(
+            f"`{type(self).__name__}` has no `matrix` of its own: ask it for `rows`."
+        )
 
     def rows(self, sines: Turned, omega: Numbers) -> Matrix:
         """The rows of C, of any number of rods that the law is for.
 
+        A law for more than two writes these in place of `matrix`; of one for two they
+        are its `matrix`.
+
         **Arguments:** `sines`: sine and cosine of phi_i - phi_j; `omega`: the rods'
         rates.
-
-        A law of one's own for more than two writes these in place of `matrix`.
         """
         return self.matrix(sines[0, 1][1], (omega[0], omega[1]))
 
@@ -65,11 +67,17 @@ class AbstractDamping(AbstractRuled):
 
         **Raises:** `ValueError`.
         """
-        if rods != 2 and type(self).rows is AbstractDamping.rows:
+        law, base = type(self), AbstractDamping
+        if law.rows is base.rows and law.matrix is base.matrix:
+            raise ValueError(
+                "Argument `damping` must have a method `matrix`, of two rods, or `rows`"
+                f", of any number, but `{law.__name__}` has neither."
+            )
+        if rods != 2 and law.rows is base.rows:
             raise ValueError(
                 f"Argument `damping` must be a law for {rods} rods, such as `Viscous` "
                 "with one number a joint, or one of your own with `rows`, but "
-                f"`{type(self).__name__}` is one for two."
+                f"`{law.__name__}` is one for two."
             )
 
     def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:
@@ -94,26 +102,27 @@ class Viscous(AbstractDamping):
     $$C = \begin{bmatrix} c_1 + c_2 & -c_2 \\ -c_2 & c_2 \end{bmatrix}$$
 
     **Arguments:** `c1`, `c2`, and of a longer chain those of the joints beyond, in
-    order: in $\sqrt{k m l^2}$, nonnegative.
+    order: in $\sqrt{k m l^2}$, nonnegative. Its leaves are named `c1`, `c2`, `c3`, ...
+    where `sensitivity` and its like take names.
     """
 
-    rules: ClassVar = {"c1": "nonnegative", "c2": "nonnegative", "more": "nonnegative"}
+    rules: ClassVar = {"c1": "nonnegative", "c2": "nonnegative", "c3_on": "nonnegative"}
     units: ClassVar = dict.fromkeys(rules, "sqrt(k m l^2)")
 
     c1: Scalar
     c2: Scalar
-    more: Numbers = ()
+    c3_on: Numbers = ()
 
     def __init__(self, c1: Scalar, c2: Scalar, *more: Scalar):
         """Check and keep the coefficients."""
         self.c1, self.c2 = checked(self.rules, c1=c1, c2=c2)
-        self.more = tuple(
+        self.c3_on = tuple(
             number(f"c{i}", c, "nonnegative") for i, c in enumerate(more, 3)
         )
 
     def check(self, rods: int) -> None:
         """Refuse another number of coefficients than joints (ValueError)."""
-        count = 2 + len(self.more)
+        count = 2 + len(self.c3_on)
         if count != rods:
             raise ValueError(
                 f"Argument `damping` must have one coefficient for each of {rods} "
@@ -123,18 +132,13 @@ class Viscous(AbstractDamping):
     def rows(self, sines: Turned, omega: Numbers) -> Matrix:
         """The rows of C, three diagonals."""
         del sines
-        c, n = (self.c1, self.c2, *self.more), len(omega)
+        c, n = (self.c1, self.c2, *self.c3_on), len(omega)
         rows: list[list[Scalar | None]] = [[None] * n for _ in c]
         for i in range(n):
             rows[i][i] = c[i] + c[i + 1] if i + 1 < n else c[i]
             if i + 1 < n:
                 rows[i][i + 1] = rows[i + 1][i] = -c[i + 1]
         return tuple(map(tuple, rows))
-
-    def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
-        """The rows of C; they do not depend on the motion."""
-        del cos_d, omega
-        return (self.c1 + self.c2, -self.c2), (-self.c2, self.c2)
 
 
 class Air(AbstractDamping):
@@ -197,12 +201,6 @@ class Sum(AbstractDamping):
                 )
         self.first, self.second = first, second
 
-    def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
-        """The rows of the sum."""
-        (a11, a12), (a21, a22) = self.first.matrix(cos_d, omega)
-        (b11, b12), (b21, b22) = self.second.matrix(cos_d, omega)
-        return (a11 + b11, a12 + b12), (a21 + b21, a22 + b22)
-
     def check(self, rods: int) -> None:
         """Refuse what either law refuses (ValueError)."""
         self.first.check(rods)
@@ -239,12 +237,6 @@ class Drag(AbstractDamping):
 
     moments: Rows
 
-    def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
-        """The rows of C for two rods."""
-        del omega
-        (a11,), (a21, a22) = self.moments
-        return (a11, a21 * cos_d), (a21 * cos_d, a22)
-
     def rows(self, sines: Turned, omega: Numbers) -> Matrix:
         """The rows of C."""
         n = range(len(omega))
@@ -259,6 +251,15 @@ class Drag(AbstractDamping):
         )
 
 
+def at_rest(law: AbstractDamping) -> tuple[Pair, Pair]:
+    """C of two rods that stand upright and still."""
+    (c11, c12), (c21, c22) = (
+        tuple(0.0 if x is None else x for x in row)
+        for row in law.rows(straight(2), (0.0, 0.0))
+    )
+    return (c11, c12), (c21, c22)
+
+
 def joint_matrix(law: AbstractDamping) -> tuple[Scalar, Scalar, Scalar, Scalar]:
     r"""C at D = 0 in the joints' rates $\omega_1, \omega_2 - \omega_1$, row by row.
 
@@ -270,7 +271,7 @@ def joint_matrix(law: AbstractDamping) -> tuple[Scalar, Scalar, Scalar, Scalar]:
         parts = zip(joint_matrix(law.first), joint_matrix(law.second), strict=True)
         g11, g12, g21, g22 = (x + y for x, y in parts)
         return g11, g12, g21, g22
-    (c11, c12), (c21, c22) = law.matrix(1.0, (0.0, 0.0))
+    (c11, c12), (c21, c22) = at_rest(law)
     return (c11 + c12) + (c21 + c22), c12 + c22, c21 + c22, c22
 
 

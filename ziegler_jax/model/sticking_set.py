@@ -82,7 +82,7 @@ class StickingSet(eqx.Module):
         return 4 * t1 * t2 / self.column.kappa
 
     def _needs_following(self, what: str) -> None:
-        if not self.column.upright:
+        if not self.column.follower_only:
             raise ValueError(
                 f"`{what}` of a sticking set must be asked of a column on which its "
                 "load alone acts, but that has rest angles, fixed forces or a "

@@ -25,7 +25,7 @@ from ..numerics.rules import keeps, number_or_each
 from ..results import CODE, RATE, TIME, Units, Variable, checked
 from ..solvers import AbstractFold, Step
 from ..solvers.explicit import Integrand
-from .section import SectionPlane, angles, passage, rod_angles
+from .section import SectionPlane, Swing, Turns, angles, passage, rod_angles
 
 POWER = "k sqrt(k/(m l^2))"
 
@@ -190,37 +190,50 @@ class Mean(AbstractObserver):
 class Period(AbstractObserver):
     r"""The mean time between upward passages of $\phi_1$ through zero.
 
+    Where the chain is bent or pushed aside, so that no rod stands upright at rest, they
+    are counted through the middle of what $\phi_1$ swings over in the window, from
+    where it has turned both ways.
+
     That is the period of a cycle that passes once; of one that passes n times a period
-    it is the n-th part. Fewer than two passages in the window: NaN. Where a cycle is
-    certified, `period` is that of the orbit, whether asked for or not.
+    it is the n-th part. Fewer than two passages in the window: NaN, as of a rod 1 that
+    sticks, or swings on one side of zero about an upright state that has buckled. Where
+    a cycle is certified, `period` is that of the orbit, whether asked for or not.
     """
 
     name: ClassVar[str] = "period"
 
     def init(self, system, t, y):
-        """No passage yet: their number, the first and the last."""
-        del system
+        """No passage yet: their number, the first and the last; no turn."""
         zero = 0.0 * y[0]
-        return zero, t + zero, t + zero
+        turns = Turns(Swing(y[0], y[0]), zero, zero) if system.displaced else ()
+        return zero, t + zero, t + zero, turns
 
     def step(self, system, state, step):
         """Count the step's passage."""
         del system
-        count, first, last = state
-        crossing = passage(SectionPlane(), step)
+        count, first, last, turns = state
+        plane = SectionPlane(level=turns.swing.level) if turns else SectionPlane()
+        there, time, _ = passage(plane, step)
+        if turns:
+            there &= turns.both
         return (
-            count + jnp.where(crossing.there, 1.0, 0.0),
-            jnp.where(crossing.there & (count == 0), crossing.time, first),
-            jnp.where(crossing.there, crossing.time, last),
+            count + jnp.where(there, 1.0, 0.0),
+            jnp.where(there & (count == 0), time, first),
+            jnp.where(there, time, last),
+            turns.after(step) if turns else (),
         )
 
     def result(self, system, state, span, y):
         """`period`: time between first and last, by the number of returns."""
-        del system, span, y
-        count, first, last = state
+        del span, y
+        count, first, last, _ = state
         returns = jnp.where(count >= 2, count - 1, 1.0)
         period = jnp.where(count >= 2, (last - first) / returns, jnp.nan)
-        meaning = "mean time between upward passages of phi1 through zero"
+        where = "the middle of its swing" if system.displaced else "zero"
+        meaning = (
+            f"mean time between upward passages of phi1 through {where}, "
+            "NaN of fewer than two"
+        )
         return {"period": Variable(period, meaning, TIME)}
 
 

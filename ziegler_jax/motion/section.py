@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from ..model.state import PhasePoint
-from ..numerics.elementary import smaller
+from ..numerics.elementary import larger, smaller
 from ..numerics.hermite import (
     Quintic,
     QuinticRate,
@@ -22,7 +22,7 @@ from ..numerics.hermite import (
     place,
 )
 from ..numerics.materialise import if_any_lane, materialise
-from ..numerics.numbers import Option, Scalar
+from ..numerics.numbers import Flag, Option, Scalar
 from ..numerics.passages import first_fall
 from ..numerics.polynomial import Polynomial, over_step
 from ..numerics.rules import number
@@ -105,6 +105,42 @@ class SectionPlane(eqx.Module):
         """For the record."""
         direction = "rising" if self.rising else "falling"
         return {"section": f"{self.coordinate} {direction}", "level": self.level}
+
+
+class Swing(NamedTuple):
+    """What phi1 swings over: its middle is the section of a displaced chain."""
+
+    low: Scalar
+    high: Scalar
+
+    @property
+    def level(self) -> Scalar:
+        """The section's."""
+        return (self.low + self.high) / 2
+
+
+class Turns(NamedTuple):
+    """What phi1 has swung over so far, and which way it has turned."""
+
+    swing: Swing
+    down: Scalar  # 1 where it has turned down
+    up: Scalar
+
+    @property
+    def both(self) -> Flag:
+        """Whether it has turned both ways: then the swing is known."""
+        return self.down * self.up > 0
+
+    def after(self, step: Step) -> Turns:
+        """A step later."""
+        least, most = rod_angles(step)[0].extent()
+        low, high = self.swing
+        before, now = step.y0.omega[0], step.y1.omega[0]
+        return Turns(
+            Swing(smaller(low, least), larger(high, most)),
+            jnp.where((before > 0) & (now <= 0), 1.0, self.down),
+            jnp.where((before < 0) & (now >= 0), 1.0, self.up),
+        )
 
 
 class Passage(NamedTuple):

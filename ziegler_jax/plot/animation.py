@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -9,59 +10,105 @@ from matplotlib import animation
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..model.chain_of_rods import AbstractChain, Chain, check_column
 from ..model.column import Column
+from ..model.forces import FollowerForces
 from ..motion.trajectory import Trajectory
-from ..numerics.rules import instance, number
-from .style import BLUE, PHI1, PHI2, VERMILLION
+from ..numerics.numbers import each
+from ..numerics.rules import number
+from .style import BLUE, VERMILLION, one_motion, rod_colours
 
-ARROW = 0.35  # the load's arrow, in l
+ARROW = 0.175  # the largest load's arrow, of the chain's length
+MOST_LONG = 3  # so many arrows may be as long
 TRACE = 400  # states of the tip's way
 
 
-class MovingColumn:
-    """Two rods, their joints and the load, drawn at one state after the other."""
+class Force(NamedTuple):
+    """A follower force as it is drawn."""
 
-    def __init__(self, ax: Axes, l2: float = 1.0, follower: float = 1.0):
-        """Draw the column upright; the load turns by `follower` times rod 2's angle."""
-        self.l2, self.follower = l2, follower
-        reach = 1.15 * (1 + l2) + ARROW
-        ax.set(xlim=(-reach, reach), ylim=(-0.3, reach), aspect="equal")
+    rod: int  # which, from 0
+    follower: float  # by which share of the rod's angle it turns
+    at: float  # where on the rod, of its length
+    share: float  # of the longest arrow, negative where it pulls
+
+
+class Drawn(NamedTuple):
+    """What a picture shows of a chain beside its angles."""
+
+    lengths: list[float]
+    forces: list[Force]
+
+
+def drawn_of(column: AbstractChain) -> Drawn:
+    """The rods' lengths and the follower forces of a column or chain."""
+    if isinstance(column, Chain):
+        lengths, pattern = column.lengths, column.pattern
+    else:
+        assert isinstance(column, Column)
+        lengths = column.l1 or 1.0, column.l2
+        pattern = FollowerForces((0.0, 1.0), column.follower)
+    n, weights = len(lengths), [float(w) for w in pattern.weights]
+    sizes = [abs(weight) for weight in weights if weight]
+    # many are drawn shorter: each lies along its rod
+    largest = max(sizes, default=1.0) * max(1.0, len(sizes) / MOST_LONG)
+    parts = zip(weights, each(pattern.follower, n), each(pattern.at, n), strict=True)
+    forces = [
+        Force(rod, float(follower), float(at), weight / largest)
+        for rod, (weight, follower, at) in enumerate(parts)
+        if weight
+    ]
+    return Drawn([float(length) for length in lengths], forces)
+
+
+class MovingChain:
+    """Rods, their joints and the load, drawn at one state after the other."""
+
+    def __init__(self, ax: Axes, chain: Drawn):
+        """Draw the chain upright."""
+        self.lengths, self.forces = np.asarray(chain.lengths), chain.forces
+        n, long = len(self.lengths), float(self.lengths.sum())
+        self.arrow = ARROW * long
+        reach = 1.15 * long + self.arrow
+        ax.set(xlim=(-reach, reach), ylim=(-0.15 * long, reach), aspect="equal")
         ax.axhline(0, color="0.5", lw=1, zorder=0)
-        (self.one,) = ax.plot([], [], color=PHI1, lw=5, solid_capstyle="round")
-        (self.two,) = ax.plot([], [], color=PHI2, lw=3, solid_capstyle="round")
-        (self.joints,) = ax.plot([], [], "o", color="black", mfc="white", ms=7)
+        self.rods = []
+        for colour, wide in zip(rod_colours(n), np.linspace(5, 3, n), strict=True):
+            look = {"color": colour, "lw": wide, "solid_capstyle": "round"}
+            self.rods += ax.plot([], [], **look)
+        size = min(7.0, 24.0 / n)
+        (self.joints,) = ax.plot([], [], "o", color="black", mfc="white", ms=size)
         (self.trace,) = ax.plot([], [], color=BLUE, lw=0.8, alpha=0.6, zorder=0)
-        look = {"arrowstyle": "-|>", "color": VERMILLION, "lw": 2}
-        look |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 16}
-        self.load = ax.annotate("", (0, 0), (0, 1), arrowprops=look)
+        wide = max(0.5, min(1.0, MOST_LONG / max(1, len(self.forces))))
+        look = {"arrowstyle": "-|>", "color": VERMILLION, "lw": 2 * wide}
+        look |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 16 * wide}
+        self.loads = [
+            ax.annotate("", (0, 0), (0, 1), arrowprops=look) for _ in self.forces
+        ]
         ax.set(xticks=[], yticks=[])
         ax.spines[:].set_visible(False)
-        self.show(np.zeros((1, 2)))
+        self.show(np.zeros((1, n)))
 
     def show(self, phi: np.ndarray) -> None:
-        """The last of these states (n, 2), and the tip's way to it."""
-        knee, tip = self.places(phi)
-        (x1, y1), (x2, y2) = knee[-1], tip[-1]
-        self.one.set_data([0, x1], [0, y1])
-        self.two.set_data([x1, x2], [y1, y2])
-        self.joints.set_data([0, x1], [0, y1])
+        """The last of these states (n, rods), and the tip's way to it."""
+        places = self.places(phi)
+        now, tip = places[-1], places[:, -1]
+        for rod, ends in zip(self.rods, zip(now, now[1:], strict=False), strict=True):
+            rod.set_data(*np.transpose(ends))
+        self.joints.set_data(*now[:-1].T)
         self.trace.set_data(tip[:, 0], tip[:, 1])
-        angle = self.follower * phi[-1, 1]
-        along = np.array([-np.sin(angle), np.cos(angle)])
-        self.load.xy = (x2, y2)
-        self.load.set_position(tuple(tip[-1] + ARROW * along))
+        for arrow, force in zip(self.loads, self.forces, strict=True):
+            begin, end = now[force.rod : force.rod + 2]
+            head = begin + force.at * (end - begin)
+            angle = force.follower * phi[-1, force.rod]
+            along = np.array([-np.sin(angle), np.cos(angle)])
+            arrow.xy = tuple(head)
+            arrow.set_position(tuple(head + force.share * self.arrow * along))
 
-    def places(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where knee and tip are, (n, 2) each; the column stands upright at rest."""
+    def places(self, phi: np.ndarray) -> np.ndarray:
+        """Where base, joints and tip are, (n, rods + 1, 2); upright at zero."""
         rods = np.stack([-np.sin(phi), np.cos(phi)], axis=-1)  # state, rod, x and y
-        knee = rods[:, 0]
-        return knee, knee + self.l2 * rods[:, 1]
-
-
-def load_of(column: Column) -> tuple[float, float]:
-    """Where the load attacks, the length of rod 2, and its follower fraction."""
-    follower = 1.0 if column.follower is None else float(column.follower)
-    return float(column.l2), follower
+        ends = np.cumsum(self.lengths[:, None] * rods, axis=1)
+        return np.concatenate([np.zeros_like(ends[:, :1]), ends], axis=1)
 
 
 def animate(
@@ -70,45 +117,49 @@ def animate(
     *,
     speed: float = 2.0,
     fps: int = 25,
-    l2: float = 1.0,
-    follower: float = 1.0,
+    column: AbstractChain | None = None,
     ax: Axes | None = None,
 ) -> animation.FuncAnimation:
     r"""Draw the column moving, and write it as a GIF or MP4.
 
     ```python
-    zj.plot.animate(zj.trajectory(column, start, np.linspace(0, 5, 101)), "column.gif")
+    motion = zj.trajectory(column, start, np.linspace(0, 5, 101))
+    zj.plot.animate(motion, "column.gif", column=column)
     ```
 
-    The arrow is the load, the thin line the tip's way. In a
+    Arrows are the follower forces, the thin line is the tip's way. In a
     notebook `IPython.display.HTML(animation.to_jshtml())` shows what is returned.
 
     **Arguments:**
 
-    - `motion`: a `Trajectory` of one column.
+    - `motion`: a `Trajectory` of one column or chain.
     - `path`: a file that ends in `.gif`, or `.mp4` where `ffmpeg` is installed; None
         writes nothing.
     - `speed`: time units $\sqrt{m l^2/k}$ (seconds, of a restored motion) a second.
     - `fps`: pictures a second.
-    - `l2`, `follower`: of the motion's column, the length of rod 2 in l and the
-        load's follower fraction $\eta$.
+    - `column`: the motion's, for the rods' lengths and the forces that follow them;
+        None draws equal rods and a load along the last.
     - `ax`: where to draw, None opens a figure.
 
     **Returns:** matplotlib's animation; keep it as long as it is to move.
 
-    **Raises:** `ValueError` for a motion of many columns, one that has no state, and
-    for a file of another kind, or of one that cannot be written here.
+    **Raises:** `ValueError` for a motion of many columns, one that has no state, a
+    column of another number of rods, and for a file of another kind, or of one that
+    cannot be written here.
     """
-    instance("motion", motion, Trajectory)
-    ts, phi = np.asarray(motion.ts), np.asarray(motion.phi)
-    if ts.ndim != 1 or phi.shape != (ts.size, 2):
-        raise ValueError(
-            "Argument `motion` must be one motion, but its `phi` has shape "
-            f"{phi.shape} at times of shape {ts.shape}."
-        )
-    for name, value in (("speed", speed), ("fps", fps), ("l2", l2)):
+    ts, phi = one_motion(motion)
+    rods = phi.shape[1]
+    for name, value in (("speed", speed), ("fps", fps)):
         number(name, value, "positive")
-    number("follower", follower, "finite")
+    chain = Drawn([1.0] * rods, [Force(rods - 1, 1.0, 1.0, 1.0)])
+    if column is not None:
+        check_column(column)
+        chain = drawn_of(column)
+        if column.joints != rods:
+            raise ValueError(
+                f"Argument `column` must have the {rods} rods of `motion`, but has "
+                f"{column.joints}."
+            )
     writer = None if path is None else _writer(Path(path), fps)
     there = np.isfinite(phi).all(axis=1)
     ts, phi = ts[there], phi[there]
@@ -116,14 +167,14 @@ def animate(
         raise ValueError("Argument `motion` must have states, but has fewer than two.")
     frames = np.arange(ts[0], ts[-1], speed / fps)
     ends = np.searchsorted(ts, frames, side="right")
-    states = np.stack([np.interp(frames, ts, phi[:, i]) for i in (0, 1)], axis=-1)
+    states = np.stack([np.interp(frames, ts, phi[:, i]) for i in range(rods)], axis=-1)
     if ax is None:
         ax = plt.subplots(figsize=(5, 4), layout="constrained")[1]
-    column = MovingColumn(ax, l2, follower)
+    moved = MovingChain(ax, chain)
     clock = ax.text(0.02, 0.02, "", transform=ax.transAxes)
 
     def draw(i: int) -> list:
-        column.show(np.concatenate([phi[: ends[i]][-TRACE:], states[i : i + 1]]))
+        moved.show(np.concatenate([phi[: ends[i]][-TRACE:], states[i : i + 1]]))
         clock.set_text(f"t = {frames[i]:.1f}")
         return []
 

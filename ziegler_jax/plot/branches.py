@@ -38,8 +38,8 @@ def branch(
 
     - `cycles`: of `continue_cycle`, or a dataset of it: of a sweep, reduced to one
         place by `sel`.
-    - `variable`: what is drawn, e.g. `period`; of joint 2 or rod 2 where it has one a
-        joint or rod and none was chosen.
+    - `variable`: what is drawn, e.g. `period`; of the last joint or rod where it has
+        one a joint or rod and none was chosen.
     - `parameter`: what the parameter is called.
     - `ax`: where to draw, None opens a figure.
 
@@ -48,7 +48,7 @@ def branch(
     **Raises:** `ValueError` for what is no branch, and for a variable that it does not
     have.
     """
-    dataset = select_joint_2(branch_dataset(cycles))
+    dataset = select_last_joint(branch_dataset(cycles))
     values = of_dims(dataset, variable, {"cycles": "point"})
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     draw_branch(ax, dataset, variable)
@@ -63,11 +63,11 @@ def branch_dataset(cycles: Branch | xr.Dataset) -> xr.Dataset:
     return cycles.to_dataset() if isinstance(cycles, Branch) else cycles
 
 
-def select_joint_2(dataset: xr.Dataset) -> xr.Dataset:
-    """The dataset for joint 2 and rod 2, where neither was chosen."""
+def select_last_joint(dataset: xr.Dataset) -> xr.Dataset:
+    """The dataset for the last joint and rod, where neither was chosen."""
     if not isinstance(dataset, xr.Dataset):
         return dataset
-    return dataset.sel({d: 2 for d in ("joint", "rod") if d in dataset.dims})
+    return dataset.isel({d: -1 for d in ("joint", "rod") if d in dataset.dims})
 
 
 def _specials(ax: Axes, dataset: xr.Dataset, variable: str) -> None:

@@ -11,14 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from ..model.column import Column, State
+from ..model.chain_of_rods import AbstractChain
+from ..model.state import State
 from ..motion.checks import scene_at
 from ..motion.options import Method, Solver
 from ..motion.trajectory import Trajectory, trajectory
 from ..results import CODE, DIMENSIONS
 from ..solvers import Explicit, Rosenbrock, Taylor, tableaus
 
-Cell = Callable[..., tuple[Column, State]]
+Cell = Callable[..., tuple[AbstractChain, State]]
 LONGEST, SAMPLES = 200.0, 4001  # of the motion that is shown
 SAME = 0.01  # of an amplitude: what the map and the motion may differ by
 
@@ -29,7 +30,7 @@ _OF_DIFFRAX = (dfx.Bosh3, dfx.Dopri5, dfx.Dopri8, dfx.Heun, dfx.Ralston, dfx.Tsi
 class Followed(NamedTuple):
     """A cell's column, its motion, and where that ends otherwise than the cell."""
 
-    column: Column
+    column: AbstractChain
     motion: Trajectory
     note: str
 
@@ -52,7 +53,7 @@ def followed(dataset: xr.Dataset, cell: Cell, place: Mapping[str, int]) -> Follo
     return Followed(column, motion, _note(here, motion, end))
 
 
-def scene_of(here: xr.Dataset, cell: Cell) -> tuple[Column, State]:
+def scene_of(here: xr.Dataset, cell: Cell) -> tuple[AbstractChain, State]:
     """What `cell` gives at this place, called with the coordinates that it names.
 
     **Raises:** `ValueError`.
@@ -73,13 +74,7 @@ def scene_of(here: xr.Dataset, cell: Cell) -> tuple[Column, State]:
                 f"Argument `cell` must be a function of the map's axes, which are "
                 f"{axes}, but has a parameter `{name}`."
             )
-    scene = scene_at(cell, **values)
-    if not isinstance(scene[0], Column):
-        raise ValueError(
-            "Argument `cell` must give a `Column` for `plot.page`, which draws two "
-            f"rods, but gives {scene[0]!r}."
-        )
-    return scene
+    return scene_at(cell, **values)
 
 
 def method_of(attributes: Mapping[str, object]) -> Method:

@@ -21,7 +21,7 @@ from matplotlib.typing import ColorType
 from ..analysis.continuation import Branch
 from ..analysis.hysteresis import UpDownSweep
 from ..results import CODE, OUTCOMES, flag_attributes, unlike_meaning
-from .branches import branch_dataset, draw_branch, of_dims, select_joint_2
+from .branches import branch_dataset, draw_branch, of_dims, select_last_joint
 from .style import (
     AT_REST,
     BLUE,
@@ -212,8 +212,8 @@ def up_down(
 
     - `motions`: of `sweep_up_down`, or a dataset of it: of a sweep, reduced to one
         place by `sel`.
-    - `variable`: what is drawn, of joint 2 or rod 2 where it has one a joint or rod and
-        none was chosen.
+    - `variable`: what is drawn, of the last joint or rod where it has one a joint or
+        rod and none was chosen.
     - `branch`: of `continue_cycle`: a line between, see `branch`.
     - `ax`: where to draw, None opens a figure.
 
@@ -228,8 +228,8 @@ def up_down(
             f"along `branch`, but is {type(motions).__name__}."
         )
     if branch is not None:
-        branch = select_joint_2(branch_dataset(branch))
-    dataset = select_joint_2(dataset)
+        branch = select_last_joint(branch_dataset(branch))
+    dataset = select_last_joint(dataset)
     dims = [d for d in of_dims(dataset, variable).dims if d != "branch"]
     along = str(dims[0]) if dims else "branch"
     return bifurcation_diagram(dataset, variable, along, branch=branch, ax=ax)

@@ -21,12 +21,12 @@ from ..motion.trajectory import Trajectory
 from ..numerics.hermite import HermiteQuartic
 from ..numerics.rules import instance, whole_number
 from ..results import CODE
-from .animation import ARROW, load_of
-from .branches import of_dims, select_joint_2
+from .animation import ARROW, drawn_of
+from .branches import of_dims, select_last_joint
 from .cells import Cell, followed, nearest
 from .maps import has_motions
 from .maps import map as draw_map
-from .style import PHI1, PHI2, VERMILLION, flags_of, meaning_of
+from .style import VERMILLION, flags_of, meaning_of, rod_colours
 
 TEMPLATE = Path(__file__).with_name("page.html")
 CELLS, MOST_CELLS = 20, 400
@@ -87,8 +87,8 @@ def page(
 
     **Arguments:**
 
-    - `dataset`, `variable`, `x`, `y`, `style`: as `map`; of joint 2 or rod 2 where the
-        variable has one a joint or rod and none was chosen. A stored map comes from
+    - `dataset`, `variable`, `x`, `y`, `style`: as `map`; of the last joint or rod where
+        the variable has one a joint or rod and none was chosen. A stored map comes from
         `zj.open_sweep`.
     - `cell`: the scene of a cell, `cell(q, mu, ...) -> column, start`: it is called
         with those coordinates of the dataset that its parameters name.
@@ -107,14 +107,14 @@ def page(
     if title is not None:
         instance("title", title, str)
     instance("dataset", dataset, xr.Dataset)
-    dataset = select_joint_2(dataset)
+    dataset = select_last_joint(dataset)
     values = of_dims(dataset, variable, {"x": x, "y": y})
     dataset = dataset.sortby([x, y])
     places = _places(dataset, x, y, cells)
     motions = [_motion(dataset, cell, x, y, place) for place in places]
     pictures = {n: _picture(dataset, variable, x, y, n, style) for n in PICTURES}
     fields = [_field(dataset, name, x, y) for name in _read(dataset, variable, x, y)]
-    wide = pictures["wide"]
+    wide, rods = pictures["wide"], motions[0][1].phi.shape[1]
     data = {
         "x": _axis(dataset, x, wide.across),
         "y": _axis(dataset, y, wide.up),
@@ -124,7 +124,8 @@ def page(
         "first": len(motions) // 2,
         "speed": SPEED,
         "units": {"time": "√(m l²/k)", "rate": "√(k/(m l²))"},
-        "colours": {name: to_hex(colour) for name, colour in COLOURS.items()},
+        "colours": [to_hex(colour) for colour in rod_colours(rods)],
+        "load": VERMILLION,
     }
     shape = f"{dataset.sizes[x]} by {dataset.sizes[y]} cells"
     title = title or f"{meaning_of(values)} over {x} and {y}"
@@ -132,8 +133,8 @@ def page(
         "title": html.escape(title),
         "alt": html.escape(f"Map: {title}, {shape}"),
         **{name: picture.source for name, picture in pictures.items()},
-        **{name: data["colours"][name] for name in ("one", "two")},
-        "chosen": data["colours"]["load"],
+        "key": _key(data["colours"]),
+        "chosen": VERMILLION,
         "arrow": str(ARROW),
         "foot": _foot(dataset, motions[0][1]),
         # an end of the script's tag must not stand in it
@@ -143,9 +144,6 @@ def page(
     text = re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], template)
     path.write_text(text, encoding="utf-8")
     return path
-
-
-COLOURS = {"one": PHI1, "two": PHI2, "load": VERMILLION}
 
 
 class Picture(NamedTuple):
@@ -173,6 +171,15 @@ def _file(path: str | os.PathLike) -> Path:
             f"Argument `path` must lie in a folder that is there, but is {str(file)!r}."
         )
     return file
+
+
+def _key(colours: Sequence[str]) -> str:
+    """The rods' colours, for the page's legend."""
+    wide = np.linspace(4, 2, len(colours)).round(1).tolist()
+    return " ".join(
+        f'<b style="color: {colour}; --wide: {w}px">&phi;<sub>{i}</sub>, rod {i}</b>'
+        for i, (colour, w) in enumerate(zip(colours, wide, strict=True), 1)
+    )
 
 
 def _picture(
@@ -270,8 +277,8 @@ def _motion(
     column, moved, note = followed(dataset, cell, dict(zip((x, y), place, strict=True)))
     written = thinned(*(np.asarray(a) for a in (moved.ts, moved.phi, moved.omega)))
     ts, phi, omega = (a.T.tolist() for a in written)
-    l2, follower = load_of(column)
-    about = {"at": place, "note": note, "l2": l2, "follower": follower}
+    lengths, forces = drawn_of(column)
+    about = {"at": place, "note": note, "lengths": lengths, "forces": forces}
     return {**about, "ts": ts, "phi": phi, "omega": omega}, moved
 
 
@@ -280,7 +287,7 @@ def thinned(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     r"""Some of a motion's states, whose cubics pass near all the others.
 
-    **Arguments:** times (n,), angles and rates (n, 2); states that are NaN are left
+    **Arguments:** times (n,), angles and rates (n, rods); states that are NaN are left
     out.
 
     **Returns:** the same of fewer states. The cubics that have their angles and rates
@@ -299,7 +306,7 @@ def thinned(
         h, inner = ts[j] - ts[i], slice(i + 1, j)
         s = ((ts[inner] - ts[i]) / h)[:, None]
         (a, b), (va, vb) = nodes[0][[i, j]], h * nodes[1][[i, j]]
-        cubic = HermiteQuartic(a, b, va, vb, 0.0)  # of both rods at once
+        cubic = HermiteQuartic(a, b, va, vb, 0.0)  # of all rods at once
         off = np.abs(cubic(s) - phi[inner]), np.abs(cubic.slope(s) / h - omega[inner])
         return bool((off[0] <= near[0]).all() and (off[1] <= near[1]).all())
 

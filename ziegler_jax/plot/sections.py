@@ -1,18 +1,24 @@
 """Pictures of Poincare sections and of frequencies."""
 
+import re
+from typing import cast
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
 from ..analysis.poincare import PoincareSection
+from ..motion.section import COORDINATE
 from ..motion.trajectory import Trajectory
 from ..numerics.rules import instance
-from .style import LINE_COLOURS, PHI1, PHI2, unit_label
+from .style import LINE_COLOURS, one_motion, rod_colours, unit_label
 
 SYMBOLS = {"phi": r"\varphi", "omega": r"\dot\varphi"}
 
 
-def section(points: PoincareSection, *, rod: int = 2, ax: Axes | None = None) -> Axes:
+def section(
+    points: PoincareSection, *, rod: int | None = None, ax: Axes | None = None
+) -> Axes:
     r"""Draw a section: angle and rate of a rod at each passage of the plane.
 
     ```python
@@ -25,7 +31,7 @@ def section(points: PoincareSection, *, rod: int = 2, ax: Axes | None = None) ->
     **Arguments:**
 
     - `points`: of `poincare`; lanes of a `vmap` have a colour each.
-    - `rod`: 1 or 2.
+    - `rod`: which, from 1 on; None: the last.
     - `ax`: where to draw, None opens a figure.
 
     **Returns:** the axes.
@@ -33,8 +39,10 @@ def section(points: PoincareSection, *, rod: int = 2, ax: Axes | None = None) ->
     **Raises:** `ValueError` for what is no section, and for a rod that is none.
     """
     instance("points", points, PoincareSection)
-    if rod not in (1, 2):
-        raise ValueError(f"Argument `rod` must be 1 or 2, but is {rod!r}.")
+    rods = np.shape(points.phi)[-1]
+    rod = rods if rod is None else rod
+    if rod not in range(1, rods + 1):
+        raise ValueError(f"Argument `rod` must be one of 1 to {rods}, but is {rod!r}.")
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
     phi, omega = (np.asarray(x)[..., rod - 1] for x in (points.phi, points.omega))
     lanes = zip(*(np.reshape(x, (-1, x.shape[-1])) for x in (phi, omega)), strict=True)
@@ -44,8 +52,8 @@ def section(points: PoincareSection, *, rod: int = 2, ax: Axes | None = None) ->
         ax.plot(angle, rate, ".", color=colour, markersize=size)
     rates = unit_label("sqrt(k/(m l^2))")
     ax.set(
-        xlabel=rf"angle $\varphi_{rod}$ (rad)",
-        ylabel=rf"rate $\dot\varphi_{rod}$ (rad {rates})",
+        xlabel=rf"angle $\varphi_{{{rod}}}$ (rad)",
+        ylabel=rf"rate $\dot\varphi_{{{rod}}}$ (rad {rates})",
     )
     ax.set_title(_plane(dict(points.settings)), loc="left")
     ax.set(xlim=_limits(phi), ylim=_limits(omega))
@@ -70,14 +78,15 @@ def _plane(settings: dict) -> str:
     name, _, direction = str(settings.get("section", "")).partition(" ")
     if not direction:
         return ""
-    symbol = f"{SYMBOLS[name[:-1]]}_{name[-1]}"
+    kind, rod = cast(re.Match, COORDINATE.fullmatch(name)).groups()
+    symbol = f"{SYMBOLS[kind]}_{rod}" if len(rod) == 1 else f"{SYMBOLS[kind]}_{{{rod}}}"
     level = settings["level"]
     value = f"{level:g}" if isinstance(level, float) else r"\mathrm{const}"
     return f"section ${symbol} = {value}$, {direction}"
 
 
 def spectrum(motion: Trajectory, *, skip: float = 0.5, ax: Axes | None = None) -> Axes:
-    r"""Draw which frequencies a motion has: the amplitude spectra of both angles.
+    r"""Draw which frequencies a motion has: the rods' amplitude spectra.
 
     ```python
     zj.plot.spectrum(zj.trajectory(column, start, np.linspace(0, 200, 4001)))
@@ -103,13 +112,12 @@ def spectrum(motion: Trajectory, *, skip: float = 0.5, ax: Axes | None = None) -
     **Raises:** `ValueError` for times that are not evenly spaced or too few, and for
     a motion that ended early or is at rest.
     """
-    instance("motion", motion, Trajectory)
+    ts, phi = one_motion(motion)
     if not 0 <= skip < 1:
         raise ValueError(f"Argument `skip` must be from 0 to below 1, but is {skip!r}.")
-    ts, phi = np.asarray(motion.ts), np.asarray(motion.phi)
     first = int(skip * ts.size)
     ts, phi = ts[first:], phi[first:]
-    if ts.ndim != 1 or ts.size < 8 or not np.allclose(np.diff(ts), ts[1] - ts[0]):
+    if ts.size < 8 or not np.allclose(np.diff(ts), ts[1] - ts[0]):
         raise ValueError(
             "Argument `motion` must have at least 8 evenly spaced times after the "
             f"skipped ones, but has {ts.size}, or not even ones."
@@ -123,8 +131,8 @@ def spectrum(motion: Trajectory, *, skip: float = 0.5, ax: Axes | None = None) -
     heights = 2 * np.abs(lines) / window.sum()
     frequency = 2 * np.pi * np.fft.rfftfreq(ts.size, ts[1] - ts[0])
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
-    for i, (colour, dash) in enumerate(((PHI1, "-"), (PHI2, "--"))):
-        name = rf"$\varphi_{i + 1}$"
+    for i, colour in enumerate(rod_colours(phi.shape[1])):
+        name, dash = rf"$\varphi_{{{i + 1}}}$", "--" if i % 2 else "-"
         ax.semilogy(frequency[1:], heights[1:, i], dash, color=colour, lw=1, label=name)
     # as far as a line stands out by a ten thousandth of the highest
     shown = frequency[heights.max(axis=1) > 1e-4 * heights.max()]

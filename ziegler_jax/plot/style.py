@@ -5,7 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
 
+from ..motion.trajectory import Trajectory
+from ..numerics.rules import instance
 from ..results import CODE
 
 # Okabe and Ito's colours, which the colour-blind can tell apart
@@ -15,6 +19,7 @@ PALE_BLUE = "#D9E8F4"
 # of lines in one picture, in this order
 LINE_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, "#000000")
 PHI1, PHI2 = "navy", "red"
+LIGHTEST = 0.82  # of viridis: lighter lines are lost on white
 
 AT_REST = (CODE.stuck, CODE.rest)
 REST_COLOUR, FAILED_COLOUR = "#E8DCC8", "#F2F2F2"
@@ -77,6 +82,29 @@ MARKERS = {
     CODE.stuck: ("s", "#8A7650"),
     CODE.rest: ("s", "#8A7650"),
 }
+
+
+def rod_colours(n: int) -> list[str]:
+    """Of n rods, from the base on: of more than two from dark to light."""
+    if n == 2:
+        return [PHI1, PHI2]
+    shades = colormaps["viridis"](np.linspace(0.0, LIGHTEST, n))
+    return [to_hex(shade) for shade in shades]
+
+
+def one_motion(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Its times (n,) and angles (n, rods).
+
+    **Raises:** `ValueError` for what is none, and for one of many columns.
+    """
+    instance("motion", motion, Trajectory)
+    ts, phi = np.asarray(motion.ts), np.asarray(motion.phi)
+    if ts.ndim != 1 or phi.ndim != 2 or len(phi) != ts.size:
+        raise ValueError(
+            "Argument `motion` must be one motion, but its `phi` has shape "
+            f"{phi.shape} at times of shape {ts.shape}."
+        )
+    return ts, phi
 
 
 def unit_label(units: str) -> str:

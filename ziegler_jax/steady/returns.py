@@ -29,7 +29,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..model.state import PhasePoint
 from ..model.system import System
-from ..motion.section import SectionPlane, passage
+from ..motion.section import SectionPlane, Swing, passage
 from ..motion.spans import may_turn_over, turns_over
 from ..motion.tangents import push
 from ..numerics.elementary import larger
@@ -102,26 +102,6 @@ class Ends(NamedTuple):
     y1: PhasePoint
     a0: Numbers
     a1: Numbers
-
-
-class Swing(NamedTuple):
-    """What phi1 swings over, until the section is chosen."""
-
-    low: Scalar
-    high: Scalar
-
-    def after(self, step: Step, until: Scalar) -> "Swing":
-        """A step later: over the second half of the time that there is."""
-        phi = step.y1[0]
-        anew, over = step.t1 <= until / 2, step.t1 > until
-        low = jnp.where(anew, phi, jnp.minimum(self.low, phi))
-        high = jnp.where(anew, phi, jnp.maximum(self.high, phi))
-        return tree_where(over, self, Swing(low, high))
-
-    @property
-    def level(self) -> Scalar:
-        """The section's."""
-        return (self.low + self.high) / 2
 
 
 class Lookout(NamedTuple):
@@ -242,7 +222,7 @@ class March(AbstractFold[Lookout]):
         hurries = jnp.where(waits > 1, 1.0, state.hurries)
         swing = state.swing
         if swing and self.until is not None:
-            swing = tree_where(accepts, swing.after(step, self.until), swing)
+            swing = tree_where(accepts, _wider(swing, step, self.until), swing)
         after = Lookout(passed, waits, hurries, calm, asks, growth, swing)
         return after, jnp.inf, (asks != NOTHING) | (hurries * waits > 0)
 
@@ -265,6 +245,15 @@ def _longer(calm: Calm, step: Step, rate: Scalar) -> Calm:
     early = jnp.where(first_half, larger(calm.early, rate), calm.early)
     late = jnp.where(first_half, calm.late, larger(calm.late, rate))
     return Calm(calm.start, early, late)
+
+
+def _wider(swing: Swing, step: Step, until: Scalar) -> Swing:
+    """A step later: over the second half of the time that there is."""
+    phi = step.y1[0]
+    anew, over = step.t1 <= until / 2, step.t1 > until
+    low = jnp.where(anew, phi, jnp.minimum(swing.low, phi))
+    high = jnp.where(anew, phi, jnp.maximum(swing.high, phi))
+    return tree_where(over, swing, Swing(low, high))
 
 
 class Returns(NamedTuple):

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..model.chain_of_rods import Chain
 from ..model.column import Column
 from ..numerics.numbers import Scalar, is_concrete
 from .known import PURE, UNITS, Powers
@@ -52,6 +53,20 @@ def scaled_column(column: Column, size: Size) -> Column:
             f"{length:g} m, but has `l1` = {column.l1:g}."
         )
     return eqx.tree_at(lambda c: (c.l1, c.a), made, (None, inertia))
+
+
+def scaled_chain(chain: Chain, size: Size) -> Chain:
+    """A chain in units of m, l and k.
+
+    **Raises:** `ValueError` for masses or springs that are left out.
+    """
+    for name in ("masses", "springs"):
+        if getattr(chain, name) is None:
+            raise ValueError(
+                f"Argument `value` must have `{name}`, as in SI units nothing has a "
+                "default, but has none: write them in kilograms and newton metres."
+            )
+    return scaled_value(chain, size)
 
 
 def _scaled_field(owner: eqx.Module, field: dataclasses.Field, size: Size) -> object:

@@ -31,6 +31,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from ..model.chain_of_rods import Chain
 from ..model.column import Column
 from ..model.friction import SmoothCoulomb
 from ..model.loads import AbstractNormalLoad, JointReaction
@@ -40,7 +41,7 @@ from ..numerics.rules import number, number_or_each
 from ..results import TIME, AbstractResult
 from .known import UNITS, Powers, size
 from .restored import restored_dataset, restored_motion
-from .scaled import scaled_column, scaled_value
+from .scaled import scaled_chain, scaled_column, scaled_value
 
 # Half of the fall from mu_s to mu_k, in transition velocities: the middle of 1 to 1.5.
 HALF_FALL = 1.25
@@ -104,7 +105,9 @@ class SI(eqx.Module):
 
         A column in SI units has `l1`, the length of rod 1, and is given all its masses
         and lengths: a default of 1 would be a kilogram or a metre. Its stiffness is the
-        k of these units.
+        k of these units. A `Chain` in SI units names its masses and springs; m, l and
+        k are any mass, length and spring. `beck` and its like are in the beam's own
+        units, whatever these are, and are not scaled.
 
         **Arguments:** `value`: of a class of the library, or a law or an observer of
         one's own whose class has `units`. All numbers in it are in SI units, defaults
@@ -113,9 +116,10 @@ class SI(eqx.Module):
         **Returns:** the same kind of value. Traced numbers are scaled and
         differentiated as others are.
 
-        **Raises:** `ValueError` for a number without a unit, a column without `l1`, and
-        one whose rod 1 does not have the length l; where either is traced the column is
-        `invalid`. Also for results: they are `restore`d.
+        **Raises:** `ValueError` for a number without a unit, a column without `l1`, a
+        chain without masses or springs, and a column whose rod 1 does not have the
+        length l; where either is traced the column is `invalid`. Also for results: they
+        are `restore`d.
         """
         if not isinstance(value, eqx.Module) or isinstance(value, AbstractResult | SI):
             raise ValueError(
@@ -124,6 +128,8 @@ class SI(eqx.Module):
             )
         if isinstance(value, Column):
             return scaled_column(value, self._size)
+        if isinstance(value, Chain):
+            return scaled_chain(value, self._size)
         return scaled_value(value, self._size)
 
     @staticmethod
