@@ -216,6 +216,16 @@ SLOW = {
         "linear/test_linear_chains.py::test_the_critical_load_is_where_the_spectrum_says"
         "[all",
         "model/test_chain_of_rods.py::test_a_smoothed_motion_is_that_of_free_bodies[5",
+        "model/test_own_forces.py::test_a_certificate_with_a_force_is_that_with_gravity",
+        "model/test_own_forces.py::test_dashpots_written_as_a_force_are_viscous_joints",
+        "model/test_own_forces.py::test_linear_questions_see_an_autonomous_force_as_they",
+        "model/test_own_forces.py::test_motions_are_derived_by_a_forces_numbers_and_arr",
+        "model/test_own_forces.py::test_a_sweep_maps_a_forces_numbers_and_calls_broken",
+        "model/test_own_forces.py::test_rosenbrocks_order_holds_with_a_load_that_depends",
+        "model/test_own_forces.py::test_what_holds_at_all_times_is_not_asked_of_a_column"
+        "_in_time[b",
+        "model/test_own_forces.py::test_what_holds_at_all_times_is_not_asked_of_a_column"
+        "_in_time[continue",
         "steady/test_certified_chains.py::test_a_certified_cycle_is_closed_by_free_bodies"
         "[True",
         "steady/test_certified_chains.py::test_a_cycle_of_sticking_joints_is_closed_by",
