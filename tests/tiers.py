@@ -122,6 +122,7 @@ SLOW = {
         "test_main.py::test_another_map_is_refused_in_one_line_and_overwritten",
     ],
     LONG_RUNS: [
+        "motion/test_pulsating_load.py::test_twenty_points_beside_the_first_region_grow",
         "analysis/test_thresholds.py::test_the_ends_of_the_last_interval_stick_and",
         "motion/test_where_stiff.py::test_two_sweeps_by_the_mask_fill_each_other_up",
         "steady/test_endings.py::test_an_offset_does_not_hide_that_a_joint_rings_down",
@@ -276,6 +277,10 @@ SLOW = {
         "_direct_calls[with_jvp",
     ],
     TASKS: [
+        "test_examples.py::test_a_task_runs_as_it_stands[imperfection]",
+        "test_examples.py::test_a_task_runs_as_it_stands[gravity]",
+        "test_examples.py::test_a_task_runs_as_it_stands[three_rods]",
+        "test_examples.py::test_a_task_runs_as_it_stands[ramp]",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/animation",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[units/si.py 0",
         "test_studies.py::test_the_onset_load_of_the_study_can_be_traced_with_its",
