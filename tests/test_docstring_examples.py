@@ -154,6 +154,20 @@ def of_a_kick(names):
     assert ds.outcome.item() == zj.CODE.found
 
 
+def of_a_wall(names):
+    """A spring of 0.2 beside those of the joints: by hand at small angles."""
+    inside = zj.linearise(names["column"]).stiffness
+    bare = zj.linearise(zj.uniform_rods(2.6)).stiffness
+    np.testing.assert_allclose(inside - bare, np.full((2, 2), 0.2), atol=1e-15)
+
+
+def of_a_pulsation(names):
+    assert names["motion"].outcome == zj.CODE.complete
+    loads = [zj.power(names["column"], HARD, t).follower for t in (0.0, 0.5)]
+    ratio = (1.5 + 0.2 * np.cos(1.5)) / 1.7
+    assert HARD.omega[0] == 0 and loads[0] == 0 == loads[1] and ratio < 1
+
+
 def of_a_line(names):
     ds = zj.sweep(names["point"], angle=[0.6], tau=[0.03], progress=False)
     assert ds.outcome.item() == zj.CODE.found
@@ -255,6 +269,8 @@ CASES = {
         {"mu": np.array([0.1, 0.12])},
         lambda names: names["ds"].outcome.dims == ("mu_s", "mu_k", "branch", "q"),
     ),
+    "model/forces.py 0": ({}, of_a_wall),
+    "model/forces.py 1": ({}, of_a_pulsation),
     "sweep/compare.py 0": (
         {},
         lambda names: int(names["ds"].joint_amplitude_difference.count()) > 200,

@@ -210,14 +210,14 @@ def test_a_trace_in_32_bits_is_refused():
         (
             "uniform_rods",
             lambda: zj.uniform_rods(1.0, mass=2),
-            "m1, m2, l1, l2, kappa, follower, damping, friction, rest_angles, "
-            "dead_load, gravity, foundation, tip_mass, tip_inertia",
+            "m1, m2, l1, l2, kappa, follower, damping, friction, forces, "
+            "rest_angles, dead_load, gravity, foundation, tip_mass, tip_inertia",
         ),
         (
             "point_masses",
             lambda: zj.point_masses(mass=2),
-            "m1, m2, l1, l2, kappa, follower, damping, friction, rest_angles, "
-            "dead_load, gravity, foundation, tip_mass, tip_inertia",
+            "m1, m2, l1, l2, kappa, follower, damping, friction, forces, "
+            "rest_angles, dead_load, gravity, foundation, tip_mass, tip_inertia",
         ),
     ],
 )

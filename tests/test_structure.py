@@ -232,6 +232,23 @@ def test_no_damping_leaves_no_trace_and_damping_does():
     assert field_of(lambda q, **_: zj.uniform_rods(q, damping=None)) == BARE
 
 
+class Spring(zj.AbstractForce):
+    k: float
+
+    def torques(self, t, phi, omega):
+        return -self.k * phi[0], 0.0 * phi[1]
+
+
+def test_no_forces_leave_no_trace_and_a_force_does():
+    sprung = field_of(lambda q, c, **_: zj.uniform_rods(q, forces=Spring(c)))
+    # its own two products, and a sum for each rod
+    assert sprung["mul"] == BARE["mul"] + 2 and sprung["add"] == BARE["add"] + 2
+    for none in (None, ()):
+        assert field_of(lambda q, none=none, **_: zj.uniform_rods(q, forces=none)) == (
+            BARE
+        )
+
+
 def settle_of(build, observers=(), **options):
     def scene(numbers):
         return zj.settle(

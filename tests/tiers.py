@@ -124,6 +124,7 @@ SLOW = {
         "test_main.py::test_another_map_is_refused_in_one_line_and_overwritten",
     ],
     LONG_RUNS: [
+        "motion/test_pulsating_load.py::test_twenty_points_beside_the_first_region_grow",
         "analysis/test_thresholds.py::test_the_ends_of_the_last_interval_stick_and",
         "motion/test_where_stiff.py::test_two_sweeps_by_the_mask_fill_each_other_up",
         "steady/test_endings.py::test_an_offset_does_not_hide_that_a_joint_rings_down",
@@ -218,6 +219,16 @@ SLOW = {
         "linear/test_linear_chains.py::test_the_critical_load_is_where_the_spectrum_says"
         "[all",
         "model/test_chain_of_rods.py::test_a_smoothed_motion_is_that_of_free_bodies[5",
+        "model/test_own_forces.py::test_a_certificate_with_a_force_is_that_with_gravity",
+        "model/test_own_forces.py::test_dashpots_written_as_a_force_are_viscous_joints",
+        "model/test_own_forces.py::test_linear_questions_see_an_autonomous_force_as_they",
+        "model/test_own_forces.py::test_motions_are_derived_by_a_forces_numbers_and_arr",
+        "model/test_own_forces.py::test_a_sweep_maps_a_forces_numbers_and_calls_broken",
+        "model/test_own_forces.py::test_rosenbrocks_order_holds_with_a_load_that_depends",
+        "model/test_own_forces.py::test_what_holds_at_all_times_is_not_asked_of_a_column"
+        "_in_time[b",
+        "model/test_own_forces.py::test_what_holds_at_all_times_is_not_asked_of_a_column"
+        "_in_time[continue",
         "steady/test_certified_chains.py::test_a_certified_cycle_is_closed_by_free_bodies"
         "[True",
         "steady/test_certified_chains.py::test_a_cycle_of_sticking_joints_is_closed_by",
@@ -269,6 +280,10 @@ SLOW = {
         "_direct_calls[with_jvp",
     ],
     TASKS: [
+        "test_examples.py::test_a_task_runs_as_it_stands[imperfection]",
+        "test_examples.py::test_a_task_runs_as_it_stands[gravity]",
+        "test_examples.py::test_a_task_runs_as_it_stands[three_rods]",
+        "test_examples.py::test_a_task_runs_as_it_stands[ramp]",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[plot/animation",
         "test_docstring_examples.py::test_a_block_runs_as_it_stands[units/si.py 0",
         "test_studies.py::test_the_onset_load_of_the_study_can_be_traced_with_its",

@@ -48,7 +48,14 @@ from .model.column import (
     vector_field,
 )
 from .model.damping import AbstractDamping, Air, Sum, Viscous
-from .model.forces import DeadLoad, FollowerForces, Gravity
+from .model.forces import (
+    AbstractForce,
+    AbstractLoadHistory,
+    DeadLoad,
+    FollowerForces,
+    Gravity,
+    LoadHistory,
+)
 from .model.friction import (
     AbstractFriction,
     AbstractRateFriction,
@@ -96,7 +103,9 @@ __all__ = [
     "CODE",
     "SI",
     "AbstractDamping",
+    "AbstractForce",
     "AbstractFriction",
+    "AbstractLoadHistory",
     "AbstractNormalLoad",
     "AbstractObserver",
     "AbstractRateFriction",
@@ -122,6 +131,7 @@ __all__ = [
     "Gravity",
     "Growth",
     "JointReaction",
+    "LoadHistory",
     "LoadSum",
     "Lanes",
     "LeastKick",

@@ -105,7 +105,7 @@ def gallery() -> str:
 
 def examples() -> str:
     """The scripts of `examples`, each under the sentence that it begins with."""
-    lines = ["# Twelve short scripts", ""]
+    lines = ["# Short scripts", ""]
     lines += ["Each runs as it stands; the tests run all of them.", ""]
     for path in sorted((ROOT / "examples").glob("*.py")):
         lines += [f"## `{path.name}`", "", about(path), "", "```python"]

@@ -26,7 +26,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..model.chain_of_rods import check_column
-from ..model.column import Column, State, energy
+from ..model.column import Column, State, check_autonomous, energy
 from ..motion.checks import check_takes, check_two_rods
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, Windows, recorded
@@ -291,10 +291,12 @@ class _Problem:
         """Check it."""
         check_column(column)
         check_two_rods("least_kick", column)
+        check_autonomous("least_kick", column)
         if column.system().displaced:
             raise ValueError(
                 "Argument `column` must rest upright for `least_kick`, whose kicks are "
-                "measured from there, but has rest angles or forces across it."
+                "measured from there, but has rest angles, or forces across it or of "
+                "one's own."
             )
         instance("directions", directions, Directions)
         instance("windows", windows, Windows)

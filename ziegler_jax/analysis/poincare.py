@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..model.chain_of_rods import AbstractChain
+from ..model.column import check_autonomous
 from ..model.state import State
 from ..motion.checks import check_scene
 from ..motion.implicit import forward_only
@@ -90,6 +91,7 @@ def poincare(
     session.
     """
     check_scene(column, start)
+    check_autonomous("poincare", column)
     instance("section", section, SectionPlane)
     section.place(column.joints)  # else it is refused
     first = number("transient", transient, "nonnegative")

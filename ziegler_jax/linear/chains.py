@@ -27,6 +27,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from ..model.forces import OwnForces
 from ..model.system import System
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Flag, Scalar
@@ -98,9 +99,9 @@ class Loads:
         self.zero = jnp.zeros(system.joints, jnp.result_type(float))
         # of the upright chain K is K_0 + q K_1
         upright = eqx.tree_at(
-            lambda s: (s.bent, s.across),
+            lambda s: (s.bent, s.across, s.own),
             system,
-            (None, None),
+            (None, None, OwnForces()),
             is_leaf=lambda x: x is None,
         )
         load = jnp.zeros((), self.zero.dtype)

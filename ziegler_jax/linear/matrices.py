@@ -9,8 +9,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..model.chain import Rows, straight, turned
-from ..model.system import Follower, System
+from ..model.chain import Follower, Rows, straight, turned
+from ..model.forces import ShareOf
+from ..model.system import System
+from ..numerics.jaxprs import reads_first
 from ..numerics.numbers import Flag, Scalar
 
 Matrix = Float[Array, "n n"]
@@ -58,7 +60,28 @@ def about(system: System, angles: Vector) -> Matrices:
         damping = jnp.stack(
             [jnp.stack(floats(0.0 if x is None else x for x in row)) for row in rows]
         )
+    if system.own.forces:
+        by_angle, by_rate = _slopes(system, angles)
+        stiffness = stiffness - by_angle
+        if by_rate is not None:
+            damping = -by_rate if damping is None else damping - by_rate
     return Matrices(mass, damping, stiffness, angles)
+
+
+def _own(system: System, angles: Vector, rates: Vector) -> Vector:
+    """The torques of forces of one's own."""
+    torques = system.own.torques(tuple(angles), tuple(rates))
+    assert torques is not None
+    return jnp.stack(floats(torques))
+
+
+def _slopes(system: System, angles: Vector) -> tuple[Matrix, Matrix | None]:
+    """Their derivatives by the angles and the rates; None: they read no rates."""
+    still = jnp.zeros_like(angles)
+    by_angle = jax.jacfwd(lambda x: _own(system, x, still))(angles)
+    if not reads_first(lambda w: _own(system, angles, w), still):
+        return by_angle, None
+    return by_angle, jax.jacfwd(lambda w: _own(system, angles, w))(still)
 
 
 def torques(system: System, angles: Vector) -> Vector:
@@ -79,6 +102,8 @@ def torques(system: System, angles: Vector) -> Vector:
         total = total - jnp.stack(floats(system.across)) * c
     if system.foundation is not None:
         total = total - c * (_dense(system.foundation) @ s)
+    if system.own.forces:
+        total = total + _own(system, angles, jnp.zeros_like(angles))
     return total
 
 
@@ -155,7 +180,9 @@ def _share(system: System, share: Scalar) -> System:
     def acts(s: System) -> list:
         return jax.tree.leaves((s.q, s.upright, s.across, s.foundation))
 
-    return eqx.tree_at(acts, system, [share * x for x in acts(system)])
+    less = eqx.tree_at(acts, system, [share * x for x in acts(system)])
+    forces = tuple(ShareOf(force, jnp.asarray(share)) for force in system.own.forces)
+    return eqx.tree_at(lambda s: s.own.forces, less, forces) if forces else less
 
 
 def eigenvalues_of(matrices: Matrices) -> Array:

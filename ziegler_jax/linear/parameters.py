@@ -49,12 +49,14 @@ def as_function(
     unused = {"q"}
     if isinstance(column, Column) and column.follower_only:
         unused |= {"m2", "s1"} | ({"l2"} if column.follower == 1.0 else set())
+    unused |= {name for name, x in leaves.items() if np.ndim(x)}  # rows have no name
     names = [n for n in leaves if n not in unused] if parameters is None else parameters
+    single = [name for name, x in leaves.items() if not np.ndim(x)]
     for name in names:
-        if name not in leaves:
+        if name not in single:
             raise ValueError(
                 "Argument `parameters` must name leaves of the column, "
-                f"{', '.join(leaves)}, but has {name!r}."
+                f"{', '.join(single)}, but has {name!r}."
             )
 
     def make(**values: Scalar) -> AbstractChain:

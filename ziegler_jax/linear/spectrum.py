@@ -25,7 +25,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Int
 
 from ..model.chain_of_rods import AbstractChain, check_column
-from ..model.column import Column, refuse_si
+from ..model.column import Column, check_autonomous, refuse_si
 from ..model.damping import Sum, Viscous, at_rest
 from ..model.friction import AbstractRateFriction, slopes_at_rest
 from ..numerics.numbers import Pair, Scalar, is_concrete
@@ -163,6 +163,7 @@ def tangent_column(column: AbstractChain) -> AbstractChain:
     **Raises:** `ValueError` if the friction is set-valued: it has no tangent.
     """
     refuse_si(column)
+    check_autonomous("tangent_column", column)
     law = column.friction
     if law is None:
         return column
@@ -226,6 +227,7 @@ def refuse_friction(who: str, column: AbstractChain) -> None:
     """Raise for a column whose friction a linear function cannot see."""
     check_column(column)
     refuse_si(column)
+    check_autonomous(who, column)
     if column.friction is not None:
         raise ValueError(
             f"Argument `column` must have no friction for `{who}`, but has "

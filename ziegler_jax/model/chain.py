@@ -19,6 +19,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,6 +32,15 @@ from ..numerics.series import sum_of
 
 Rows = tuple[Numbers, ...]  # of the lower triangle
 Turned = Mapping[tuple[int, int], tuple[Scalar, Scalar]]
+
+
+class Follower(eqx.Module):
+    r"""A force that turns with a rod: $w q$ at angle $\eta \phi$ to the vertical."""
+
+    rod: int = eqx.field(static=True)  # which, from 0
+    weight: Scalar | None = None  # w; None: 1
+    eta: Scalar | None = None  # None: known to be 1, along the rod
+    lever: Scalar | None = None  # where on its rod; None: 1
 
 
 def joint_angles(phi: Sequence[Scalar]) -> Numbers:

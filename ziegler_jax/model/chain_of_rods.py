@@ -4,7 +4,9 @@ import abc
 from typing import ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 
+from ..numerics.jaxprs import reads_first
 from ..numerics.numbers import (
     Joints,
     Numbers,
@@ -24,7 +26,19 @@ from ..runtime import refuse_forked
 from .chain import Rows, is_definite, spread
 from .damping import AbstractDamping, Drag, Sum
 from .damping import lengths as lengths_of
-from .forces import DeadLoad, FollowerForces, Gravity, fixed_forces
+from .forces import (
+    AbstractForce,
+    AbstractLoadHistory,
+    DeadLoad,
+    FollowerForces,
+    Forces,
+    Gravity,
+    OwnForces,
+    checked_own,
+    fixed_forces,
+    in_a_row,
+    read,
+)
 from .friction import AbstractFriction
 from .system import System
 
@@ -38,6 +52,7 @@ class AbstractChain(AbstractRuled):
     Every question takes one, and asks its `system()`.
     """
 
+    patterns: ClassVar[int] = 0  # of follower forces, how many it takes
     q: eqx.AbstractVar[Scalar]
     damping: eqx.AbstractVar[AbstractDamping | None]
     friction: eqx.AbstractVar[AbstractFriction | None]
@@ -45,6 +60,7 @@ class AbstractChain(AbstractRuled):
     gravity: eqx.AbstractVar[Gravity | None]
     rest_angles: eqx.AbstractVar[OneOrEach | None]
     foundation: eqx.AbstractVar[OneOrEach | None]
+    forces: eqx.AbstractVar[Forces | None]
 
     @property
     @abc.abstractmethod
@@ -69,7 +85,22 @@ class AbstractChain(AbstractRuled):
     def follower_only(self) -> bool:
         """Whether follower forces alone act on it, and its springs rest at zero."""
         parts = self.dead_load, self.gravity, self.rest_angles, self.foundation
-        return all(part is None for part in parts)
+        alone = not self.own.forces and self.autonomous
+        return alone and all(part is None for part in parts)
+
+    @property
+    def own(self) -> OwnForces:
+        """Forces of one's own, and what is added to q in time."""
+        forces = in_a_row(self.forces)
+        return OwnForces(
+            tuple(f for f in forces if isinstance(f, AbstractForce)),
+            tuple(f for f in forces if isinstance(f, AbstractLoadHistory)),
+        )
+
+    @property
+    def autonomous(self) -> bool:
+        """Whether it is the same at all times."""
+        return self.own.autonomous
 
     def check_parts(self) -> None:
         """Refuse parts that are none, or are for another number of joints."""
@@ -78,14 +109,14 @@ class AbstractChain(AbstractRuled):
             ("friction", AbstractFriction),
             ("dead_load", DeadLoad),
             ("gravity", Gravity),
-            ("forces", FollowerForces),
         ):
-            part = getattr(self, name, None)
+            part = getattr(self, name)
             if part is not None and not isinstance(part, kind):
                 what = "a law" if kind.__name__.startswith("Abs") else kind.__name__
                 raise ValueError(
                     f"Argument `{name}` must be None or {what}, but is {part!r}."
                 )
+        self._check_forces()
         if self.friction is not None and self.friction.on_reactions:
             self.needs_bodies("the load `JointReaction()`")
             self.refuse_fixed_forces("the load `JointReaction()`")
@@ -99,12 +130,31 @@ class AbstractChain(AbstractRuled):
         if self.damping is not None:
             self.damping.check(self.joints)
 
+    def _check_forces(self) -> None:
+        """Refuse a pattern too many, and friction that had to follow a history."""
+        count = sum(isinstance(f, FollowerForces) for f in in_a_row(self.forces))
+        if count > self.patterns:
+            raise ValueError(
+                f"Argument `forces` of a `{type(self).__name__}` must have at most "
+                f"{self.patterns} patterns `FollowerForces`, but has {count}."
+            )
+        law = self.friction and self.friction.load_law()
+        if not self.own.histories or law is None:
+            return
+        zero = jnp.zeros(())
+        if reads_first(lambda q: law.at_rest((q,) * self.joints), zero):
+            raise ValueError(
+                "Argument `friction` must rest on a load that does not follow q, such "
+                "as `ConstantLoad(n)`, where `forces` make q depend on time, but rests "
+                f"on {law!r}."
+            )
+
     def refuse_fixed_forces(self, what: str) -> None:
         """Refuse what rests on the joints' reactions where more than q loads them.
 
         **Raises:** `ValueError`.
         """
-        for name in ("dead_load", "gravity", "foundation"):
+        for name in ("dead_load", "gravity", "foundation", "forces"):
             if getattr(self, name) is not None:
                 raise ValueError(
                     f"Argument `{name}` must be None for {what}, as its part in the "
@@ -169,7 +219,10 @@ class Chain(AbstractChain):
         rod, nonnegative.
     - `friction`: None or a friction law; not on `JointReaction()`, and set-valued up to
         four rods.
-    - `forces`: the pattern; None: $q$ along the last rod, on its end.
+    - `forces`: the pattern that q multiplies, `FollowerForces`; without one $q$ acts
+        along the last rod, on its end. Forces of one's own (`AbstractForce`) and loads
+        that depend on time (`LoadHistory`, `AbstractLoadHistory`) stand here, too, one
+        or several in a tuple.
     - `dead_load`, `gravity`: `DeadLoad(p, direction)`, `Gravity(g, direction)`.
     - `foundation`: $w_i$ of springs across the vertical, so much a unit of length
         (Winkler's); one number or one a rod, nonnegative.
@@ -206,6 +259,7 @@ class Chain(AbstractChain):
         "foundation": "k/l^3",
     }
 
+    patterns: ClassVar[int] = 1
     q: Scalar
     lengths: Numbers
     masses: OneOrEach | None
@@ -218,7 +272,7 @@ class Chain(AbstractChain):
     damping: AbstractDamping | None
     air: OneOrEach | None
     friction: AbstractFriction | None
-    forces: FollowerForces | None
+    forces: Forces | None
     dead_load: DeadLoad | None
     gravity: Gravity | None
     foundation: OneOrEach | None
@@ -238,7 +292,7 @@ class Chain(AbstractChain):
         damping: AbstractDamping | None = None,
         air: Joints | None = None,
         friction: AbstractFriction | None = None,
-        forces: FollowerForces | None = None,
+        forces: Forces | None = None,
         dead_load: DeadLoad | None = None,
         gravity: Gravity | None = None,
         foundation: Joints | None = None,
@@ -268,7 +322,7 @@ class Chain(AbstractChain):
                 f"Argument `lengths` must be of at most {MOST_RODS} rods, as equations "
                 f"are written out rod by rod, but is of {len(self.lengths)}."
             )
-        self.damping, self.friction, self.forces = damping, friction, forces
+        self.damping, self.friction, self.forces = damping, friction, read(forces)
         self.dead_load, self.gravity = dead_load, gravity
         self.check_parts()
         if lengths_of(damping):
@@ -286,7 +340,10 @@ class Chain(AbstractChain):
     @property
     def pattern(self) -> FollowerForces:
         """The forces that q multiplies."""
-        return self.forces or FollowerForces((0.0,) * (self.joints - 1) + (1.0,))
+        for force in in_a_row(self.forces):
+            if isinstance(force, FollowerForces):
+                return force
+        return FollowerForces((0.0,) * (self.joints - 1) + (1.0,))
 
     @property
     def pulls(self) -> Numbers:
@@ -367,4 +424,5 @@ class Chain(AbstractChain):
             foundation=foundation
             if foundation is None
             else spread(lengths, each(foundation, n)),
+            own=checked_own(self.own, n),
         )

@@ -25,14 +25,14 @@ from ..numerics.numbers import (
 )
 from ..numerics.rules import Invariants, checked, instance
 from ..runtime import refuse_forked
-from .chain import spread
+from .chain import Follower, spread
 from .chain_of_rods import AbstractChain
 from .damping import AbstractDamping, lengths
-from .forces import DeadLoad, Gravity, fixed_forces
+from .forces import DeadLoad, Forces, Gravity, checked_own, fixed_forces, read
 from .friction import AbstractFriction
 from .loads import Bodies
 from .state import PhasePoint, State, phase_of
-from .system import Follower, Power, System
+from .system import Power, System
 
 
 class Column(AbstractChain):
@@ -67,6 +67,8 @@ class Column(AbstractChain):
         follow ($\eta \ne 1$) needs it, and `Air` must have the same.
     - `rest_angles`, `dead_load`, `gravity`, `foundation`: as of `Chain`; gravity needs
         `m2` and `s1`.
+    - `forces`: forces of one's own (`AbstractForce`) and loads that depend on time
+        (`LoadHistory`, `AbstractLoadHistory`), one or several in a tuple.
     - `l1`: the length of rod 1 in m, of a column in SI units alone (q in N, inertia in
         kg m^2, ...). Questions refuse it; `SI.scaled` gives it a rod 1 of length 1.
 
@@ -120,6 +122,7 @@ class Column(AbstractChain):
     dead_load: DeadLoad | None
     gravity: Gravity | None
     foundation: OneOrEach | None
+    forces: Forces | None
 
     def __init__(
         self,
@@ -140,6 +143,7 @@ class Column(AbstractChain):
         dead_load: DeadLoad | None = None,
         gravity: Gravity | None = None,
         foundation: Joints | None = None,
+        forces: Forces | None = None,
     ):
         """Check and keep the column's numbers."""
         self.q, self.a, self.b, self.d = checked(self.rules, q=q, a=a, b=b, d=d)
@@ -151,7 +155,7 @@ class Column(AbstractChain):
             self.rules, rest_angles=rest_angles, foundation=foundation
         )
         self.damping, self.friction = damping, friction
-        self.dead_load, self.gravity = dead_load, gravity
+        self.dead_load, self.gravity, self.forces = dead_load, gravity, read(forces)
         self.check_parts()
         self.refuse_broken()
         if gravity is not None:
@@ -209,6 +213,7 @@ class Column(AbstractChain):
             foundation=foundation
             if foundation is None
             else spread((1.0, self.l2), each(foundation, 2)),
+            own=checked_own(self.own, 2),
         )
 
     def invariants(self) -> Invariants:
@@ -238,11 +243,28 @@ def refuse_si(column: AbstractChain) -> None:
         )
 
 
+# what follows a motion as it comes, and asks nothing that holds at all times
+IN_TIME = "trajectory", "settle"
+
+
+def check_autonomous(question: str, column: AbstractChain | System) -> None:
+    """Refuse forces that depend on time, where a question asks what holds at all times.
+
+    **Raises:** `ValueError`.
+    """
+    if question not in IN_TIME and not column.autonomous:
+        raise ValueError(
+            "Argument `forces` of the column must not depend on time for "
+            f"`{question}`, which asks for what holds at all times, but does: "
+            "`trajectory` and `settle(certify=False)` take it."
+        )
+
+
 def vector_field(t: Scalar, y: Numbers, column: AbstractChain) -> Numbers:
     """The equations of motion, in diffrax's signature.
 
-    **Arguments:** `t`: unused, the column is autonomous; `y`: phi1, phi2, omega1,
-    omega2 as four scalars, of n rods as 2 n; `column`.
+    **Arguments:** `t`: the time, on which only forces of one's own depend; `y`: phi1,
+    phi2, omega1, omega2 as four scalars, of n rods as 2 n; `column`.
 
     **Returns:** their time derivatives, as many scalars.
     """
@@ -259,25 +281,26 @@ def energy(column: AbstractChain, y: Numbers | State) -> jax.Array:
     + \tfrac12\kappa\phi_1^2 + \tfrac12(\phi_2-\phi_1)^2$$
 
     and, where there are any, that of dead load, gravity and foundation, all zero where
-    the chain stands upright. A follower load has no potential: its work is in `power`.
+    the chain stands upright, and the potential of forces of one's own. A follower load
+    has no potential: its work is in `power`.
 
     **Arguments:** `column`; `y`: a `State`, or its scalars.
     """
     return jnp.asarray(column.system().energy(phase_of(y, column.joints)))
 
 
-def power(column: AbstractChain, y: Numbers | State) -> Power:
+def power(column: AbstractChain, y: Numbers | State, t: Scalar = 0.0) -> Power:
     r"""What the load feeds in, and what damping and friction take out.
 
-    $$\frac{dE}{dt} = P_{follower} - P_{damping} - P_{friction}$$
+    $$\frac{dE}{dt} = P_{follower} - P_{damping} - P_{friction} + P_{forces}$$
 
     **Arguments:** `column`; `y`: a `State`, or its scalars $\phi_1, \phi_2,
-    \omega_1, \omega_2$.
+    \omega_1, \omega_2$; `t`: the time, where forces depend on it.
 
     **Returns:** a `Power`: scalars in $k\sqrt{k/(m l^2)}$; a part that the column does
     not have is None, not zero.
     """
-    return column.system().power(phase_of(y, column.joints))
+    return column.system().at(t).power(phase_of(y, column.joints))
 
 
 def reactions(column: Column, y: Numbers | State) -> jax.Array:

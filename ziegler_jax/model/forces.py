@@ -1,17 +1,290 @@
-r"""Forces on a chain of rods: patterns that follow the rods, and fixed ones."""
+r"""Forces on a chain of rods: that follow them, fixed ones, and those of one's own."""
 
 from __future__ import annotations
 
+import abc
 import math
-from typing import ClassVar
+from functools import reduce
+from typing import ClassVar, cast
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
 
 from ..numerics.elementary import sincos
-from ..numerics.numbers import Joints, Numbers, OneOrEach, Scalar, Several, each, equals
-from ..numerics.rules import AbstractRuled, checked, several
-from ..numerics.series import added
-from .system import Follower
+from ..numerics.jaxprs import reads_first
+from ..numerics.numbers import (
+    Joints,
+    Numbers,
+    OneOrEach,
+    Scalar,
+    Several,
+    each,
+    equals,
+    is_concrete,
+)
+from ..numerics.rules import AbstractRuled, Invariants, checked, several
+from ..numerics.series import added, sum_of
+from ..results import TIME
+from .chain import Follower
+
+# ---- of one's own
+
+
+class AbstractForce(AbstractRuled):
+    r"""A force of one's own: what it gives are torques $Q_i$ on the rods.
+
+    They stand on the right-hand side of the equations of motion and are the generalised
+    forces of the rods' absolute angles: virtual work $\sum_i Q_i\, \delta\phi_i$. A
+    spring k from the tip of rod 2 to a wall, across the vertical:
+
+    ```python
+    class Wall(zj.AbstractForce):
+        rules = {"k": "nonnegative"}
+        units = {"k": "k/l^2"}
+        k: float
+
+        def torques(self, t, phi, omega):
+            x = jnp.sin(phi[0]) + jnp.sin(phi[1])
+            return tuple(-self.k * x * jnp.cos(angle) for angle in phi)
+
+        def energy(self, phi):
+            return self.k * (jnp.sin(phi[0]) + jnp.sin(phi[1])) ** 2 / 2
+
+    column = zj.uniform_rods(2.6, forces=Wall(0.2))
+    ```
+
+    A force that depends on time says so: `autonomous: ClassVar[bool] = False` in its
+    class. `trajectory` takes it, and `settle` by windows; what asks for a column that
+    is the same at all times (certificates, linear questions, orbits, exponents,
+    thresholds, curves, sections) refuses it. A follower load that depends on time is an
+    `AbstractLoadHistory`. With set-valued friction a force of one's own needs an
+    explicit method, as Taylor's series are not known of it. `JointReaction()` does not
+    take it, nor does `reactions`.
+
+    Its numbers are leaves, scalars or arrays, to be swept and differentiated; keep them
+    as its own fields, and give `rules` and `units`, as of `AbstractDamping`.
+    """
+
+    autonomous: ClassVar[bool] = True
+
+    @abc.abstractmethod
+    def torques(self, t: Scalar, phi: Numbers, omega: Numbers) -> Numbers:
+        """The torques on the rods, one each, in k, from the base on.
+
+        **Arguments:** `t`: the time; `phi`, `omega`: the rods' angles and rates, one
+        number a rod.
+        """
+
+    def energy(self, phi: Numbers) -> Scalar | None:
+        r"""Its potential E, in k, which enters `energy`; None: there is none.
+
+        The power of the force is then what is left of it, $\sum_i (Q_i + \partial E /
+        \partial\phi_i)\, \omega_i$: zero where E is the potential of all of it.
+        """
+        del phi
+        return None
+
+
+class AbstractLoadHistory(AbstractRuled):
+    r"""A follower load that depends on time: what is added to the column's own q.
+
+    $$q(t) = q + p(t)$$
+
+    with p by `load`. Pulsation, $q(t) = q + p \cos \Omega t$:
+
+    ```python
+    class Pulsation(zj.AbstractLoadHistory):
+        p: float
+        rate: float
+
+        def load(self, t):
+            return self.p * jnp.cos(self.rate * t)
+
+    column = zj.uniform_rods(1.5, forces=Pulsation(0.2, 3.0))
+    motion = zj.trajectory(column, zj.State(omega=(0, 0.01)), np.linspace(0, 50, 501))
+    ```
+
+    All forces that q multiplies follow it. Friction must not rest on q, as
+    `FollowerLoad()` does: its torques are worked out once. Write `ConstantLoad(n)`.
+    `trajectory` takes such a column, and `settle` by windows; see `AbstractForce`, also
+    for what its numbers may be.
+    """
+
+    @abc.abstractmethod
+    def load(self, t: Scalar) -> Scalar:
+        """What it adds to q at a time."""
+
+
+class LoadHistory(AbstractLoadHistory):
+    r"""A follower load by its values at given times, with straight lines between them.
+
+    What it gives is added to the column's own q. A ramp up and down again is
+    `LoadHistory((0, 500, 1000), (0, 3, 0))`, with q = 0; a measured history has as many
+    numbers as were measured. Before the first time and after the last it is constant.
+
+    **Arguments:** `times`: increasing, in $\sqrt{m l^2/k}$; `loads`: in k/l, one a
+    time.
+
+    **Raises:** `ValueError` for numbers that are not finite, times that do not
+    increase, and other than one load a time.
+    """
+
+    rules: ClassVar = {"times": "finite", "loads": "finite"}
+    units: ClassVar = {"times": TIME, "loads": "k/l"}
+
+    times: Float[ArrayLike, " n"]
+    loads: Float[ArrayLike, " n"]
+
+    def __init__(self, times: Several, loads: Several):
+        """Check and keep both."""
+        self.times, self.loads = _row("times", times), _row("loads", loads)
+        if len(self.times) != len(self.loads):
+            raise ValueError(
+                "Arguments `times` and `loads` must be as many numbers each, but are "
+                f"{len(self.times)} and {len(self.loads)}."
+            )
+        self.refuse_broken()
+
+    def invariants(self) -> Invariants:
+        """Times increase."""
+        yield (
+            (cast(Scalar, self.times),),
+            lambda times: jnp.all(jnp.diff(jnp.asarray(times)) > 0),
+            "Argument `times` must increase, but is {}.",
+        )
+
+    def load(self, t: Scalar) -> Scalar:
+        """On the straight line between two times."""
+        return jnp.interp(t, jnp.asarray(self.times), jnp.asarray(self.loads))
+
+
+def _row(name: str, x: Several) -> Array | np.ndarray:
+    """Numbers in a row, as an array; NumPy's where all are known now.
+
+    **Raises:** `ValueError` for fewer than two, and for such as are not finite.
+    """
+    if isinstance(x, jax.Array) and x.ndim == 1 and x.size > 1:
+        return x
+    numbers = several(name, x)
+    return (np if all(map(is_concrete, numbers)) else jnp).stack(numbers)
+
+
+def _check(force: AbstractForce, rods: int) -> None:
+    """Refuse torques of another count than rods, and time that is not named."""
+    name, zero = type(force).__name__, jnp.zeros(())
+
+    def asked(t, phi, omega):
+        given = force.torques(t, phi, omega)
+        several = isinstance(given, list | tuple) or jnp.ndim(given) > 0
+        return tuple(given) if several else (given,), force.energy(phi)
+
+    row = (zero,) * rods
+    torques, potential = jax.eval_shape(asked, zero, row, row)
+    shapes = [jnp.shape(x) for x in torques]
+    stored = () if potential is None else jnp.shape(potential)
+    if shapes != [()] * rods or stored != ():
+        raise ValueError(
+            f"The force `{name}` must give one scalar torque for each of {rods} rods, "
+            f"and one scalar energy or None, but gives torques of shapes {shapes} and "
+            f"an energy of shape {stored}."
+        )
+    if force.autonomous and reads_first(asked, zero, row, row):
+        raise ValueError(
+            f"The force `{name}` must say that it depends on time, but reads `t` and "
+            "has `autonomous` = True: write `autonomous: ClassVar[bool] = False` in "
+            "its class."
+        )
+
+
+class ShareOf(AbstractForce):
+    """A share of a force of one's own, as an equilibrium is followed from none on."""
+
+    force: AbstractForce
+    share: Scalar
+
+    def torques(self, t: Scalar, phi: Numbers, omega: Numbers) -> Numbers:
+        """So much of each."""
+        return tuple(self.share * x for x in self.force.torques(t, phi, omega))
+
+
+class OwnForces(eqx.Module):
+    """Forces of one's own and histories of q, as a `System` has them.
+
+    `time`: at which they are asked, where they depend on it.
+    """
+
+    forces: tuple[AbstractForce, ...] = ()
+    histories: tuple[AbstractLoadHistory, ...] = ()
+    time: Scalar | None = None
+
+    @property
+    def autonomous(self) -> bool:
+        """Whether they are the same at all times."""
+        return not self.histories and all(force.autonomous for force in self.forces)
+
+    @property
+    def now(self) -> Scalar:
+        """The time; any, where they do not depend on it."""
+        if self.time is None and not self.autonomous:
+            raise ValueError(
+                "A `System` that depends on time must be asked at one, but is asked at "
+                "none: write `system.at(t)`."
+            )
+        return 0.0 if self.time is None else self.time
+
+    def load(self, q: Scalar, t: Scalar) -> Scalar:
+        """The follower load at a time, of which q is the constant part."""
+        return sum_of([q, *(history.load(t) for history in self.histories)])
+
+    def torques(self, phi: Numbers, omega: Numbers | None) -> Numbers | None:
+        """All torques; None: there are none. `omega`: None for no rates."""
+        if not self.forces:
+            return None
+        omega = tuple(0.0 * x for x in phi) if omega is None else omega
+        at = self.now, phi, omega
+        return reduce(added, (tuple(force.torques(*at)) for force in self.forces))
+
+    def energy(self, phi: Numbers) -> Scalar | None:
+        """Their potential; None: there is none."""
+        every = (force.energy(phi) for force in self.forces)
+        given = [x for x in every if x is not None]
+        return sum_of(given) if given else None
+
+    def dissipated(self, phi: Numbers, omega: Numbers) -> Scalar | None:
+        """What is taken out by the part of the torques that depends on the rates."""
+        standing, moving = self.torques(phi, None), self.torques(phi, omega)
+        if standing is None or moving is None:
+            return None
+        rows = zip(standing, moving, omega, strict=True)
+        return sum_of([(a - b) * w for a, b, w in rows])
+
+    def stored(self, phi: Numbers, omega: Numbers) -> Scalar:
+        """At which rate the potential grows."""
+
+        def energy(phi: Numbers) -> Scalar:
+            whole = self.energy(phi)
+            return 0.0 * phi[0] if whole is None else whole
+
+        kind = jnp.result_type(float, *phi, *omega)
+        at, along = (tuple(jnp.asarray(x, kind) for x in row) for row in (phi, omega))
+        return jax.jvp(energy, (at,), (along,))[1]
+
+
+def checked_own(own: OwnForces, rods: int) -> OwnForces:
+    """The same, if each gives what it must.
+
+    **Raises:** `ValueError`.
+    """
+    for force in own.forces:
+        _check(force, rods)
+    return own
+
+
+# ---- the package's own
 
 
 class AbstractFixedForce(AbstractRuled):
@@ -116,6 +389,33 @@ class FollowerForces(AbstractRuled):
                 )
             )
         return tuple(forces)
+
+
+# one of one's own, a history of q, a pattern of those that q multiplies; or several
+Force = AbstractForce | AbstractLoadHistory | FollowerForces
+Forces = Force | tuple[Force, ...]
+
+
+def in_a_row(forces: Forces | None) -> tuple[Force, ...]:
+    """What there is of them."""
+    if forces is None:
+        return ()
+    return forces if isinstance(forces, tuple) else (forces,)
+
+
+def read(forces: Forces | None) -> Forces | None:
+    """Forces as a column keeps them.
+
+    **Raises:** `ValueError` for what is none.
+    """
+    for force in in_a_row(forces):
+        if not isinstance(force, Force):
+            raise ValueError(
+                "Argument `forces` must be None, or one or a tuple of `AbstractForce`, "
+                "`AbstractLoadHistory` and, in a `Chain`, `FollowerForces`, but has "
+                f"{force!r}."
+            )
+    return forces
 
 
 def fixed_forces(

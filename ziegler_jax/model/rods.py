@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple, TypedDict, Unpack
 
 import jax.numpy as jnp
@@ -13,12 +12,13 @@ from ..numerics.rules import check_options, number, positive
 from .chain_of_rods import MOST_RODS, Chain
 from .column import Column
 from .damping import AbstractDamping
-from .forces import DeadLoad, FollowerForces, Gravity
+from .forces import DeadLoad, FollowerForces, Forces, Gravity
 from .friction import AbstractFriction
 
 BODIES = ("m1", "m2", "l1", "l2")
 TIP = ("tip_mass", "tip_inertia")
-COMMON = ("damping", "friction", "rest_angles", "dead_load", "gravity", "foundation")
+COMMON = ("damping", "friction", "forces", "rest_angles")
+COMMON += ("dead_load", "gravity", "foundation")
 PARTS = ("kappa", "follower", *COMMON, *TIP)  # of any column
 NUMBERS = ("kappa", "follower", "rest_angles", "foundation", *TIP)  # of these
 
@@ -32,6 +32,7 @@ class CommonParts(TypedDict, total=False):
     dead_load: DeadLoad | None
     gravity: Gravity | None
     foundation: Joints | None
+    forces: Forces | None
 
 
 class ColumnParts(CommonParts, total=False):
@@ -78,8 +79,8 @@ def uniform_rods(
         are in kg and l2 is in m, all three are given, and `SI.scaled` takes the column
         (see `Column`).
     - `parts`: `kappa`, `follower`, `damping`, `friction`, `rest_angles`, `dead_load`,
-        `gravity`, `foundation` of `Column`; `tip_mass` and `tip_inertia`, a mass at the
-        tip and its rotary inertia, in m and m l^2.
+        `gravity`, `foundation`, `forces` of `Column`; `tip_mass` and `tip_inertia`, a
+        mass at the tip and its rotary inertia, in m and m l^2.
 
     **Raises:** `ValueError` where a concrete number breaks its rule, and for a mass or
     length that is left out beside `l1`.
@@ -212,7 +213,7 @@ def leipholz(n: int, q: Scalar = 0.0, **parts: Unpack[ChainParts]) -> Chain:
     """
     count = _rods(n)
     spread = FollowerForces((1 / count,) * count, at=0.5)
-    return _literature("leipholz", n, q, parts, forces=spread)
+    return _literature("leipholz", n, q, parts, spread)
 
 
 def _rods(n: int) -> int:
@@ -228,19 +229,20 @@ def _literature(
     name: str,
     n: int,
     q: Scalar,
-    parts: Mapping[str, object],
+    parts: ChainParts,
+    pattern: FollowerForces | None = None,
     tip_mass: Scalar | None = None,
-    forces: FollowerForces | None = None,
 ) -> Chain:
     """A cantilever of unit length, mass and bending stiffness in n equal rods."""
     check_options(name, parts, (*COMMON, "air", "tip_inertia"))
-    count = _rods(n)
+    count, forces = _rods(n), parts.get("forces")
+    if pattern is not None and forces is not None:
+        forces = (pattern, *(forces if isinstance(forces, tuple) else (forces,)))
     return Chain(
         q,
         lengths=(1 / count,) * count,
         masses=1 / count,
         springs=float(count),
         tip_mass=tip_mass,
-        forces=forces,
-        **parts,  # pyright: ignore[reportArgumentType]
+        **{**parts, "forces": pattern if forces is None else forces},
     )

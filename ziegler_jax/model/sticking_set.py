@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 from ..numerics.numbers import Pair, Scalar
 from ..runtime import requires_x64
 from .chain import holding_torques
-from .column import Column, refuse_si
+from .column import Column, check_autonomous, refuse_si
 from .state import PhasePoint
 
 Angle = Float[Array, "..."] | float  # many at once, or one
@@ -85,7 +85,7 @@ class StickingSet(eqx.Module):
         if not self.column.follower_only:
             raise ValueError(
                 f"`{what}` of a sticking set must be asked of a column on which its "
-                "load alone acts, but that has rest angles, fixed forces or a "
+                "load alone acts, but that has rest angles, other forces or a "
                 "foundation; `contains` holds for any."
             )
         if not self.column.tangential:
@@ -118,4 +118,5 @@ def check_sticks(column: Column) -> None:
             "Argument `column` must be a `Column` with `SetValuedCoulomb` friction, "
             f"but is {column!r}."
         )
+    check_autonomous("sticking_set", column)
     refuse_si(column)

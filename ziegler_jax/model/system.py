@@ -14,9 +14,10 @@ from ..numerics.elementary import sincos
 from ..numerics.materialise import as_one_call, materialise
 from ..numerics.numbers import Numbers, Pair, Scalar
 from ..numerics.series import sum_of
-from .chain import Rows, Turned, joint_angles, moved, on_rods, solved, turned
+from .chain import Follower, Rows, Turned, joint_angles, moved, on_rods, solved, turned
 from .coulomb_torques import CoulombInModes, CoulombTorques, MassAndForces
 from .damping import AbstractDamping, is_polynomial
+from .forces import OwnForces
 from .loads import Bodies, Reaction, Reactions, reactions_of, solve_loads
 from .state import PhasePoint
 from .torques import AbstractRateTorques, AbstractTorques
@@ -28,30 +29,26 @@ class Power(NamedTuple):
     `follower`: what the load feeds in, $Q \cdot \omega$ with its generalised forces, of
     a column $Q = (q\sin(\phi_1 - \eta\phi_2),\ q\,l_2\sin((1-\eta)\phi_2))$; `damping`:
     what damping takes out, $\omega \cdot C\omega$; `friction`: what friction takes out,
-    $\sum_i T_i u_i$. Then $dE/dt$ = `follower` - `damping` - `friction`, with E by
-    `energy`.
+    $\sum_i T_i u_i$; `forces`: what those of one's own feed in beside their potential.
+    Then $dE/dt$ = `follower` - `damping` - `friction` + `forces`, with E by `energy`.
     """
 
     follower: Scalar
     damping: Scalar | None
     friction: Scalar | None
+    forces: Scalar | None = None
 
 
 class EnergyRate(NamedTuple):
-    """The energy, its time derivative, and what friction and damping take out."""
+    """The energy, its time derivative, and what dissipates.
+
+    That is what friction and damping take out, and the part of forces of one's own that
+    depends on the rates.
+    """
 
     energy: Scalar
     rate: Scalar
     loss: Scalar
-
-
-class Follower(eqx.Module):
-    r"""A force that turns with a rod: $w q$ at angle $\eta \phi$ to the vertical."""
-
-    rod: int = eqx.field(static=True)  # which, from 0
-    weight: Scalar | None = None  # w; None: 1
-    eta: Scalar | None = None  # None: known to be 1, along the rod
-    lever: Scalar | None = None  # where on its rod; None: 1
 
 
 class System(eqx.Module):
@@ -71,6 +68,7 @@ class System(eqx.Module):
         the vertical and across it: torques $V_i \sin\phi_i - H_i \cos\phi_i$.
     - `foundation`: moments $W_{ij}$ of springs across the vertical: torques
         $-\cos\phi_i \sum_j W_{ij} \sin\phi_j$.
+    - `own`: forces of one's own, and what is added to q in time; see `at`.
     """
 
     q: Scalar
@@ -85,6 +83,7 @@ class System(eqx.Module):
     upright: Numbers | None = None
     across: Numbers | None = None
     foundation: Rows | None = None
+    own: OwnForces = OwnForces()
 
     # ---- what it is
 
@@ -96,7 +95,13 @@ class System(eqx.Module):
     @property
     def displaced(self) -> bool:
         """Whether it may have no equilibrium at angles of zero."""
-        return self.bent is not None or self.across is not None
+        parts = self.bent, self.across, self.own.forces or None
+        return any(part is not None for part in parts)
+
+    @property
+    def autonomous(self) -> bool:
+        """Whether it is the same at all times."""
+        return self.own.autonomous
 
     @property
     def sticks(self) -> bool:
@@ -121,7 +126,8 @@ class System(eqx.Module):
     @property
     def has_series(self) -> bool:
         """Whether `Taylor` can follow it."""
-        return self.sticks and self.polynomial and not self.on_reactions
+        written = self.polynomial and self.autonomous and not self.own.forces
+        return self.sticks and written and not self.on_reactions
 
     # ---- set-valued friction
 
@@ -142,11 +148,26 @@ class System(eqx.Module):
         law = self.coulomb.in_modes(modes)
         return eqx.tree_at(lambda s: s.friction, self, law)
 
+    # ---- at a time
+
+    def at(self, t: Scalar | None) -> "System":
+        """The system as it is at a time; itself, where it is the same at all times.
+
+        What depends on time has to be asked so for everything but its `field`.
+        """
+        if self.autonomous or self.own.time is not None or t is None:
+            return self
+        new = (
+            self.own.load(self.q, t),
+            eqx.tree_at(lambda own: own.time, self.own, t, is_leaf=lambda x: x is None),
+        )
+        return eqx.tree_at(lambda s: (s.q, s.own), self, new)
+
     # ---- at a state
 
     def field(self, t: Scalar, y: PhasePoint) -> PhasePoint:
         """The right-hand side, in the modes of the motion, or those of the state."""
-        del t
+        self = self.at(t)
         rates, forces = y.omega, _Forces(self, y)
         if self.sticks:
             balance = forces.balance()
@@ -182,10 +203,12 @@ class System(eqx.Module):
         """What the load feeds in, and what damping and friction take out."""
         rates, forces = y.omega, _Forces(self, y)
         torques, damping = self._rubbing(forces), forces.damping
+        own = self.own.torques(y.phi, rates)
         return Power(
             _work(forces.load, rates),
             None if damping is None else _work(damping, rates),
             None if torques is None else _work(torques, joint_angles(rates)),
+            None if own is None else _work(own, rates) + self.own.stored(y.phi, rates),
         )
 
     def energy_rate(self, y: PhasePoint, accelerations: Sequence[Scalar]) -> EnergyRate:
@@ -219,7 +242,13 @@ class System(eqx.Module):
             terms += [-f * w for f, w in zip(still, rates, strict=True)]
         rate = sum_of(terms)
         fed = _work(self._load(phi, sines), rates)
-        return EnergyRate(self._energy(y, sines), rate, fed - rate)
+        now = EnergyRate(self._energy(y, sines), rate, fed - rate)
+        standing = self.own.torques(phi, None)
+        if standing is None:
+            return now
+        energy, rate, loss = now
+        rate = rate + self.own.stored(phi, rates)
+        return EnergyRate(energy, rate, loss + _work(standing, rates))
 
     # ---- of which these are made
 
@@ -255,7 +284,8 @@ class System(eqx.Module):
 
     def _energy(self, y: PhasePoint, sines: Turned) -> Scalar:
         phi, rates = y.phi, y.omega
-        terms = []
+        potential = self.own.energy(phi)
+        terms = [] if potential is None else [potential]
         for i, row in enumerate(self.moments):
             for j, moment in enumerate(row):
                 own = moment * rates[i] * rates[j]
@@ -292,6 +322,7 @@ class System(eqx.Module):
 
     def _load(self, phi: Sequence[Scalar], sines: Turned) -> tuple[Scalar | None, ...]:
         """The load's generalised forces; None where one is known to be zero."""
+        _ = self.own.now  # q is that of a time
         load: list[Scalar | None] = [None] * len(phi)
         for force in self.followers:
             pull = self.q if force.weight is None else self.q * force.weight
@@ -350,6 +381,7 @@ class _Forces:
                 sum_of([c * w for c, w in pairs if c is not None]) for pairs in each
             )
         still = system._fixed_forces(phi)
+        own = system.own.torques(phi, rates)
         pull = on_rods(system._spring_torques(phi))
         squares = [w * w for w in rates]
         right = []
@@ -357,6 +389,8 @@ class _Forces:
             r = -pull[i] if force is None else force - pull[i]
             if still is not None:
                 r = r + still[i]
+            if own is not None:
+                r = r + own[i]
             for j, square in enumerate(squares):
                 if j != i:
                     moment = system.moments[max(i, j)][min(i, j)]

@@ -1,5 +1,6 @@
 """Which method follows a motion, and what of friction it has to know."""
 
+from ..model.column import check_autonomous
 from ..model.system import System
 from ..numerics.numbers import Scalar
 from ..numerics.rules import instance
@@ -64,12 +65,13 @@ def method_of(question: str, method: Method, system: System, usual: Solver) -> M
     **Raises:** `ValueError` for one that cannot follow the column.
     """
     instance("method", method, Method)
+    check_autonomous(question, system)
     solver = method.solver
     if isinstance(solver, Taylor) and not system.has_series:
         raise ValueError(
             "Argument `solver` may be `Taylor(...)` with `SetValuedCoulomb` friction "
-            "alone, and not with the load `JointReaction()` or a damping law of one's "
-            f"own, but is {solver.name}."
+            "alone, and not with the load `JointReaction()`, a damping law or forces "
+            f"of one's own, but is {solver.name}."
         )
     if isinstance(solver, Rosenbrock) and system.sticks:
         raise ValueError(

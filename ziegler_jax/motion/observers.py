@@ -68,7 +68,8 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     A mean is an integral over the window by its `span`: `integrand` names what is
     integrated, `step.integrals` are its integrals over a step, see `Step`. `system` is
     what runs, the column's numbers worked out once: `system.power(y)`,
-    `system.energy(y)`, `system.friction_torques(y)` and `system.field(t, y)`.
+    `system.energy(y)`, `system.friction_torques(y)` and `system.field(t, y)`. Where
+    forces depend on time it is the system at the time of y.
 
     Keep its numbers as its own fields: of an attribute of something else, or a global,
     that a law reads, JAX remembers as it was when first traced: within one point of a
@@ -320,7 +321,7 @@ class EnergyBalance(AbstractObserver):
 
     The powers are integrated with the stages of the method, to its order.
     `energy_imbalance` is what is left of $\Delta E = W_{load} - W_{damping} -
-    W_{friction}$ per unit time: the integration's own energy error.
+    W_{friction} + W_{forces}$ per unit time: the integration's own energy error.
     """
 
     name: ClassVar[str] = "power"
@@ -343,15 +344,23 @@ class EnergyBalance(AbstractObserver):
         return start, tuple(w + dw for w, dw in zip(works, step.integrals, strict=True))
 
     def result(self, system, state, span, y):
-        """`follower_power`, `damping_power`, `friction_power`, `energy_imbalance`."""
+        """`follower_power`, `damping_power`, `friction_power`, `force_power`.
+
+        Of these what there is, and `energy_imbalance`.
+        """
         start, works = state
         means = iter(w / span for w in works)
-        powers = {"follower_power": (next(means), "mean power of the follower load")}
+        gain, gained = next(means), "mean power of the follower load"
+        powers = {"follower_power": (gain, gained)}
         if system.damping is not None:
             powers["damping_power"] = next(means), "mean power lost in damping"
         if system.friction is not None:
             powers["friction_power"] = next(means), "mean power lost in joint friction"
-        gain, *losses = (power for power, _ in powers.values())
+        _, *losses = (power for power, _ in powers.values())
+        if system.own.forces:
+            fed = next(means)
+            powers["force_power"] = fed, "mean power of forces of one's own"
+            gain = gain + fed
         change = (system.energy(y) - start) / span
         error = change - gain + sum(losses)
         powers["energy_imbalance"] = error, "energy error per unit time"
@@ -376,20 +385,22 @@ class Observation(eqx.Module):
     def integrand(self, system: System) -> Integrand | None:
         """The integrands of all, one after the other; None if there is none."""
 
-        def joint(y: PhasePoint) -> Numbers:
-            return sum((o.integrand(system, y) for o in self.observers), ())
+        def joint(t: Scalar, y: PhasePoint) -> Numbers:
+            now = system.at(t)
+            return sum((o.integrand(now, y) for o in self.observers), ())
 
-        numbers = 2 * system.joints
-        asked = jax.eval_shape(lambda: joint(PhasePoint((jnp.zeros(()),) * numbers)))
+        zero, numbers = jnp.zeros(()), 2 * system.joints
+        asked = jax.eval_shape(lambda: joint(zero, PhasePoint((zero,) * numbers)))
         return joint if asked else None
 
     def init(self, system: System, t: Scalar, y: PhasePoint) -> tuple:
         """Nothing seen yet."""
-        return tuple(observer.init(system, t, y) for observer in self.observers)
+        now = system.at(t)
+        return tuple(observer.init(now, t, y) for observer in self.observers)
 
     def step(self, system: System, states: tuple, step: Step) -> tuple:
         """All after a step."""
-        after, used = [], 0
+        after, used, system = [], 0, system.at(step.t1)
         for observer, part in zip(self.observers, states, strict=True):
             count = len(observer.integrand(system, step.y1))
             mine = step._replace(integrals=step.integrals[used : used + count])

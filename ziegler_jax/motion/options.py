@@ -110,10 +110,10 @@ class Method(AbstractOptions):
     | `lyapunov_exponents` | Tsit5, set-valued Taylor8 | 1e-8 | 10000000 |
     | `poincare` | Tsit5 | 1e-9 | 10000000 |
 
-    Taylor8 stands for Tsit5 with the load `JointReaction()` and with a damping law of
-    one's own. Orbits, branches and curves take `Taylor()` where it is named: at the
-    same tolerance its orbits are some thirty times nearer, run as long, and compile
-    half as long again.
+    Tsit5 takes the place of Taylor8 with the load `JointReaction()`, and with a damping
+    law or forces of one's own. Orbits, branches and curves take `Taylor()` where it is
+    named: at the same tolerance its orbits are some thirty times nearer, run as long,
+    and compile half as long again.
 
     **Raises:** `ValueError` for what is no such method, and numbers that break a rule;
     and by `settle`, `sweep_up_down`, `trajectory` and `poincare` where a derivative in

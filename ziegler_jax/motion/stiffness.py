@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from ..model.chain_of_rods import AbstractChain, check_column
-from ..model.column import refuse_si
+from ..model.column import check_autonomous, refuse_si
 from ..model.jacobian import accelerations_and_slopes
 from ..model.state import PhasePoint
 from ..model.system import System
@@ -68,6 +68,7 @@ def is_stiff(column: AbstractChain, rtol: Scalar) -> jax.Array:
     check_column(column)
     refuse_forked()
     refuse_si(column)
+    check_autonomous("is_stiff", column)
     rtol = number("rtol", rtol, "positive")
     with ExitStack() as known:
         if all(is_concrete(x) for x in jax.tree.leaves((column, rtol))):

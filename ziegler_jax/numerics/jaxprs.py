@@ -1,9 +1,24 @@
 """JAX's own programs, as it lets others hold them."""
 
+from collections.abc import Callable
+
+import jax
 from jax.extend.core import (
     ClosedJaxpr,  # pyright: ignore[reportPrivateImportUsage]
     JaxprEqn,  # pyright: ignore[reportPrivateImportUsage]
     Literal,
 )
 
-__all__ = ["ClosedJaxpr", "JaxprEqn", "Literal"]
+from .numbers import Numbers, Scalar
+
+__all__ = ["ClosedJaxpr", "JaxprEqn", "Literal", "reads_first"]
+
+
+def reads_first(
+    function: Callable[..., object], first: Scalar | Numbers, *others: object
+) -> bool:
+    """Whether a function reads its first argument, a number or several."""
+    jaxpr = jax.make_jaxpr(function)(first, *others).jaxpr
+    count = len(jax.tree.leaves(first))
+    read = [*jaxpr.outvars, *(x for e in jaxpr.eqns for x in e.invars)]
+    return any(x is own for x in read for own in jaxpr.invars[:count])

@@ -62,10 +62,16 @@ class AbstractRuled(eqx.Module):
         good = keeps_rules(self.rules, self)
         for numbers, keep, _ in self.invariants():
             good &= keep(*numbers)
-        for part in vars(self).values():
-            if isinstance(part, AbstractRuled):
-                good &= part.valid()
+        for part in _parts(self):
+            good &= part.valid()
         return good
+
+
+def _parts(owner: AbstractRuled) -> Iterable[AbstractRuled]:
+    """What of it has rules of its own, alone or in a tuple."""
+    for part in vars(owner).values():
+        several = part if isinstance(part, tuple) else (part,)
+        yield from (x for x in several if isinstance(x, AbstractRuled))
 
 
 def number(name: str, x: object, rule: str = "finite") -> Scalar:
@@ -278,6 +284,5 @@ def fit(owner: AbstractRuled, n: int) -> None:
                 f"Argument `{name}` of `{type(owner).__name__}` must be one number, or "
                 f"one for each of {n} joints, but is {len(x)} numbers."
             )
-    for part in vars(owner).values():
-        if isinstance(part, AbstractRuled):
-            fit(part, n)
+    for part in _parts(owner):
+        fit(part, n)

@@ -26,8 +26,8 @@ from ..numerics.numbers import Numbers, Scalar
 _Row = tuple[float, ...]
 # a state, or one with others behind it in a row
 Y = TypeVar("Y", bound=Numbers)
-# functions of the state to be integrated along the motion
-Integrand = Callable[[PhasePoint], Numbers]
+# functions of time and state to be integrated along the motion
+Integrand = Callable[[Scalar, PhasePoint], Numbers]
 # a right-hand side of time and state
 Field = Callable[[Scalar, Y], Y]
 
@@ -104,21 +104,21 @@ class Explicit(eqx.Module):
         t1: Scalar,
         y0: Y,
         first: Y,
-        integrand: Callable[[Y], Numbers] | None = None,
+        integrand: Callable[[Scalar, Y], Numbers] | None = None,
     ) -> tuple[Y, Y, Y, Numbers, Stages]:
         r"""One step from y0, where the right-hand side is `first`.
 
         **Returns:** y1, the error estimate, the right-hand side at y1, the integrals
-        $\int_{t_0}^{t_1} g(y)\,dt \approx h \sum_i b_i g(Y_i)$ of `integrand`, a
-        function of the state that returns a tuple, to the order of the method, as if
+        $\int_{t_0}^{t_1} g(t, y)\,dt \approx h \sum_i b_i g(t_i, Y_i)$ of
+        `integrand`, which returns a tuple, to the order of the method, as if
         the integrals were part of the state; and the stages.
         """
         h = t1 - t0
         stages = [first]
-        integrands = [] if integrand is None else [integrand(y0)]
+        integrands = [] if integrand is None else [integrand(t0, y0)]
 
         def whole(t, y):
-            return field(t, y), (() if integrand is None else integrand(y))
+            return field(t, y), (() if integrand is None else integrand(t, y))
 
         once = traced_once(whole, t0, y0)
 

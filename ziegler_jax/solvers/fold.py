@@ -75,7 +75,7 @@ class AbstractFold(eqx.Module, Generic[State]):
     needs_slope: ClassVar[bool] = False
 
     def integrand(self, system: System) -> Integrand | None:
-        """A function of y that returns a tuple to be integrated over steps, or None."""
+        """Of t and y a tuple of what is to be integrated over steps, or None."""
         del system
 
     def advance(self, solver, t0, t1, y0, system, first, state):
@@ -85,9 +85,10 @@ class AbstractFold(eqx.Module, Generic[State]):
         fold, in this state, is shown.
         """
         del state
-        return solver.advance(
-            system.right_hand_side, t0, t1, y0, first, self.integrand(system)
-        )
+        step = system.right_hand_side, t0, t1, y0, first, self.integrand(system)
+        if isinstance(solver, Rosenbrock):
+            return solver.advance(*step, autonomous=system.autonomous)
+        return solver.advance(*step)
 
     def expand(
         self, system: System, y0: PhasePoint, order: int, token: Scalar, state: State

@@ -13,11 +13,16 @@ $$\bigl(I - g Q - g^2 P\bigr)\, u_\omega = g\,(r_\omega + g P r_\phi), \qquad
   u_\phi = g\,(r_\phi + u_\omega), \qquad g = \gamma h,$$
 
 and an n x n matrix, inverted once a step, is all that is left to solve.
+
+Of a field that depends on time the time is one number more of the state, with the slope
+1: the stages' times are $t_0 + \alpha_i h$, and $\delta_i h\, \partial f/\partial t$
+at $t_0$ is added to the right-hand side.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -131,6 +136,18 @@ H = (
 # h times the extension's slope at the step's end
 _END = tuple(m - sum(column) for m, column in zip(M, zip(*H, strict=True), strict=True))
 
+
+def _times() -> tuple[list[float], list[float]]:
+    """Each stage's time and its share of the field's slope in time, in steps."""
+    places, shares = [0.0], [GAMMA]
+    for a, c in zip(A, C, strict=True):
+        places.append(sum(x * s for x, s in zip(a, shares, strict=True)))
+        shares.append(GAMMA * (1 + sum(x * s for x, s in zip(c, shares, strict=True))))
+    return places, shares
+
+
+PLACES, SHARES = _times()
+
 Rows = tuple[Numbers, ...]  # of a matrix
 
 
@@ -143,7 +160,7 @@ class Linearised(NamedTuple):
 
 
 class Rosenbrock(eqx.Module):
-    r"""Rodas5P for autonomous fields of $(\phi, \omega)$.
+    r"""Rodas5P for fields of $(\phi, \omega)$.
 
     For smoothed friction with $v_{smooth}$ far below $\tau$, or strong damping: where
     a joint creeps, the steps of an explicit method stay below a few of its decay times,
@@ -169,12 +186,16 @@ class Rosenbrock(eqx.Module):
         y0: PhasePoint,
         first: PhasePoint,
         integrand: Integrand | None = None,
+        autonomous: bool = True,
     ) -> tuple[PhasePoint, PhasePoint, PhasePoint, Numbers]:
         r"""One step from y0.
 
+        **Arguments:** `autonomous`: whether field and integrand are known not to depend
+        on time; else as of `Explicit.advance`.
+
         **Returns:** y1, the error estimate, the slope at y1, and the integrals
-        $\int_{t_0}^{t_1} p(y)\,dt$ of `integrand`, a function p of the state that
-        returns a tuple; to the order of the method, as if the integrals were part of
+        $\int_{t_0}^{t_1} p(y)\,dt$ of `integrand`, a function p that returns a tuple;
+        to the order of the method, as if the integrals were part of
         the state: with the stages' arguments $Y_i$ theirs are
         $Z_i = g\,\bigl(p(Y_i) + p'(y_0)\,U_i\bigr) + \gamma \sum_{j<i} c_{ij} Z_j$.
         """
@@ -182,8 +203,16 @@ class Rosenbrock(eqx.Module):
         h, n = t1 - t0, len(y0.phi)
         g, per_h = GAMMA * h, 1.0 / h
         start = materialise(t0, lambda: _linearised(lambda y: field(t0, y), y0, g))
-        quantities = (lambda y: ()) if integrand is None else integrand
-        first_parts, along = jax.linearize(quantities, y0)
+        quantities = (lambda t, y: ()) if integrand is None else integrand
+        first_parts, along = jax.linearize(lambda y: quantities(t0, y), y0)
+        drift, part_drift = (), ()
+        if not autonomous:
+
+            def in_time(t):
+                return field(t, y0).omega, quantities(t, y0)
+
+            slopes = jax.jvp(in_time, (t0,), (jnp.ones_like(t0),))[1]
+            drift, part_drift = materialise(t0, lambda: slopes)
 
         def solved(slope, push):
             total = _sums(slope, push)
@@ -193,21 +222,32 @@ class Rosenbrock(eqx.Module):
             w = [g * sum_of(products(row, s)) for row in start.inverse]
             return (*(g * (a + b) for a, b in zip(r, w, strict=True)), *w)
 
-        def stage(y, push):
-            u = solved(field(t0, y), push)
-            return u, _sums(quantities(y), along(PhasePoint(u)))
+        def moved(i, slope):
+            """With what the field's slope in time adds in a stage."""
+            more = tuple(SHARES[i] * h * x for x in drift)
+            return PhasePoint.of(slope.phi, _sums(slope.omega, more)) if more else slope
+
+        def summed(i, parts, u):
+            more = tuple(SHARES[i] * h * x for x in part_drift)
+            parts = _sums(parts, along(PhasePoint(u)))
+            return _sums(parts, more) if more else parts
+
+        def stage(i, t, y, push):
+            u = solved(moved(i, field(t, y)), push)
+            return u, summed(i, quantities(t, y), u)
 
         def first_stage():
-            u = solved(start.field, (0.0,) * (2 * n))
-            return u, _sums(first_parts, along(PhasePoint(u)))
+            u = solved(moved(0, start.field), (0.0,) * (2 * n))
+            return u, summed(0, first_parts, u)
 
         y = y0
         u, parts = materialise(t0, first_stage)
         stages, works = [u], [tuple(g * x for x in parts)]
-        for a, c in zip(A, C, strict=True):
+        for i, (a, c) in enumerate(zip(A, C, strict=True), 1):
             y = PhasePoint(x + weighted(a, stages, i) for i, x in enumerate(y0))
             push = tuple(per_h * weighted(c, stages, i) for i in range(2 * n))
-            u, parts = materialise(t0, stage, y, push)
+            t = t0 if autonomous else t0 + PLACES[i] * h
+            u, parts = materialise(t0, partial(stage, i, t), y, push)
             stages.append(u)
             works.append(
                 tuple(
@@ -218,7 +258,7 @@ class Rosenbrock(eqx.Module):
         slopes = tuple(per_h * weighted(_END, stages, i) for i in range(n, 2 * n))
 
         def errors():
-            there = field(t0, y1)
+            there = field(t0 if autonomous else t1, y1)
             pairs = zip(there.omega, slopes, strict=True)
             missed = [h * (a - b) for a, b in pairs]
             last = PhasePoint(stages[-1])

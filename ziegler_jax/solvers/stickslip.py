@@ -92,10 +92,11 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
     def begin(self, system, t0, y0):
         """The modes of the start, and the fold's."""
         tol, zero = event_tolerance(self.tolerance, y0[0]), 0.0 * y0[0]
-        y, modes = begun(system, y0, tol)
+        y, modes = begun(system.at(t0), y0, tol)
         system = system.in_modes(modes)
         slope = system.field(t0, y)
-        guard, guard_rate = _holding(system, y, slope, tol)
+        when = None if system.autonomous else t0
+        guard, guard_rate = _holding(system, when, y, slope, tol)
         folded = self.fold.init(system, t0, y)
         return StickSlipState(
             y, slope.omega, folded, modes, guard, guard_rate, t0 - 1.0 + zero, zero
@@ -120,7 +121,7 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
         bends = materialise(t0, self.solver.bends, h, stages.slopes)
         motion = rate_courses(y0, y1, h, f0, f1, bends)
         tol = self._tolerances(t1, modes, f1, guard_rate)
-        guards = guard, guard_rate, materialise(t0, guard_of, system, y1, least)
+        guards = guard, guard_rate, materialise(t0, guard_of, system.at(t1), y1, least)
         x, forced, passed = self._first_event(system, motion, t0, h, guards, tol)
         cut = x < 1
 
@@ -131,8 +132,13 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
 
         y, rest, landed, met = materialise(t0, arrive)
 
+        def end() -> jax.Array:
+            return jnp.where(cut, t0 + x * h, t1)
+
+        t_event = None if system.autonomous else end()
+
         def release():
-            balance = system.balance(y)
+            balance = system.at(t_event).balance(y)
             return balance, *_released(law, balance, passed, tol, least)
 
         balance, freed, close = materialise(t0, release)
@@ -158,9 +164,9 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
             return [PhasePoint.of(y.omega, rates) for rates in each]
 
         f_end, slope = materialise(t0, slopes)
-        guard, guard_rate = materialise(t0, _holding, now, y, slope, least)
+        guard, guard_rate = materialise(t0, _holding, now, t_event, y, slope, least)
 
-        t_end = materialise(t0, lambda: jnp.where(cut, t0 + x * h, t1))
+        t_end = materialise(t0, end)
         at_same = t_end - last_event <= SAME_TIME * jnp.maximum(1.0, jnp.abs(t_end))
         at_once = jnp.where(event, jnp.where(at_same, at_once + 1.0, 0.0), at_once)
         last_event = jnp.where(event, t_end, last_event)
@@ -232,7 +238,8 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
         def within():
             y = PhasePoint(course(inner) for course in motion)
             at = PhasePoint.of(y.phi, law.hold(y.omega))
-            return guard_of(system, at, event_tolerance(self.tolerance, t0))
+            now = system if system.autonomous else system.at(t0 + inner * h)
+            return guard_of(now, at, event_tolerance(self.tolerance, t0))
 
         inside = materialise(t0, within)
 
@@ -279,11 +286,7 @@ class StickSlip(AbstractLaneSolver[StickSlipState]):
             x = jnp.minimum(jnp.maximum(root, soonest), 1.0)
             falls = tuple(course.slope(x) < 0 for course in courses)
             mine = tuple(passes & w for w in which)
-            return (
-                x,
-                root <= soonest,
-                tuple(zip(mine, falls, strict=True)),
-            )
+            return x, root <= soonest, tuple(zip(mine, falls, strict=True))
 
         return materialise(t0, verdict)
 
@@ -320,10 +323,23 @@ def at_rest(y: PhasePoint, rest: Sequence[Flag]) -> PhasePoint:
 
 
 def _holding(
-    system: System, y: PhasePoint, slope: PhasePoint, least: Scalar
+    system: System,
+    t: Scalar | None,
+    y: PhasePoint,
+    slope: PhasePoint,
+    least: Scalar,
 ) -> tuple[Numbers, Numbers]:
-    """The guards of joints that stick, and their slopes in time."""
-    return jax.jvp(lambda y: guard_of(system, y, least), (y,), (slope,))
+    """The guards of joints that stick, and their slopes in time.
+
+    **Arguments:** `t`: the time; None, where that does not matter.
+    """
+    if t is None:
+        return jax.jvp(lambda y: guard_of(system, y, least), (y,), (slope,))
+
+    def guard(t, y):
+        return guard_of(system.at(t), y, least)
+
+    return jax.jvp(guard, (t, y), (jnp.ones_like(t), slope))
 
 
 def _arrival(

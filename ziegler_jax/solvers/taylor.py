@@ -282,7 +282,7 @@ def _integrals(
     for x, weight in _GAUSS:
 
         def node(share=(1 + x) / 2):
-            return integrand(PhasePoint(value(c, share * s) for c in y))
+            return integrand(at, PhasePoint(value(c, share * s) for c in y))
 
         parts.append([weight / 2 * s * p for p in materialise(at, node)])
     return tuple(sum(row[1:], row[0]) for row in zip(*parts, strict=True))

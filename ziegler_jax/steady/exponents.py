@@ -186,7 +186,8 @@ class Naming(AbstractSpans[Witness], AbstractGrowth[SpanState[Witness]]):
             before,
         )
         dissipates = before.dissipates
-        for loss in system.power(step.y1)[1:]:
+        _, *losses, _ = system.power(step.y1)
+        for loss in (*losses, system.own.dissipated(step.y1.phi, step.y1.omega)):
             if loss is not None:
                 dissipates |= measuring & (loss != 0)  # a law may feed as well
         angle = reduce(jnp.maximum, map(jnp.abs, step.y1.phi))

@@ -60,11 +60,11 @@ def push_along(
     if first is None:
         first = materialise(t0, tangent_field, t0, both, system)
 
-    def watched(y):
-        return () if integrand is None else integrand(y)
+    def watched(t, y):
+        return () if integrand is None else integrand(t, y)
 
     def whole(t, y):
-        return *accelerations_and_slopes(t, y, system), watched(y)
+        return *accelerations_and_slopes(t, y, system), watched(t, y)
 
     stage, numbers = hoisted(lambda t, y: materialise(t, whole, t, y), t0, y0)
 
@@ -93,7 +93,7 @@ def push_along(
     # JAX derives no batch of which some numbers move and others do not
     step = jax.custom_jvp(of_lanes)
     step.defjvp(partial(jax.jvp, of_a_lane))
-    return step(numbers, t0, t1 - t0, both, first, watched(y0))
+    return step(numbers, t0, t1 - t0, both, first, watched(t0, y0))
 
 
 # a stage of a motion: accelerations, their derivatives by the state, and integrands

@@ -97,13 +97,17 @@ def at_start(system: System, y: PhasePoint) -> EnergyRate:
 
 def at_end(system: System, step: Step) -> EnergyRate:
     """Where a step ends."""
+    system = system.at(step.t1)
     if not step.modes:
         return system.energy_rate(step.y1, step.f1.omega)
     # the last accelerations are not quite those at its end
     there = system.energy(step.y1)
-    fed, *losses = system.power(step.y1)
+    fed, *losses, own = system.power(step.y1)
     loss = sum((x for x in losses if x is not None), 0.0 * there)
-    return EnergyRate(there, fed - loss, loss)
+    rate, more = fed - loss, system.own.dissipated(step.y1.phi, step.y1.omega)
+    if own is not None and more is not None:
+        rate, loss = rate + own, loss + more
+    return EnergyRate(there, rate, loss)
 
 
 def watched(system: System, window: Window, step: Step) -> Window:

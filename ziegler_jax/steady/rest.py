@@ -115,7 +115,12 @@ class Rest(eqx.Module):
         return reduce(and_, (m == 0 for m in step.event[1]))
 
     def reached(self, system: System, speeds: Speeds, step: Step, ended: Flag) -> Flag:
-        """Whether it rests at the end of a step, with which a span may have ended."""
+        """Whether it rests at the end of a step, with which a span may have ended.
+
+        Never where forces depend on time: what sticks, or decays now, may move again.
+        """
+        if not system.autonomous:
+            return jnp.zeros_like(ended, bool)
         if self.by_modes:
             return self.sticks(step) | (ended & (speeds.now < 0.5))
         # slow is not at rest where it grows: the span before tells, and what decays
@@ -156,7 +161,7 @@ def decays(system: System, y: PhasePoint, rate: Scalar) -> Flag:
     """
     y, zero = PhasePoint(y), 0.0 * y[0]
     sizes = (BESIDE,)
-    if system.friction is not None or not system.polynomial:
+    if system.friction is not None or not system.polynomial or system.own.forces:
         sizes += tuple(way * level for level in LEVELS for way in (1.0, -1.0))
     # of each joint K's column, then C's for each size: one after the other, for each
     # place where the field is written out is ten thousand instructions

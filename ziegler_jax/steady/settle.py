@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Shaped
 
 from ..model.chain_of_rods import AbstractChain
+from ..model.column import check_autonomous
 from ..model.state import State
 from ..motion import not_finite
 from ..motion.checks import check_scene
@@ -133,6 +134,12 @@ def settle(
     job's map then repeat that a finer run does not confirm: most are on their slow way
     past an unstable cycle (`benchmarks/a4_settling.py`).
 
+    **Forces that depend on time** (`AbstractForce`, `LoadHistory`) leave windows alone,
+    and no rest: what sticks or has decayed may move again. Where a motion does not
+    repeat within two windows it is `unsettled` at the horizon, with the numbers of the
+    last window. A ramp wants one window after it (`Windows(transient=..., length=...,
+    max_windows=1)`), a pulsating load windows of whole periods.
+
     **Torus or chaos** (`exponents=2`): a certified motion that ends `unsettled` goes on
     as long again, after another `transient` over `max_windows` of `length`, with
     tangents: `exponents` are its first Lyapunov exponents, with `errors`, as
@@ -160,9 +167,9 @@ def settle(
         None of `certify` is then True.
     - `certify`: None certifies, with `SetValuedCoulomb` on Taylor's steps, whose series
         the tangents of shots share. It has to be asked for where set-valued friction
-        has no series (the load `JointReaction()`, a damping law of one's own): there
-        shots run on an explicit method, event by event, far slower. Not with
-        `Rosenbrock()`. It fits no column that dissipates nothing: there no cycle
+        has no series (the load `JointReaction()`, a damping law or forces of one's
+        own): there shots run on an explicit method, event by event, far slower. Not
+        with `Rosenbrock()`. It fits no column that dissipates nothing: there no cycle
         attracts.
 
     **Returns:** `Settled`. Where the outcome stands before `unsettled` in `CODE`,
@@ -212,10 +219,16 @@ def settling(
     """
     scene = column, start, question, windows, observers, method
     check_scene(column, start)
+    check_autonomous(question, column)
     instance("method", method, Method)
     exponents = _exponents(exponents, certify, 2 * column.joints)
     if certify is None:
         certify = exponents > 0 or may_certify(column, method)
+    if certify is True and not column.autonomous:
+        raise ValueError(
+            "Argument `forces` of the column must not depend on time where cycles are "
+            "certified, but does: write `certify=False`, and no `exponents`."
+        )
     if not isinstance(certify, bool):
         raise ValueError(
             f"Argument `certify` must be True, False or None, but is {certify!r}."
@@ -250,7 +263,7 @@ def _exponents(count: int, certify: bool | None, most: int) -> int:
 
 def may_certify(column: AbstractChain, method: Method) -> bool:
     """Whether cycles are certified by default."""
-    if isinstance(method.solver, Rosenbrock):
+    if isinstance(method.solver, Rosenbrock) or not column.autonomous:
         return False
     # event by event on an explicit method shots take far longer than Taylor's steps
     return not column.sticks or column.system().has_series
@@ -266,7 +279,8 @@ def settled(motion: Settling, run: Run[SpanState[WindowState]] | Certifying) -> 
 def _windowed(motion: SettleProblem, run: Run[SpanState[WindowState]]) -> Settled:
     fold, watch = motion.watch, run.folded.watch
     record = Record(watch.observed, fold.span, run.y)
-    named = fold.observation.variables(motion.system, record, _FIELDS)
+    system = motion.system.at(run.time)
+    named = fold.observation.variables(system, record, _FIELDS)
     failed = run.outcome < CODE.unsettled
     named = nan_where_failed(failed, named)
     named["windows"] = Variable(run.folded.spans, "observed windows")
