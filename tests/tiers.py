@@ -120,6 +120,10 @@ SLOW = {
         "steady/test_certificates.py::test_what_grows_from_below_the_cut_is_not_at",
         "sweep/test_tables.py::test_a_law_whose_fields_are_tables_is_swept",
         "test_main.py::test_another_map_is_refused_in_one_line_and_overwritten",
+        "test_main.py::test_both_laws_have_a_store_each_and_one_picture",
+        "test_main.py::test_the_cells_that_differ_are_counted_by_pairs_of_outcomes",
+        "test_main.py::test_dry_friction_alone_goes_on_with_its_store_and_draws_it",
+        "test_main.py::test_a_store_of_one_law_is_refused_for_another",
     ],
     LONG_RUNS: [
         "analysis/test_thresholds.py::test_the_ends_of_the_last_interval_stick_and",
