@@ -126,6 +126,7 @@ SLOW = {
         "test_main.py::test_a_store_of_one_law_is_refused_for_another",
     ],
     LONG_RUNS: [
+        "motion/test_stick_fraction.py",
         "analysis/test_thresholds.py::test_the_ends_of_the_last_interval_stick_and",
         "motion/test_where_stiff.py::test_two_sweeps_by_the_mask_fill_each_other_up",
         "steady/test_endings.py::test_an_offset_does_not_hide_that_a_joint_rings_down",
