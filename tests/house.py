@@ -30,7 +30,8 @@ ROOMS += [
     {"curves", "maps"},
     {"units"},
     {"plot"},
-    {"__init__", "_main_picture"},
+    {"__init__", "_main_both"},
+    {"_main_picture"},
     {"__main__"},
 ]
 PLACE = {room: i for i, rooms in enumerate(ROOMS) for room in rooms}

@@ -1,19 +1,25 @@
 """`python -m ziegler_jax` writes a map that can be read, or says why not."""
 
+import contextlib
 import functools
 import io
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 
 import numpy as np
 import pytest
 import xarray as xr
+from eyes import EYES, lab
 
 import ziegler_jax as zj
 from ziegler_jax import __main__ as job
+from ziegler_jax._main_both import ends_of_both, shares_over_ratio, summary_of_both
 from ziegler_jax.results import OUTCOMES
 
 pytestmark = pytest.mark.usefixtures("optimised")  # the main job itself runs here
@@ -124,6 +130,7 @@ def test_the_summary_counts_every_outcome_that_there_is(written):
         (["--out", __file__], "--out"),
         (["--out", __file__ + "/below"], "--out"),
         (["--out", ""], "--out"),
+        (["--law", "wet"], "--law"),
         (["--nonsense"], "--nonsense"),
     ],
 )
@@ -247,7 +254,7 @@ def test_marks_of_another_map_are_refused_and_stay(
     """Whatever breaks a rule, too: nothing is replaced without `--overwrite`."""
     marks = tmp_path / job.SENSITIVE_STORE
 
-    def of_this_map(_, store, overwrite, by=2.0):
+    def of_this_map(_, store, overwrite, law="", by=2.0):
         return zj.sweep(
             lambda q: by * q, q=[1.0, 3.0], store=zj.Store(store, overwrite)
         )
@@ -309,6 +316,140 @@ def test_another_map_is_refused_in_one_line_and_overwritten_when_asked(
     before = marks(tmp_path)
     assert job.main(["--points", "30", *there]) == 0
     assert marks(tmp_path) == before and (tmp_path / job.PICTURE).exists()
+
+
+@pytest.fixture(scope="module")
+def of_both(tmp_path_factory):
+    """A small map of both laws: its folder, and what was printed."""
+    folder, said = tmp_path_factory.mktemp("both"), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(said):
+        patch.setattr(zj, "configure_cpu", lambda: "set")
+        arguments = ["--law", "both", "--points", "60"]
+        assert job.main([*arguments, "--out", str(folder)]) == 0
+    return folder, said.getvalue()
+
+
+def test_both_laws_have_a_store_each_and_one_picture(of_both):
+    folder, said = of_both
+    names = {"bifurcation_map.zarr", "bifurcation_map_dry.zarr"}
+    names |= {"bifurcation_map_both.png"}
+    assert {path.name for path in folder.iterdir()} == names
+    assert all(f"{folder / name}" in said for name in names)
+    picture = (folder / "bifurcation_map_both.png").read_bytes()
+    assert picture.startswith(PNG) and len(picture) > 20_000
+    dry = zj.open_sweep(folder / "bifurcation_map_dry.zarr")
+    assert dry.attrs["solver"] == "Taylor8"  # and not the smoothed law once more
+    assert zj.open_sweep(folder / job.STORE).attrs["solver"] == "Tsit5"
+
+
+def test_the_cells_that_differ_are_counted_by_pairs_of_outcomes(of_both):
+    folder, said = of_both
+    names = (job.STORE, job.file_of(job.STORE, "dry"))
+    one, other = (zj.open_sweep(folder / name).outcome.values for name in names)
+    unlike, total = (one != other) & (one > 0), int((one > 0).sum())
+    assert 0 < unlike.sum() < total
+    share = f"{unlike.sum()} of {total} cells, {unlike.sum() / total:.1%}:"
+    head, rows = said.split("both laws differ in ")[1].split("\n", 1)
+    assert head == share
+    told = re.findall(r"^ +(\d+) +[\d.]+%  smoothed (\w+), dry (\w+)$", rows, re.M)
+    pairs = zip(one[unlike], other[unlike], strict=True)
+    exact = Counter((zj.CODE(a).name, zj.CODE(b).name) for a, b in pairs)
+    assert {(a, b): int(n) for n, a, b in told} == exact
+
+
+def test_dry_friction_alone_goes_on_with_its_store_and_draws_it(
+    of_both, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(zj, "configure_cpu", lambda: "set")
+    store = job.file_of(job.STORE, "dry")
+    shutil.copytree(of_both[0] / store, tmp_path / store)
+    before = (tmp_path / store / "zarr.json").stat().st_mtime_ns
+    command = ["--law", "dry", "--points", "60", "--out", str(tmp_path)]
+    assert job.main(command) == 0
+    assert (tmp_path / store / "zarr.json").stat().st_mtime_ns == before
+    assert {path.name for path in tmp_path.iterdir()} == {
+        store, "bifurcation_map_dry.png"
+    }  # fmt: skip
+
+
+def test_late_ends_of_both_laws_are_followed_into_a_store_each(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(zj, "configure_cpu", lambda: "set")
+    asked = []
+
+    def sweep(point, store, **_):
+        asked.append((point.func, point.keywords, store.path.name))
+        return xr.Dataset({"sensitive": ("q", [1])}, attrs={"points": 1})
+
+    maps = dict(
+        zip(("smoothed", "dry"), small_maps(["sC"] * 2, ["CC"] * 2), strict=True)
+    )
+    late = {name: ds.assign(time=ds.outcome * 0 + 200.0) for name, ds in maps.items()}
+    monkeypatch.setattr(job, "compute", lambda *arguments: late[arguments[-1]])
+    monkeypatch.setattr(job, "summary", lambda _: "")
+    monkeypatch.setattr(zj, "sweep", sweep)
+    command = ["--law", "both", "--sensitive", "--out", str(tmp_path)]
+    assert job.main(command) == 0
+    names = ("bifurcation_map_sensitive.zarr", "bifurcation_map_dry_sensitive.zarr")
+    assert asked == [
+        (job._with_growth, {"law": law}, name)
+        for law, name in zip(maps, names, strict=True)
+    ]
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert all(name in last for name in names)
+
+
+def test_a_store_of_one_law_is_refused_for_another(
+    of_both, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(zj, "configure_cpu", lambda: "set")
+    store = tmp_path / job.file_of(job.STORE, "dry")
+    shutil.copytree(of_both[0] / job.STORE, store)
+    with pytest.raises(SystemExit) as end:
+        job.main(["--law", "dry", "--points", "60", "--out", str(tmp_path)])
+    assert end.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--overwrite" in line and str(store) in line
+    assert zj.open_sweep(store).attrs["solver"] == "Tsit5"
+
+
+def small_maps(smoothed, dry):
+    """Maps of one mu_k and two of mu_s over the loads, given as letters by rows."""
+    mu = {"mu_s": [0.2, 0.4], "mu_k": [0.2]}
+    return [
+        plane(*rows).expand_dims(mu_k=[0.2]).assign_coords(mu)
+        for rows in (smoothed, dry)
+    ]
+
+
+def test_what_differs_is_what_both_laws_have_and_have_unlike():
+    ends = ends_of_both(*small_maps(["sC?e", "C? s"], ["sC?e", "sC ?"]))
+    differ = ends["differ"].sel(mu_k=0.2).transpose("mu_s", "q").values
+    np.testing.assert_array_equal(differ, [[0, 0, 0, 0], [1, 1, 0, 1]])
+    names = ends["ends"].attrs["flag_meanings"].split()
+    found = ends["ends"].sel(mu_k=0.2).transpose("mu_s", "q").values
+    assert [names[i].replace("_", " ") for i in found.ravel()] == [
+        "both stuck", "both cycle", "both unsettled", "otherwise",
+        "smoothed cycle, dry stuck", "smoothed unsettled, dry cycle", "not computed",
+        "smoothed stuck, dry unsettled",
+    ]  # fmt: skip
+    told = summary_of_both(ends).splitlines()
+    assert "3 of 7 cells, 42.9%" in told[0] and len(told) == 4
+    shares = shares_over_ratio(ends)
+    # mu_k / mu_s is 1/2 where three cells count, and 1 where four do
+    np.testing.assert_allclose(shares.ratio, [0.5, 1.0])
+    np.testing.assert_allclose(shares.differ, [1.0, 0.0])
+    np.testing.assert_allclose(shares.settled, [1 / 3, 0.0])
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_pairs_of_outcomes_are_told_apart_by_any_eye(eye):
+    from ziegler_jax._main_picture import PAIR_COLOURS
+
+    places = [lab(colour, eye) for colour in ("#FFFFFF", *PAIR_COLOURS)]
+    apart = [np.linalg.norm(a - b) for i, a in enumerate(places) for b in places[:i]]
+    assert min(apart) > 10  # measured 10.7: white and the pale blue of cycles
 
 
 def test_the_default_map_has_the_values_it_promises():

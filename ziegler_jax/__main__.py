@@ -2,11 +2,13 @@
 
 `python -m ziegler_jax` kicks the column of two uniform rods once at every (q, mu_s,
 mu_k) with mu_k <= mu_s and follows it until its motion has settled. The map is the
-store of a sweep: the same command goes on with one that was stopped.
+store of a sweep: the same command goes on with one that was stopped. `--law` says
+which friction: smoothed, dry (set-valued), or both and where their outcomes differ.
 """
 
 import argparse
 import contextlib
+import functools
 import os
 import signal
 import sys
@@ -19,6 +21,12 @@ import numpy as np
 import xarray as xr
 
 import ziegler_jax as zj
+from ziegler_jax._main_both import (
+    counted,
+    ends_of_both,
+    shares_over_ratio,
+    summary_of_both,
+)
 
 # ---- the scene and how it is settled: everything that the map depends on
 PIN_RADIUS, KICK, V_STRIBECK = 0.05, (0.0, 0.3), 0.1
@@ -45,23 +53,37 @@ SETTLED = tuple(getattr(zj.CODE, end) for end in ("cycle", "repeats", "stuck", "
 ONSET_AT = (0.05, 0.1, 0.12, 0.4)  # values of mu_s, printed where the grid has them
 STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"
 SENSITIVE_STORE = "bifurcation_map_sensitive.zarr"
+# what `--law` takes, by how a heading names the friction
+LAWS = {
+    "smoothed": "tanh friction",
+    "dry": "set-valued friction",
+    "both": "tanh and set-valued friction",
+}
 
 
-def point(q, mu_s, mu_k, **options):
-    """Settle one column: N = q, v_smooth = tau_s / 5."""
-    friction = zj.SmoothCoulomb(
-        mu_s,
-        mu_k,
-        pin_radius=PIN_RADIUS,
-        v_stribeck=V_STRIBECK,
-        v_smooth=mu_s * PIN_RADIUS * q / DAMPING_AT_REST,
-    )
+def point(q, mu_s, mu_k, law="smoothed", **options):
+    """Settle one column: N = q, and of the smoothed law v_smooth = tau_s / 5."""
+    if law == "dry":
+        friction = zj.SetValuedCoulomb(mu_s, mu_k, pin_radius=PIN_RADIUS)
+    else:
+        friction = zj.SmoothCoulomb(
+            mu_s,
+            mu_k,
+            pin_radius=PIN_RADIUS,
+            v_stribeck=V_STRIBECK,
+            v_smooth=mu_s * PIN_RADIUS * q / DAMPING_AT_REST,
+        )
     column = zj.uniform_rods(q=q, friction=friction)
     return zj.settle(column, zj.State(omega=KICK), **{**SETTLE, **options})
 
 
-def _with_growth(q, mu_s, mu_k):
-    return point(q, mu_s, mu_k, observers=(*SETTLE["observers"], zj.Growth()))
+def _with_growth(q, mu_s, mu_k, law="smoothed"):
+    return point(q, mu_s, mu_k, law, observers=(*SETTLE["observers"], zj.Growth()))
+
+
+def file_of(name: str, law: str) -> str:
+    """The name of a file for a law, e.g. bifurcation_map_dry.png."""
+    return name if law == "smoothed" else name.replace("_map", f"_map_{law}")
 
 
 def grid(points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -82,16 +104,20 @@ def grid(points: int) -> tuple[np.ndarray, np.ndarray]:
     return q, np.concatenate([[MU_RANGE[0]], *mu])
 
 
-def compute(points: int, store: Path, overwrite: bool = False) -> xr.Dataset:
+def compute(
+    points: int, store: Path, overwrite: bool = False, law: str = "smoothed"
+) -> xr.Dataset:
     """The map as a dataset over (q, mu_s, mu_k): what its store lacks is computed."""
     q, mu = grid(points)
     return zj.sweep(
-        point, where=lambda mu_s, mu_k, q: mu_k <= mu_s, q=q, mu_s=mu, mu_k=mu,
-        store=zj.Store(store, overwrite),
+        functools.partial(point, law=law), where=lambda mu_s, mu_k, q: mu_k <= mu_s,
+        q=q, mu_s=mu, mu_k=mu, store=zj.Store(store, overwrite),
     )  # fmt: skip
 
 
-def sensitive(ds: xr.Dataset, store: Path, overwrite: bool = False) -> xr.Dataset:
+def sensitive(
+    ds: xr.Dataset, store: Path, overwrite: bool = False, law: str = "smoothed"
+) -> xr.Dataset:
     """What settled late once more, with the growth of the kick's tangent."""
     ds = ds.transpose("q", "mu_s", "mu_k", ...)
     late = (ds["outcome"].isin(SETTLED) & (ds["time"] > LATE)).values
@@ -104,9 +130,8 @@ def sensitive(ds: xr.Dataset, store: Path, overwrite: bool = False) -> xr.Datase
         ]
 
     axes = {name: ds[name].values for name in ("q", "mu_s", "mu_k")}
-    return zj.sweep(
-        _with_growth, where=where, store=zj.Store(store, overwrite), axes=axes
-    )
+    followed = functools.partial(_with_growth, law=law)
+    return zj.sweep(followed, where=where, store=zj.Store(store, overwrite), axes=axes)
 
 
 def section(ds: xr.Dataset, ratio: float) -> xr.Dataset:
@@ -123,7 +148,8 @@ def section(ds: xr.Dataset, ratio: float) -> xr.Dataset:
     rows = xr.DataArray(chosen, dims="mu_s")
     keep = xr.DataArray(close, dims="mu_s")
     plane = ds.isel(mu_k=rows)
-    plane["outcome"] = plane["outcome"].where(keep, zj.CODE.not_computed)
+    for name in {"outcome", "ends"} & set(plane):
+        plane[name] = plane[name].where(keep, zj.CODE.not_computed)
     return plane
 
 
@@ -145,25 +171,35 @@ def onset(plane: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def draw(ds: xr.Dataset, path: Path) -> None:
+def draw(ds: xr.Dataset, path: Path, law: str = "smoothed") -> None:
     """Draw three sections of the map, and the flutter onset."""
-    import matplotlib
-
-    matplotlib.use("Agg")  # a file, not a window
     from ziegler_jax._main_picture import draw_sections
 
     planes = [section(ds.sel(joint=2), ratio) for ratio, _ in SECTIONS]
     titles, onsets = [title for _, title in SECTIONS], [onset(p) for p in planes]
+    draw_sections(planes, titles, onsets, _heading(law), path)
+
+
+def draw_both(ends: xr.Dataset, path: Path) -> None:
+    """Draw where the laws' outcomes differ: three sections, and over mu_k / mu_s."""
+    from ziegler_jax._main_picture import draw_differences
+
+    planes = [section(ends, ratio) for ratio, _ in SECTIONS]
+    titles = [title for _, title in SECTIONS]
+    draw_differences(planes, titles, shares_over_ratio(ends), _heading("both"), path)
+
+
+def _heading(law: str) -> str:
+    """The scene in a line."""
     kick = rf"kick $\dot\varphi_2(0) = {KICK[1]}\,\sqrt{{k/(ml^2)}}$"
-    heading = f"Uniform rods, tanh friction, pins of {PIN_RADIUS} l, {kick}"
-    draw_sections(planes, titles, onsets, heading, path)
+    return f"Uniform rods, {LAWS[law]}, pins of {PIN_RADIUS} l, {kick}"
 
 
 def summary(ds: xr.Dataset) -> str:
     """What the map holds, where flutter begins, and what it cost."""
     a, outcome = ds.attrs, ds["outcome"].values
     ends = outcome[outcome != zj.CODE.not_computed]
-    lines = [f"{_count(ends.size)} motions. How they ended:"]
+    lines = [f"{counted(ends.size)} motions. How they ended:"]
     lines += _shares(ends, ends.size, "  ")
     undecided = ds["undecided"].values[outcome == zj.CODE.unsettled]
     if undecided.size:
@@ -177,14 +213,10 @@ def summary(ds: xr.Dataset) -> str:
         lines.append(
             f"The last run that computed any took {a['run_seconds']:.1f} s after "
             f"{a['compile_seconds']:.1f} s of compilation, "
-            f"{_count(round(a['points_per_second']))} motions a second on "
+            f"{counted(round(a['points_per_second']))} motions a second on "
             f"{a['threads']} threads."
         )
     return "\n".join(lines)
-
-
-def _count(number: int) -> str:
-    return f"{number:,}".replace(",", " ")
 
 
 def _shares(codes: np.ndarray, whole: int, indent: str) -> list[str]:
@@ -192,7 +224,7 @@ def _shares(codes: np.ndarray, whole: int, indent: str) -> list[str]:
     counts = [(int((codes == code).sum()), code) for code in zj.CODE]
     counts = sorted((-count, code) for count, code in counts if count)
     return [
-        f"{indent}{_count(-count):>10s} {-count / whole:6.1%}  {code.name}: "
+        f"{indent}{counted(-count):>10s} {-count / whole:6.1%}  {code.name}: "
         f"{code.sentence}"
         for count, code in counts
     ]
@@ -217,50 +249,71 @@ def sensitive_summary(ds: xr.Dataset) -> str:
     """How many points settled late, and how many of these other steps may change."""
     a, marks = ds.attrs, int((ds["sensitive"].values == 1).sum())
     text = (
-        f"Followed again, as they settled after t = {LATE:.0f}: {_count(a['points'])}"
+        f"Followed again, as they settled after t = {LATE:.0f}: {counted(a['points'])}"
     )
     if "run_seconds" in a:
         text += f" (the last run took {a['run_seconds']:.1f} s after "
         text += f"{a['compile_seconds']:.1f} s of compilation)"
-    return f"{text}; other tolerances may end otherwise: {_count(marks)}."
+    return f"{text}; other tolerances may end otherwise: {counted(marks)}."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the main job; returns the exit status."""
     parser = _parser()
     options = parser.parse_args(arguments)
-    store, picture = options.out / STORE, options.out / PICTURE
-    marks = options.out / SENSITIVE_STORE
     advice = ADVICE.format(" without --overwrite" if options.overwrite else "")
     try:
         zj.configure_cpu()
-        q, mu = grid(options.points)
-        count = _count(q.size * mu.size * (mu.size + 1) // 2)
-        printed = _say(
-            f"{count} motions, each kicked once and followed until it settles, into "
-            f"{store}."
-        )
-        with _ended_by_ctrl_c(f"Stopped: {advice}."):
-            with _refused_by(parser):
-                ds = compute(options.points, store, options.overwrite)
-            printed &= _say(summary(ds))
-        draw(ds, picture)
-        if options.sensitive:
-            with _ended_by_ctrl_c(f"Stopped: {advice}."), _refused_by(parser):
-                followed = sensitive(ds, marks, options.overwrite)
-            printed &= _say(sensitive_summary(followed))
+        printed, written = _run(options, parser, f"Stopped: {advice}.")
     except KeyboardInterrupt:
         print(f"Stopped: {advice}.", file=sys.stderr)
         return 130
     except OSError as error:
         print(f"Could not write to {options.out}: {error}; {advice}.", file=sys.stderr)
         return 1
-    written = f"Written: {store}, {picture}"
-    written += f", {marks}." if options.sensitive else "."
+    written = f"Written: {', '.join(map(str, written))}."
     if printed and _say(written):
         return 0
     print(f"Standard output took nothing. {written}", file=sys.stderr)
     return 3
+
+
+def _run(
+    options: argparse.Namespace, parser: argparse.ArgumentParser, stopped: str
+) -> tuple[bool, list[Path]]:
+    """Compute, tell and draw; whether all was told, and what was written."""
+    q, mu = grid(options.points)
+    count = counted(q.size * mu.size * (mu.size + 1) // 2)
+    laws = ("smoothed", "dry") if options.law == "both" else (options.law,)
+    maps, printed, written = {}, True, []
+
+    def into(name: str, law: str) -> Path:
+        written.append(options.out / file_of(name, law))
+        return written[-1]
+
+    for law in laws:
+        store = into(STORE, law)
+        printed &= _say(
+            f"{count} motions, each kicked once and followed until it settles, under "
+            f"{law} friction, into {store}."
+        )
+        with _ended_by_ctrl_c(stopped):
+            with _refused_by(parser):
+                maps[law] = compute(options.points, store, options.overwrite, law)
+            printed &= _say(summary(maps[law]))
+    picture = into(PICTURE, options.law)
+    if options.law == "both":
+        ends = ends_of_both(maps["smoothed"], maps["dry"])
+        printed &= _say(summary_of_both(ends))
+        draw_both(ends, picture)
+    else:
+        draw(maps[options.law], picture, options.law)
+    for law in laws if options.sensitive else ():
+        store = into(SENSITIVE_STORE, law)
+        with _ended_by_ctrl_c(stopped), _refused_by(parser):
+            followed = sensitive(maps[law], store, options.overwrite, law)
+        printed &= _say(sensitive_summary(followed))
+    return printed, written
 
 
 def _say(text: str) -> bool:
@@ -314,8 +367,10 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m ziegler_jax",
         description="Kick a column of two uniform rods at every follower load q in "
         "[1, 4] and friction 0.02 <= mu_k <= mu_s <= 0.4, follow it until its motion "
-        f"has settled, and write {STORE} and {PICTURE}. A map that was stopped is gone "
-        "on with: only what is missing is computed.",
+        f"has settled, and write {STORE} and {PICTURE}; of dry friction "
+        f"{file_of(STORE, 'dry')} and {file_of(PICTURE, 'dry')}; of both laws both "
+        f"stores, and {file_of(PICTURE, 'both')}: where their outcomes differ. A map "
+        "that was stopped is gone on with: only what is missing is computed.",
         epilog="Exit status: 0 written; 1 could not be written; 2 refused; 3 written, "
         "but standard output was closed; 130 stopped by Ctrl-C.",
     )
@@ -325,6 +380,13 @@ def _parser() -> argparse.ArgumentParser:
         default=POINTS,
         metavar="N",
         help="about how many points; all axes grow or shrink (default %(default)s)",
+    )
+    parser.add_argument(
+        "--law",
+        choices=LAWS,
+        default="smoothed",
+        help="the friction: smoothed by a tanh, dry (set-valued), or both laws, one "
+        "after the other (default %(default)s)",
     )
     parser.add_argument(
         "--out",

@@ -146,14 +146,14 @@ def test_the_share_of_a_step_within_a_band_and_how_it_moves(
     phase, height = rng.uniform(0, 2 * np.pi, 2000), rng.uniform(0.5, 3, 2000)
     g0, g1 = (height * np.sin(phase + x) for x in (0, h))
     v0, v1 = (h * height * np.cos(phase + x) for x in (0, h))
-    course = HermiteQuartic(g0, g1, v0, v1, 0.0 * g0)
-    run = jax.jit(jax.vmap(jax.value_and_grad(share_within, 1)))
-    value, slope = run(course, jnp.full(2000, 0.5))
-    rise = g1 - g0
-    cubic = np.stack([g0, v0, 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise], axis=1)
+    p0, p1 = (-height * np.cos(phase + x) for x in (0, h))
+    path = Quintic(p0, h * g0, h * v0, p1, h * g1, h * v1)
+    run = jax.jit(jax.vmap(jax.value_and_grad(lambda c, p: share_within(p, h * c))))
+    value, slope = run(jnp.full(2000, 0.5), path)
+    quartic = np.stack(np.broadcast_arrays(*path.slopes()), axis=1) / h
     d = 1e-6
     less, exact, wider = (
-        np.array([share_by_roots(row, 0.5 + e) for row in cubic]) for e in (-d, 0, d)
+        np.array([share_by_roots(row, 0.5 + e) for row in quartic]) for e in (-d, 0, d)
     )
     grazes = np.abs(wider - 2 * exact + less) > 1e-9  # an extremum is near a level
     crosses = (exact > 0) & (exact < 1) & ~grazes

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 
 from .elementary import larger
 from .hermite import (
-    HermiteQuartic,
     Quintic,
     QuinticRate,
     differentiated,
@@ -87,38 +86,44 @@ def _falls(number: Numbers, left: Scalar, right: Scalar) -> Scalar:
     return falling_root(both, chord, left, right, TURNING)
 
 
-def share_within(course: HermiteQuartic, most: Scalar) -> Scalar:
-    """The share of [0, 1] in which a cubic lies within +-most.
+def share_within(path: Quintic, most: Scalar) -> Scalar:
+    """The share of [0, 1] in which the slope of a quintic lies within +-most.
 
     By halves, in each of which it counts as monotone: its inverse's cubic, by the
-    slopes of both ends, says where it passes a level, and a step of Newton's method,
-    which carries the derivative, says it better.
+    bends of both ends, says where it passes a level. One step of Newton's method on the
+    slope itself, a quartic, says it better: the error is that of the cubic squared, and
+    so is its derivative's.
     """
-    middle, slope = course(0.5), course.slope(0.5) / 2
-    first = course._replace(g1=middle, v0=course.v0 / 2, v1=slope)
-    second = course._replace(g0=middle, v0=slope, v1=course.v1 / 2)
-    return (_monotone_share(first, most) + _monotone_share(second, most)) / 2
+    slopes = path.slopes()
+    middle, bend = value_and_slope(slopes, 0.5)
+    first = _monotone_share(slopes, (path.v0, middle), (path.a0, bend), 0.0, most)
+    return first + _monotone_share(
+        slopes, (middle, path.v1), (bend, path.a1), 0.5, most
+    )
 
 
-def _monotone_share(course: HermiteQuartic, most: Scalar) -> Scalar:
-    """The same of a cubic that does not turn."""
-    rise = course.g1 - course.g0
+def _monotone_share(
+    slopes: Numbers, ends: Pair, bends: Pair, left: float, most: Scalar
+) -> Scalar:
+    """The same of the half from `left` on, where a polynomial counts as monotone."""
+    begin, end = ends
+    rise = end - begin
     flat = rise == 0
     inverse = 1 / jnp.where(flat, 1.0, rise)
     # the inverse's slopes by the chord's, at most 3: so it is monotone
-    at_start, at_end = (
-        1 / larger(slope * inverse, 1 / 3) for slope in (course.v0, course.v1)
-    )
+    at_start, at_end = (1 / larger(0.5 * bend * inverse, 1 / 3) for bend in bends)
 
     def passes(level):
         """Where it passes the level; an end where it does not."""
-        t = (level - course.g0) * inverse
+        t = (level - begin) * inverse
         s = 1 - t
-        x = t * (t * (3 - 2 * t) + s * (at_start * s - at_end * t))
-        slope = course.slope(x) * inverse
-        by = (course(x) - level) * inverse / jnp.where(slope > 0, slope, jnp.inf)
-        inner = jnp.clip(x - by, 0.0, 1.0)
-        return jnp.where(t <= 0, 0.0, jnp.where(t >= 1, 1.0, inner))
+        about = t * (t * (3 - 2 * t) + s * (at_start * s - at_end * t))
+        x = left + 0.5 * about
+        height, slope = value_and_slope(slopes, x)
+        onwards = slope * inverse > 0
+        by = (height - level) / jnp.where(onwards, slope, jnp.inf)
+        inner = jnp.clip(x - by, left, left + 0.5)
+        return jnp.where(t <= 0, left, jnp.where(t >= 1, left + 0.5, inner))
 
     share = jnp.abs(passes(most) - passes(-most))
-    return jnp.where(flat, jnp.where(jnp.abs(course.g0) < most, 1.0, 0.0), share)
+    return jnp.where(flat, jnp.where(jnp.abs(begin) < most, 0.5, 0.0), share)
