@@ -49,8 +49,8 @@ def test_a_base_that_shakes_moves_the_column_as_newton_says(names):
         field, (0, 200), np.zeros(4), "DOP853", response.ts, rtol=1e-11, atol=1e-12
     ).y.T
     assert np.abs(exact[:, 1]).max() > 0.05
-    # measured 3e-8
-    np.testing.assert_allclose(response.phi, exact[:, :2], rtol=0, atol=1e-6)
+    # measured 3.6e-11
+    np.testing.assert_allclose(response.phi, exact[:, :2], rtol=0, atol=1e-9)
 
 
 def test_a_load_that_lags_moves_the_column_as_scipy_says(names):
@@ -61,5 +61,5 @@ def test_a_load_that_lags_moves_the_column_as_scipy_says(names):
     start, ts = (0.0, 0.0, 0.0, 0.01, 0.0), np.linspace(0, 300, 601)
     exact = solve_ivp(field, (0, 300), start, "DOP853", ts, rtol=1e-11, atol=1e-13).y
     found = np.stack(names["solution"].ys)
-    # measured 2e-7
+    # measured 8.3e-7
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-5)

@@ -99,13 +99,13 @@ def test_linear_questions_see_an_autonomous_force_as_they_see_gravity():
     for question in (zj.linearise, zj.spectrum):
         x = [jax.tree.leaves(question(chain(own, 0.1))) for own in (True, False)]
         for own, same in zip(*x, strict=True):
-            # measured 2e-15
+            # measured 2.8e-15
             np.testing.assert_allclose(np.sort(own), np.sort(same), rtol=0, atol=1e-12)
 
     def load(own):
         return jax.jvp(lambda s: zj.critical_load(chain(own, s)).q_cr, (0.1,), (1.0,))
 
-    # measured 1e-13
+    # measured 3.3e-16
     np.testing.assert_allclose(load(True), load(False), rtol=1e-10)
 
 
@@ -124,7 +124,7 @@ def test_dashpots_written_as_a_force_are_viscous_joints():
     columns = [zj.uniform_rods(2.6, **law) for law in laws]
     ends = [zj.settle(c, KICK, certify=False) for c in columns]
     assert [int(e.outcome) for e in ends] == [zj.CODE.repeats] * 2
-    # two motions at rtol 1e-6; measured 1e-7
+    # measured 8.1e-15
     np.testing.assert_allclose(*(e.joint_amplitude for e in ends), rtol=1e-5)
 
 
@@ -145,9 +145,9 @@ def pulsed(t, y, q, p, rate, tau, v):
 
 
 METHODS = {
-    "Dopri8": (zj.Explicit(dfx.Dopri8()), 0.1, 3e-7),
-    "Tsit5": (zj.Explicit(), 0.1, 3e-6),
-    "Rodas5P": (zj.Rosenbrock(), 1e-3, 3e-5),
+    "Dopri8": (zj.Explicit(dfx.Dopri8()), 0.1, 1e-9),
+    "Tsit5": (zj.Explicit(), 0.1, 2e-8),
+    "Rodas5P": (zj.Rosenbrock(), 1e-3, 2e-7),
 }
 
 
@@ -163,12 +163,13 @@ def test_a_pulsating_load_moves_the_column_as_scipy_says(name):
     found = np.concatenate([motion.phi, motion.omega], 1)
     exact = solve_ivp(pulsed, (1.0, 21.0), KICK.y, "Radau" if v < 0.01 else "DOP853",
                       ts, args=numbers, rtol=1e-11, atol=1e-12)  # fmt: skip
-    # measured: 4e-9, 2e-7, 9e-7
-    assert np.abs(found - exact.y.T).max() < error
+    # measured 7e-11, 1.2e-9, 1.4e-8
+    worst = np.abs(found - exact.y.T).max()
+    assert worst < error, worst
 
 
 def test_rosenbrocks_order_holds_with_a_load_that_depends_on_time():
-    """Ten times finer steps of an error of order 5: without df/dt it is of order 2."""
+    """Ten times finer steps of an error of order 5: without df/dt of order 2.1."""
     law = zj.SmoothCoulomb(0.02, pin_radius=1.0, v_smooth=0.1, load=FLAT)
     column = zj.uniform_rods(2.0, friction=law, forces=Pulsation(0.6, 3.0))
 
@@ -191,7 +192,7 @@ def test_a_held_joint_breaks_loose_when_a_growing_force_reaches_its_most():
     ts = np.array([0.0, 5.5, 6.0, 6.5])
     motion = zj.trajectory(column, zj.State(), ts)
     assert motion.events is not None
-    # measured 1e-12
+    # measured 2.5e-9: the torque is met within a hundredth of a step's 1e-8
     assert abs(motion.events.times[1] - static / (2 * rate)) < 1e-8
     assert motion.events.modes[1].tolist() == [1, 0]
     a, b, d = models.UNIFORM
@@ -205,7 +206,9 @@ def test_a_held_joint_breaks_loose_when_a_growing_force_reaches_its_most():
                       rtol=1e-11, atol=1e-13)  # fmt: skip
     assert motion.events.count == 2  # joint 2 is held throughout
     for i in (0, 1):
-        np.testing.assert_allclose(motion.phi[1:, i], exact.y[0], rtol=0, atol=1e-7)
+        np.testing.assert_allclose(
+            motion.phi[1:, i], exact.y[0], rtol=0, atol=2e-9
+        )  # measured 7.9e-11
 
 
 def test_what_rests_now_is_not_settled_where_forces_may_move_it_later():
@@ -243,8 +246,8 @@ def test_energy_and_powers_balance(which, dry):
         observers=(zj.EnergyBalance(),), certify=False,
         method=zj.Method(solver, rtol=1e-9),
     )  # fmt: skip
-    # measured 2e-8 (dry, of a push)
-    assert abs(end.energy_imbalance) < 1e-6 * max(1.0, abs(end.follower_power))
+    # measured 6e-11 (stiff), of powers of about 0.05
+    assert abs(end.energy_imbalance) < 1e-9
     if which == "a potential":
         assert abs(end.force_power) < 1e-15
     elif which == "a pulsation":
@@ -287,7 +290,7 @@ def test_motions_are_derived_by_a_forces_numbers_and_arrays():
     slopes = jax.jit(jax.jacfwd(end))(at)
     beside = np.array(at) + 1e-4 * np.stack([np.eye(4), -np.eye(4)])
     high, low = jax.jit(jax.vmap(jax.vmap(end)))(beside)
-    # measured 4.4e-6 (of a time, which a kink is)
+    # measured 6.0e-6, of a time, at which the load has a kink
     np.testing.assert_allclose(slopes.T, (high - low) / 2e-4, rtol=0, atol=1e-4)
 
 

@@ -86,12 +86,12 @@ def _falls(number: Numbers, left: Scalar, right: Scalar) -> Scalar:
     return falling_root(both, chord, left, right, TURNING)
 
 
-def share_within(path: Quintic, most: Scalar) -> Scalar:
-    """The share of [0, 1] in which the slope of a quintic lies within +-most.
+def share_within(path: Quintic | Polynomial, most: Scalar) -> Scalar:
+    """The share of [0, 1] in which the slope of a course lies within +-most.
 
     By halves, in each of which it counts as monotone: its inverse's cubic, by the
     bends of both ends, says where it passes a level. One step of Newton's method on the
-    slope itself, a quartic, says it better: the error is that of the cubic squared, and
+    slope itself, a polynomial, says it better: the error is that of the cubic squared, and
     so is its derivative's.
     """
     slopes = path.slopes()

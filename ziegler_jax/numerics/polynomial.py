@@ -41,6 +41,21 @@ class Polynomial(NamedTuple):
         """Its slope there, per step."""
         return self.terms[1]
 
+    @property
+    def a0(self) -> Scalar:
+        """And how that changes, per step."""
+        return 2 * self.terms[2]
+
+    @property
+    def v1(self) -> Scalar:
+        """The slope at the end."""
+        return sum_of(self.slopes())
+
+    @property
+    def a1(self) -> Scalar:
+        """And how that changes there."""
+        return sum_of(differentiated(self.slopes()))
+
     def __call__(self, x: Scalar) -> Scalar:
         """The number at x."""
         return value(self.terms, x)
@@ -69,7 +84,7 @@ class Polynomial(NamedTuple):
         Else the place is the end.
         """
         slopes = self.slopes()
-        turns, x = turning(cubic(self.g0, self.g1, slopes[0], sum_of(slopes)))
+        turns, x = turning(cubic(self.g0, self.g1, self.v0, self.v1))
         for _ in range(polished):
             slope, bend = value_and_slope(slopes, x)
             moved = x - slope / jnp.where(bend == 0, jnp.inf, bend)
