@@ -8,7 +8,7 @@ from newton_euler import Rods, motion
 
 import ziegler_jax as zj
 from ziegler_jax.model.state import PhasePoint
-from ziegler_jax.motion.observers import Observation
+from ziegler_jax.motion.observation import Observation
 from ziegler_jax.solvers.along import along_to, expand_along
 from ziegler_jax.solvers.expansion import expand
 from ziegler_jax.steady.shots import attempt_at, blank_attempt, shot_motion, start_of

@@ -17,7 +17,8 @@ from ..model.state import PhasePoint
 from ..motion.checks import with_amplitude
 from ..motion.implicit import fixed, implicit, moving
 from ..motion.integrate import Motion, Run, follow
-from ..motion.observers import AbstractObserver, Observation, Period, Record, Watching
+from ..motion.observation import Observation, Record, Watching
+from ..motion.observers import AbstractObserver, Period
 from ..motion.options import Method
 from ..numerics.numbers import Flag, Scalar
 from ..results import CODE, Variable

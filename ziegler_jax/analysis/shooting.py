@@ -13,7 +13,7 @@ from ..model.state import PhasePoint
 from ..model.system import System
 from ..motion.implicit import solve
 from ..motion.integrate import Motion, Run, follow
-from ..motion.observers import Watching
+from ..motion.observation import Watching
 from ..motion.options import Method
 from ..motion.section import SectionPlane, passage
 from ..motion.sequence import Followed, run_in_sequence

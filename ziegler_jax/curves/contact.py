@@ -29,12 +29,12 @@ from jaxtyping import Array
 from ..model.chain import joint_angles
 from ..model.state import PhasePoint
 from ..model.system import System
-from ..motion.saltation import leaves
 from ..motion.section import joint_rates
 from ..motion.variational import NONE, AbstractContact
 from ..numerics.hermite import cubic, turning
 from ..numerics.numbers import Scalar
 from ..solvers import Step
+from ..solvers.along import leaves
 
 
 class AtRest(AbstractContact):

@@ -21,7 +21,7 @@ from ..runtime import Arguments, own_flags, requires_x64
 from .checks import float_state
 from .integrate import Motion, follow
 from .method import method_of, usual_method
-from .observers import Watching
+from .observation import Watching
 from .options import Method
 
 Result = TypeVar("Result")

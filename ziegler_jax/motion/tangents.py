@@ -31,7 +31,7 @@ from ..solvers import AbstractFold, Explicit, Step, Taylor
 from ..solvers.along import expand_along, leaves
 from ..solvers.expansion import allowed
 from ..solvers.fold import State
-from .saltation import saltation
+from ..solvers.saltation import saltation
 
 Vectors = tuple[PhasePoint, ...]
 

@@ -91,8 +91,8 @@ def share_within(path: Quintic | Polynomial, most: Scalar) -> Scalar:
 
     By halves, in each of which it counts as monotone: its inverse's cubic, by the
     bends of both ends, says where it passes a level. One step of Newton's method on the
-    slope itself, a polynomial, says it better: the error is that of the cubic squared, and
-    so is its derivative's.
+    slope itself, a polynomial, says it better: the error is that of the cubic squared,
+    and so is its derivative's.
     """
     slopes = path.slopes()
     middle, bend = value_and_slope(slopes, 0.5)

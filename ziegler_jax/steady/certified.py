@@ -28,7 +28,8 @@ from ..model.state import PhasePoint, State
 from ..motion.checks import float_state, valid_scene, with_amplitude
 from ..motion.integrate import Motion
 from ..motion.method import method_of, rate_cut_of, usual_method
-from ..motion.observers import AbstractObserver, Observation, Period, Record
+from ..motion.observation import Observation, Record
+from ..motion.observers import AbstractObserver, Period
 from ..motion.options import Method, Windows, windows_for
 from ..motion.spans import SpanState
 from ..numerics.materialise import replaced, tree_where
@@ -37,10 +38,7 @@ from ..numerics.resumable import Decision, Phase, Stop, phase_of, resumable
 from ..numerics.rules import instance, keeps
 from ..results import CODE, Variable
 from ..solvers import Explicit
-from .contraction import (
-    contraction_norm,
-    spectral_radius,
-)
+from .contraction import contraction_norm, spectral_radius
 from .exponents import Naming, Witness, exponent_variables, name_of
 from .growth import Growth
 from .lane import (

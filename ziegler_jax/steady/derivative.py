@@ -24,7 +24,7 @@ from ..model.chain_of_rods import AbstractChain
 from ..model.state import PhasePoint
 from ..motion.implicit import fixed, moving, solve, zeros_of
 from ..motion.integrate import Motion
-from ..motion.observers import Observation, Record
+from ..motion.observation import Observation, Record
 from ..motion.options import Method
 from ..numerics.eigenvalues import eigenvalues
 from ..numerics.numbers import Scalar

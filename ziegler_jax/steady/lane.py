@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Int
 
 from ..model.state import PhasePoint
 from ..motion.integrate import Run
-from ..motion.observers import Record
+from ..motion.observation import Record
 from ..motion.spans import SpanState
 from ..numerics.materialise import tree_where
 from ..numerics.numbers import Flag, Scalar

@@ -19,7 +19,8 @@ from ..motion.checks import check_scene
 from ..motion.ending import ending, nan_where
 from ..motion.implicit import fixed, forward_only, lost
 from ..motion.integrate import Run, follow
-from ..motion.observers import AbstractObserver, Record
+from ..motion.observation import Record
+from ..motion.observers import AbstractObserver
 from ..motion.options import Method, Windows, recorded
 from ..motion.spans import SpanState
 from ..numerics.materialise import tree_where

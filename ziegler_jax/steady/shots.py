@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Int
 from ..model.state import PhasePoint
 from ..model.system import System
 from ..motion.integrate import Folded, Motion, Run
-from ..motion.observers import Observation
+from ..motion.observation import Observation
 from ..motion.options import Method
 from ..motion.tangents import Vectors, apart, joined, past
 from ..motion.variational import events_number

@@ -11,7 +11,8 @@ from ..model.system import System
 from ..motion.checks import float_state, valid_scene, with_amplitude
 from ..motion.integrate import Motion
 from ..motion.method import method_of, rate_cut_of, usual_method
-from ..motion.observers import AbstractObserver, Amplitude, Observation
+from ..motion.observation import Observation
+from ..motion.observers import AbstractObserver, Amplitude
 from ..motion.options import Method, Windows, windows_for
 from ..motion.spans import AbstractSpans, SpanState
 from ..numerics.materialise import if_any_lane, tree_where

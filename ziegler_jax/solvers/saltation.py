@@ -24,8 +24,8 @@ import jax.numpy as jnp
 from ..model.chain import joint_angles
 from ..model.state import PhasePoint
 from ..model.system import System
-from ..solvers import Step
-from ..solvers.along import leaves
+from .along import leaves
+from .fold import Step
 
 
 def saltation(
