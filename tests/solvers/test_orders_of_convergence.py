@@ -21,7 +21,7 @@ SYSTEM, OF_SYSTEM = COLUMN.system(), dfx.ODETerm(field)
 METHODS = {"Tsit5": dfx.Tsit5, "Dopri8": dfx.Dopri8}
 
 
-def powers(y):
+def powers(t, y):
     parts = zj.power(COLUMN, y)
     return parts.follower, parts.damping
 

@@ -159,7 +159,7 @@ DAMPED = zj.uniform_rods(2.6, damping=zj.Viscous(0.05, 0.02))
 SPAN = 4.0
 
 
-def powers(y):
+def powers(t, y):
     parts = zj.power(DAMPED, y)
     return parts.follower, parts.damping
 

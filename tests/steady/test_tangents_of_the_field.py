@@ -151,7 +151,7 @@ def test_a_step_in_turns_is_the_step_written_out(method):
     def system_at(q):
         return zj.uniform_rods(q, friction=smooth()).system()
 
-    def power(y):
+    def power(t, y):
         return (y[2] * y[3], y[0] ** 2)
 
     def in_turns(q):
@@ -183,7 +183,7 @@ def test_an_integrand_of_an_array_keeps_its_lane():
     vectors = (PhasePoint(map(jnp.asarray, (0.0, 1.0, 0.0, 0.0))),)
     y = PhasePoint(map(jnp.asarray, Y))
 
-    def together(y):
+    def together(t, y):
         return (jnp.stack(y[1:]),)
 
     def integrals(q):
