@@ -77,6 +77,7 @@ SLOW = {
         "analysis/test_cycles.py::test_the_fold_moves_with_friction_as_its_derivative",
         "analysis/test_cycles.py::test_amplitude_and_period_move_as_their_derivatives",
         "analysis/test_cycles.py::test_by_taylors_steps_an_orbit_is_the_explicit_ones",
+        "steady/test_certified_chains.py::test_an_orbit_of_three",
         "analysis/test_least_kicks.py::test_a_stiff_column_is_overturned_by_the_energy",
         "analysis/test_least_kicks.py::test_below_the_least_kick_it_rests_and_above_it",
         "analysis/test_least_kicks.py::test_the_least_kick_is_a_critical_kick_with_its",

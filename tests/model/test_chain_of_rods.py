@@ -300,7 +300,9 @@ def test_questions_of_two_rods_refuse_more(refuses):
     law = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.05)
     chain = zj.Chain(2.0, lengths=(1.0,) * 3, friction=law)
     start = zj.State(omega=(0.0, 0.0, 0.3))
-    refuses(lambda: zj.periodic_orbit(chain, start), "`periodic_orbit`", "has 3")
+    orbit = jax.eval_shape(lambda: zj.periodic_orbit(chain, start, period=3.0))
+    two = lambda q: zj.uniform_rods(q, friction=law)  # noqa: E731
+    refuses(lambda: zj.continue_cycle(two, orbit, 2.0), "`orbit`", "is of 3")
     refuses(lambda: zj.least_kick(chain, lambda c, y: y[0]), "has 3")
     refuses(lambda: zj.trajectory(chain, zj.State(), (0.0, 1.0)), "`start`", "3 rods")
     refuses(lambda: zj.energy(chain, (0.1,) * 4), "`y`", "3 rods")

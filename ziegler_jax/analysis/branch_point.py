@@ -15,7 +15,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..model.column import Column
 from ..model.state import PhasePoint
-from ..motion.checks import check_maker, float_state, made, valid_scene
+from ..motion.checks import (
+    check_maker,
+    check_two_rods,
+    float_state,
+    made,
+    valid_scene,
+)
 from ..motion.implicit import fixed, solve
 from ..motion.options import Method
 from ..numerics.numbers import Count, Flag, Pair, Scalar, is_concrete
@@ -222,7 +228,9 @@ class Continuation(AbstractContinuation):
         self.direction = -1.0 if direction == -1 else 1.0
         points = points if arc.points is None else arc.points
         self.arc = Arc(direction, arc.step, points, arc.bounds, arc.error)
-        self.method = cycle_method(question, method, made(make_column, at))
+        column = made(make_column, at)
+        check_two_rods(question, column)
+        self.method = cycle_method(question, method, column)
         # what the function closes over, without its derivatives
         self.live = eqx.filter_closure_convert(make_column, at)
         self.make = fixed(self.live)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..model.column import Column
+from ..model.chain_of_rods import AbstractChain
 from ..model.state import PhasePoint
 from ..motion.checks import with_amplitude
 from ..motion.implicit import fixed, implicit, moving
@@ -30,7 +30,7 @@ from .shooting import SHORTEST
 
 
 def observation_of(
-    question: str, observers: Sequence[AbstractObserver], column: Column
+    question: str, observers: Sequence[AbstractObserver], column: AbstractChain
 ) -> Observation:
     """The observers beside those of a cycle's own numbers, amplitude and period.
 
@@ -48,10 +48,10 @@ def observation_of(
 class OneTurn:
     """The motion over one turn of a cycle, and what the observers see of it."""
 
-    def __init__(self, column: Column, observation: Observation):
+    def __init__(self, column: AbstractChain, observation: Observation):
         """Part the numbers that move from the others."""
         self.p, self.make = moving((column, observation), jnp.result_type(float))
-        self.valid = observation.valid()
+        self.valid, self.size = observation.valid(), 2 * column.joints
 
     def motion(
         self, a: Float[Array, " a"], method: Method, good: Flag = True
@@ -61,14 +61,15 @@ class OneTurn:
         By Tsit5: between the ends of long steps observers would see little.
         """
         method = Method(Explicit(), *method.tolerances).at_most(method.budget)
-        column, observation = self.make(a[5:])
-        start, good = PhasePoint(a[i] for i in range(4)), self.valid & good
-        span = jnp.where(good, a[4], SHORTEST)
+        s = self.size
+        column, observation = self.make(a[s + 1 :])
+        start, good = PhasePoint(a[i] for i in range(s)), self.valid & good
+        span = jnp.where(good, a[s], SHORTEST)
         watching = Watching(observation)
         return Motion(column.system(), start, watching, method, end=span, valid=good)
 
     def follow(
-        self, y0: Float[Array, "4"], period: Scalar, method: Method, good: Flag
+        self, y0: Float[Array, " s"], period: Scalar, method: Method, good: Flag
     ) -> Run[tuple]:
         """It, without derivatives."""
         return follow(self.motion(fixed(self._ambient(y0, period)), method, good))
@@ -76,7 +77,7 @@ class OneTurn:
     def numbers(
         self,
         run: Run[tuple],
-        y0: Float[Array, "4"],
+        y0: Float[Array, " s"],
         period: Scalar,
         method: Method,
         taken: Collection[str],
@@ -89,8 +90,8 @@ class OneTurn:
         a = self._ambient(y0, period)
 
         def seen_by(a: Float[Array, " a"], run: Run[tuple]) -> dict[str, Variable]:
-            column, observation = self.make(a[5:])
-            record = Record(run.folded, a[4], run.y)
+            column, observation = self.make(a[self.size + 1 :])
+            record = Record(run.folded, a[self.size], run.y)
             return observation.variables(column.system(), record, taken)
 
         def slope(a: Float[Array, " a"], method: Method) -> Float[Array, "m a"]:
@@ -104,5 +105,5 @@ class OneTurn:
         zeros = implicit(floats(named).shape, slope, a, method)
         return nan_where_failed(run.outcome != CODE.complete, with_zeros(named, zeros))
 
-    def _ambient(self, y0: Float[Array, "4"], period: Scalar) -> Float[Array, " a"]:
+    def _ambient(self, y0: Float[Array, " s"], period: Scalar) -> Float[Array, " a"]:
         return jnp.concatenate([y0, jnp.asarray(period)[None], self.p])

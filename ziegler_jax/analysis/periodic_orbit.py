@@ -24,9 +24,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int, Shaped
 
 from ..model.chain_of_rods import AbstractChain
-from ..model.column import Column, State
+from ..model.column import State
 from ..model.state import PhasePoint
-from ..motion.checks import check_scene, check_two_rods, float_state, valid_scene
+from ..motion.checks import check_scene, float_state, valid_scene
 from ..motion.implicit import fixed, implicit, lost, moving, solve
 from ..motion.method import tangent_method
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE, AbstractObserver
@@ -52,6 +52,7 @@ from ..steady.jets import carried_monodromy
 from .observed import OneTurn, observation_of
 from .shooting import (
     SHORTEST,
+    Unknowns,
     blank_shot,
     closing,
     first_return,
@@ -68,11 +69,11 @@ MOST_TRIES = 20  # of Newton's method
 class PeriodicOrbit(AbstractDescribed):
     r"""A periodic orbit, or the reason why there is none.
 
-    `state`: where it passes the section; `rod_amplitude`, `joint_amplitude` (2,): the
-    largest angles; `monodromy` (4, 4); `residual`: by how much the orbit does not
-    close; `steps` of all motions; `outcome`, a `CODE`. Unless that is `found`,
-    all numbers of the orbit and their derivatives are NaN. What was asked of
-    `observers` are attributes, too.
+    `state`: where it passes the section; `rod_amplitude`, `joint_amplitude` (n,): the
+    largest angles of n rods and joints; `monodromy` (2n, 2n); `residual`: by how much
+    the orbit does not close; `steps` of all motions; `outcome`, a `CODE`. Unless that
+    is `found`, all numbers of the orbit and their derivatives are NaN. What was asked
+    of `observers` are attributes, too.
     """
 
     state: State
@@ -80,13 +81,13 @@ class PeriodicOrbit(AbstractDescribed):
     period: Float[Array, "*lanes"] = eqx.field(
         metadata=quantity("period of the orbit", TIME)
     )
-    rod_amplitude: Float[Array, "*lanes 2"] = eqx.field(
+    rod_amplitude: Float[Array, "*lanes n"] = eqx.field(
         metadata={"quantity": ROD_AMPLITUDE}
     )
-    joint_amplitude: Float[Array, "*lanes 2"] = eqx.field(
+    joint_amplitude: Float[Array, "*lanes n"] = eqx.field(
         metadata={"quantity": JOINT_AMPLITUDE}
     )
-    monodromy: Float[Array, "*lanes 4 4"]
+    monodromy: Float[Array, "*lanes s s"]
     residual: Float[Array, "*lanes"] = eqx.field(
         metadata=quantity("by how much it does not close")
     )
@@ -109,8 +110,8 @@ class PeriodicOrbit(AbstractDescribed):
     }
 
     @property
-    def multipliers(self) -> Complex[Array, "*lanes 4"]:
-        """The Floquet multipliers, (4,) complex.
+    def multipliers(self) -> Complex[Array, "*lanes s"]:
+        """The Floquet multipliers, complex, one a number of the state.
 
         The one nearest to 1, which belongs to the motion itself, stands first; then
         the others by falling modulus. Of one that is double the derivative is NaN.
@@ -133,7 +134,7 @@ _TAKEN = {*PeriodicOrbit.__dataclass_fields__, *vars(PeriodicOrbit)}
 
 @requires_x64
 def periodic_orbit(
-    column: Column,
+    column: AbstractChain,
     guess: State,
     *,
     period: Scalar | None = None,
@@ -147,7 +148,8 @@ def periodic_orbit(
 
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 
-    - `column`: with any damping and friction law, set-valued friction included.
+    - `column`: or chain, with any damping and friction law, set-valued friction
+        included.
     - `guess`: a state near the orbit, e.g. `settle(...).final`. Without a `period` the
         motion from there is followed until it passes the `section` and has come back to
         it `returns` times, `max_time` at most: the first approximation.
@@ -199,42 +201,43 @@ def periodic_orbit(
         shot = shot_of(at, z, flow)
         return shot.residual, shot.jacobian, shot
 
-    blank = blank_shot(0, first.z.dtype)
+    n = column.joints
+    blank = blank_shot(0, first.z.dtype, n)
     solution = newton(shot, equations, first.z, blank, MOST_TRIES, first.left)
     z, flow = solution.z, solution.shot.flow
     y0 = start_of(at, z)
     # the last shot was from just before the last step of Newton's
-    others = jnp.asarray(at.others)
-    extent = flow.extent + flow.extent_moved[:, others] @ solution.move[:3]
+    others = jnp.asarray(at.free(n))
+    extent = flow.extent + flow.extent_moved[:, others] @ solution.move[:-1]
     spent = (solution.left <= 0) & ~solution.converged
     at_rest = jnp.max(jnp.abs(flow.slope)) < AT_REST
     outcome = jnp.where(at_rest, CODE.collapsed, CODE.found)
-    converged = solution.converged & (z[3] > SHORTEST)
+    converged = solution.converged & (z[-1] > SHORTEST)
     outcome = jnp.where(converged, outcome, CODE.not_converged)
     outcome = jnp.where(flow.arrived & ~spent, outcome, CODE.not_integrated)
     outcome = jnp.where(first.failure == 0, outcome, first.failure)
     left, turn, run = solution.left, OneTurn(column, observation), None
     if observation.observers:
-        run = turn.follow(y0, z[3], method.at_most(left), outcome == CODE.found)
+        run = turn.follow(y0, z[-1], method.at_most(left), outcome == CODE.found)
         left = left - run.steps
         lost_it = (outcome == CODE.found) & (run.outcome != CODE.complete)
         outcome = jnp.where(lost_it, CODE.not_integrated, outcome)
     mark = jnp.where(outcome == CODE.found, 1.0, jnp.nan).astype(z.dtype)
-    span = jnp.maximum(z[3], SHORTEST)
+    span = jnp.maximum(z[-1], SHORTEST)
     change = _carried(column, first.section, y0 * mark, span, method)
-    z, extent = z + change[:4], extent + change[4:]
+    z, extent = z + change[: 2 * n], extent + change[2 * n :]
     z, extent = z * mark, extent * mark
     y = start_of(first.section, z)
-    bends = carried_monodromy(column, y, z[3], method)
+    bends = carried_monodromy(column, y, z[-1], method)
     known, named = (column, start, first.section), {}
     if run is not None:
-        named = turn.numbers(run, y, z[3], method, _TAKEN)
+        named = turn.numbers(run, y, z[-1], method, _TAKEN)
     return PeriodicOrbit(
-        state=State((y[0], y[1]), (y[2], y[3])),
+        state=State(tuple(y[i] for i in range(n)), tuple(y[n + i] for i in range(n))),
         section=first.section,
-        period=z[3],
-        rod_amplitude=extent[:2],
-        joint_amplitude=extent[jnp.array([0, 2])],
+        period=z[-1],
+        rod_amplitude=extent[:n],
+        joint_amplitude=extent[jnp.array([0, *range(n, 2 * n - 1)])],
         monodromy=(flow.moved + bends) * mark,
         residual=lost(jnp.max(jnp.abs(solution.shot.residual)) * mark, known),
         iterations=solution.iterations,
@@ -261,12 +264,12 @@ def _first_approximation(
 
 
 def _carried(
-    column: Column,
+    column: AbstractChain,
     section: SectionPlane,
-    y0: Float[Array, "4"],
+    y0: Float[Array, " s"],
     span: Float[Array, ""],
     method: Method,
-) -> Float[Array, "7"]:
+) -> Float[Array, " m"]:
     r"""Zeros that carry the derivatives of z and of the largest angles.
 
     In the column and the section's level s, with $R_z\,dz = -R_p\,dp - R_s\,ds$.
@@ -276,28 +279,29 @@ def _carried(
 
     def slope(
         numbers: Float[Array, " n"],
-        y0: Float[Array, "4"],
+        y0: Float[Array, " s"],
         span: Float[Array, ""],
         method: Method,
-    ) -> Float[Array, "7 n"]:
+    ) -> Float[Array, "m n"]:
         motion = varied_motion(make, numbers[:-1], y0, span, method)
         return _moves(section, flow_of(motion.advance(motion.begin())))
 
-    return implicit((7,), slope, numbers, y0, span, method)
+    return implicit((2 * y0.size - 1,), slope, numbers, y0, span, method)
 
 
-def _moves(section: SectionPlane, flow: Flow) -> Float[Array, "7 n"]:
+def _moves(section: SectionPlane, flow: Flow) -> Float[Array, "m n"]:
     """Derivatives of z and of the largest angles in n - 1 parameters and the level."""
-    at, others = section.index, jnp.asarray(section.others)
-    level = flow.moved[:, at] - jnp.eye(4, dtype=flow.y.dtype)[at]
-    by_numbers = jnp.concatenate([flow.moved[:, 4:], level[:, None]], axis=1)
+    s = flow.y.size
+    at, others = section.place(s // 2), jnp.asarray(section.free(s // 2))
+    level = flow.moved[:, at] - jnp.eye(s, dtype=flow.y.dtype)[at]
+    by_numbers = jnp.concatenate([flow.moved[:, s:], level[:, None]], axis=1)
     z = -solve(closing(section, flow.moved, flow.slope), by_numbers)
-    own = jnp.concatenate([flow.extent_moved[:, 4:], flow.extent_moved[:, at, None]], 1)
-    return jnp.concatenate([z, flow.extent_moved[:, others] @ z[:3] + own])
+    own = jnp.concatenate([flow.extent_moved[:, s:], flow.extent_moved[:, at, None]], 1)
+    return jnp.concatenate([z, flow.extent_moved[:, others] @ z[:-1] + own])
 
 
-def multipliers(monodromy: Float[Array, "*n 4 4"]) -> Complex[Array, "*n 4"]:
-    """Eigenvalues (..., 4): the one nearest to 1, then by falling modulus."""
+def multipliers(monodromy: Float[Array, "*n s s"]) -> Complex[Array, "*n s"]:
+    """Eigenvalues (..., s): the one nearest to 1, then by falling modulus."""
     with own_flags():
         values = eigenvalues(monodromy)
         off = jnp.abs(values - 1)
@@ -306,7 +310,7 @@ def multipliers(monodromy: Float[Array, "*n 4 4"]) -> Complex[Array, "*n 4"]:
         return jnp.take_along_axis(values, order, axis=-1)
 
 
-def attracts(monodromy: Float[Array, "*n 4 4"]) -> Bool[Array, "*n"]:
+def attracts(monodromy: Float[Array, "*n s s"]) -> Bool[Array, "*n"]:
     """Whether all multipliers but the first lie inside the unit circle."""
     with own_flags():
         others = multipliers(fixed(monodromy))[..., 1:]
@@ -314,8 +318,7 @@ def attracts(monodromy: Float[Array, "*n 4 4"]) -> Bool[Array, "*n"]:
 
 
 def cycle_method(question: str, method: Method, column: AbstractChain) -> Method:
-    """The method of a cycle's motions, which are those of two rods."""
-    check_two_rods(question, column)
+    """The method of a cycle's motions."""
     usual = Explicit() if column.sticks else Explicit(dfx.Dopri8.tableau)
     return tangent_method(question, method, column.system(), usual)
 
@@ -323,14 +326,14 @@ def cycle_method(question: str, method: Method, column: AbstractChain) -> Method
 class Approximation(NamedTuple):
     """Where Newton's method begins, NaN if it cannot, and what that has cost."""
 
-    z: Float[Array, "4"]
+    z: Unknowns
     section: SectionPlane
     failure: Int[Array, ""]  # a `CODE`; 0 if there is none
     left: Int[Array, ""]  # of the step budget
 
 
 def approximation(
-    column: Column,
+    column: AbstractChain,
     start: PhasePoint,
     period: Scalar | None,
     section: SectionPlane,
@@ -344,8 +347,9 @@ def approximation(
     valid &= keeps("positive", method.rtol, method.atol, period)
     left, failure = jnp.asarray(method.max_steps, jnp.int32), 0
     if period is not None:
-        level, period = start[section.index], number("period", period, "positive")
-        free = [fixed(start[i]) for i in section.others]
+        n = column.joints
+        level, period = start[section.place(n)], number("period", period, "positive")
+        free = [fixed(start[i]) for i in section.free(n)]
         z = jnp.stack([*free, fixed(jnp.asarray(period, dtype))])
     else:
         max_time = number("max_time", max_time, "positive")
@@ -366,8 +370,13 @@ def approximation(
 
 
 def check_orbit(name: str, orbit: PeriodicOrbit) -> None:
-    """Refuse what is not one orbit."""
+    """Refuse what is not one orbit of two rods."""
     instance(name, orbit, PeriodicOrbit)
+    if len(orbit.state.phi) != 2:
+        raise ValueError(
+            f"Argument `{name}` must be an orbit of two rods, but is of "
+            f"{len(orbit.state.phi)}."
+        )
     shape = np.shape(orbit.period)
     if shape:
         raise ValueError(

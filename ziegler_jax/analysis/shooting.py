@@ -74,13 +74,14 @@ def first_return(
     returns: int,
     max_time: Scalar,
     method: Method,
-) -> tuple[Float[Array, "4"], Bool[Array, ""], Int[Array, ""]]:
+) -> tuple[Unknowns, Bool[Array, ""], Int[Array, ""]]:
     """Where a motion from `start` closes roughly: z, whether it does in time, steps."""
     y0 = PhasePoint(lax.stop_gradient(jnp.asarray(x)) for x in start)
     span = jnp.asarray(max_time, jnp.result_type(y0[0]))
     run = follow(Motion(system, y0, Passages(section, returns), method, end=span))
     count, first, last, place = run.folded
-    z = jnp.stack([*(place[i] for i in section.others), last - first])
+    free = section.free(system.joints)
+    z = jnp.stack([*(place[i] for i in free), last - first])
     return z, jnp.asarray(count > returns), run.steps
 
 
@@ -162,8 +163,8 @@ def newton(
 class Shot(NamedTuple):
     """One period tried: what is left to close, and its derivatives."""
 
-    residual: Float[Array, "4"]
-    jacobian: Float[Array, "4 4"]  # in z, three coordinates and T
+    residual: Float[Array, " s"]
+    jacobian: Float[Array, "s s"]  # in z, the free coordinates and T
     flow: Flow
 
     @property
@@ -176,16 +177,16 @@ def shot_motion(
     make: Make,
     parameters: Parameters,
     section: SectionPlane,
-    z: Float[Array, "4"],
+    z: Unknowns,
     method: Method,
     vary: bool = True,
 ) -> Motion[Varied]:
     """The motion from the section for a period."""
-    y0, span = start_of(section, z), jnp.maximum(z[3], SHORTEST)
+    y0, span = start_of(section, z), jnp.maximum(z[-1], SHORTEST)
     return varied_motion(make, parameters, y0, span, method, vary)
 
 
-def shot_of(section: SectionPlane, z: Float[Array, "4"], flow: Flow) -> Shot:
+def shot_of(section: SectionPlane, z: Unknowns, flow: Flow) -> Shot:
     """What such a motion leaves to close."""
     residual = jnp.where(flow.arrived, flow.y - start_of(section, z), jnp.nan)
     return Shot(residual, closing(section, flow.moved, flow.slope), flow)
@@ -209,28 +210,32 @@ def is_mirrored(
     return (run.outcome == CODE.complete) & (off < near), run.steps
 
 
-def start_of(section: SectionPlane, z: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:
-    """The state (4,) on the section, or states (n, 4) of z (n, 4)."""
+def start_of(section: SectionPlane, z: Float[Array, "*n s"]) -> Float[Array, "*n s"]:
+    """The state (s,) on the section, or states (n, s) of z (n, s)."""
     level = 0.0 * z[..., 0] + section.level
-    i = section.index
-    return jnp.concatenate([z[..., :i], level[..., None], z[..., i:3]], axis=-1)
+    i = section.place(z.shape[-1] // 2)
+    return jnp.concatenate([z[..., :i], level[..., None], z[..., i:-1]], axis=-1)
 
 
-def blank_shot(n: int, dtype: DTypeLike) -> Shot:
+def blank_shot(n: int, dtype: DTypeLike, rods: int = 2) -> Shot:
     """A shot of n parameters that has not been made."""
+    s, angles = 2 * rods, 2 * rods - 1
 
     def none(*shape):
         return jnp.zeros(shape, dtype)
 
-    moves = none(4, 4 + n), none(3, 4 + n), jnp.asarray(False), jnp.zeros((), jnp.int32)
-    flow = Flow(none(4), none(4), none(3), *moves, none())
-    return Shot(none(4), none(4, 4), flow)
+    ends = jnp.asarray(False), jnp.zeros((), jnp.int32), none()
+    moved = none(s, s + n), none(angles, s + n)
+    return Shot(
+        none(s), none(s, s), Flow(none(s), none(s), none(angles), *moved, *ends)
+    )
 
 
 def closing(
-    section: SectionPlane, moved: Float[Array, "4 k"], slope: Float[Array, "4"]
-) -> Float[Array, "4 4"]:
+    section: SectionPlane, moved: Float[Array, "s k"], slope: Float[Array, " s"]
+) -> Float[Array, "s s"]:
     """The Jacobian of the residual in z."""
-    others = jnp.asarray(section.others)
-    free = (moved[:, :4] - jnp.eye(4, dtype=moved.dtype))[:, others]
+    s = slope.size
+    others = jnp.asarray(section.free(s // 2))
+    free = (moved[:, :s] - jnp.eye(s, dtype=moved.dtype))[:, others]
     return jnp.concatenate([free, slope[:, None]], axis=1)

@@ -32,7 +32,7 @@ from ..analysis.march import ContinuationState, Walk
 from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit, cycle_method
 from ..analysis.shooting import start_of
 from ..model.column import Column
-from ..motion.checks import check_maker, made
+from ..motion.checks import check_maker, check_two_rods, made
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, recorded
 from ..numerics.numbers import Scalar, is_concrete
@@ -134,6 +134,7 @@ def bifurcation_curve(
     second = jnp.asarray(second, dtype)
     at = fixed(second)
     begin, about = _begun(make_column, kind, start, at, first, arc, method)
+    check_two_rods("bifurcation_curve", about)
     method = cycle_method("bifurcation_curve", method, about)
     live = eqx.filter_closure_convert(make_column, begin.first, at)
     still = fixed(live)

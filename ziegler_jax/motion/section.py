@@ -81,7 +81,12 @@ class SectionPlane(eqx.Module):
     @property
     def others(self) -> list[int]:
         """Those of the others there."""
-        return [i for i in range(4) if i != self.index]
+        return self.free(2)
+
+    def free(self, rods: int) -> list[int]:
+        """The places of a state's other coordinates."""
+        place = self.place(rods)
+        return [i for i in range(2 * rods) if i != place]
 
     def place(self, rods: int) -> int:
         """The coordinate's place in a state of so many rods.

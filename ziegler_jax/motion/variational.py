@@ -226,7 +226,7 @@ class Variational(AbstractFold[Varied]):
 
     def allowed(self, motion, along, rtol, atol):
         """As long as the series of the motion and of the state's directions allow."""
-        each = [allowed(one, rtol, atol) for one in (motion.y, *along[:4])]
+        each = [allowed(one, rtol, atol) for one in (motion.y, *along[: len(motion.y)])]
         return reduce(jnp.minimum, each)
 
     def _rows(self, step: Step):

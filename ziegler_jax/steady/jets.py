@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..model.chain_of_rods import AbstractChain
 from ..model.column import Column
 from ..motion.implicit import implicit, moving
 from ..motion.integrate import Motion, Run
@@ -80,8 +81,9 @@ class BundleRun(NamedTuple):
 class Bundle:
     """The shot from a, and one on each side of it along each direction.
 
-    **Arguments:** `make`: the column of the parameters; `a` (4 + 1 + n,); `directions`
-    (k, 4 + 1 + n); `method`: the budget is that of each motion.
+    **Arguments:** `make`: the column of the parameters; `a` (s + 1 + n,), of s numbers
+    of the state, the span and n parameters; `directions` (k, s + 1 + n); `method`: the
+    budget is that of each motion; `numbers`: s, four of two rods.
     """
 
     def __init__(
@@ -91,16 +93,20 @@ class Bundle:
         directions: Float[Array, "k a"],
         method: Method,
         contact: AbstractContact | None = None,
+        numbers: int = 4,
     ):
         """Place them."""
+        self.numbers = numbers
         moves = APART * directions
         self.starts = jnp.concatenate([a[None], a[None] + moves, a[None] - moves])
         self.make, self.method, self.contact = make, method, contact
 
     def _motion(self, a: Ambient) -> Motion[Varied]:
-        span = jnp.maximum(a[4], SHORTEST)
-        watch = self.contact
-        return varied_motion(self.make, a[5:], a[:4], span, self.method, contact=watch)
+        s, watch = self.numbers, self.contact
+        span, y0 = jnp.maximum(a[s], SHORTEST), a[:s]
+        return varied_motion(
+            self.make, a[s + 1 :], y0, span, self.method, contact=watch
+        )
 
     def begin(self) -> BundleRun:
         """Before their first steps."""
@@ -121,9 +127,9 @@ class Bundle:
 def jet_of(run: BundleRun, sign: Float[Array, ""]) -> Jet:
     """What the bundle says, once all its motions have ended."""
     flow = cast(Flow, jax.vmap(flow_of)(run.runs))
-    y = sign * flow.y
+    y, s = sign * flow.y, flow.y.shape[1]
     first = sign * jnp.concatenate(
-        [flow.moved[:, :, :4], flow.slope[:, :, None], flow.moved[:, :, 4:]], axis=2
+        [flow.moved[:, :, :s], flow.slope[:, :, None], flow.moved[:, :, s:]], axis=2
     )
     k = (flow.y.shape[0] - 1) // 2
     second = (first[1 : k + 1] - first[k + 1 :]) / (2 * APART)
@@ -134,7 +140,7 @@ def jet_of(run: BundleRun, sign: Float[Array, ""]) -> Jet:
     if flow.contact:
         value, moves = (jnp.asarray(x)[0] for x in flow.contact)
         zero = jnp.zeros(1, moves.dtype)  # it does not depend on when the shot ends
-        contact = value, jnp.concatenate([moves[:4], zero, moves[4:]])
+        contact = value, jnp.concatenate([moves[:s], zero, moves[s:]])
     mixed = jnp.any(flow.modes != flow.modes[0])
     ends = flow.extent[0], flow.modes[0], contact, mixed, arrived, steps
     return Jet(y, first[0], second, *ends)
@@ -185,19 +191,23 @@ def carried_extent(
 
 
 def carried_monodromy(
-    column: Column, y0: Float[Array, "4"], span: Float[Array, ""], method: Method
-) -> Float[Array, "4 4"]:
+    column: AbstractChain,
+    y0: Float[Array, " s"],
+    span: Float[Array, ""],
+    method: Method,
+) -> Float[Array, "s s"]:
     r"""Zeros that carry the derivatives of $\partial y(T) / \partial y_0$.
 
     In the start, the span and the column: central differences, good to some five
     digits; NaN where the motions beside it stick and slip in another order.
     """
-    p, make = moving(column, y0.dtype)
+    (p, make), s = moving(column, y0.dtype), y0.size
 
-    def slope(a: Ambient, method: Method) -> Float[Array, "4 4 a"]:
-        along = jnp.eye(4, a.size, dtype=a.dtype)
-        jet = follow_bundle(Bundle(make, a, along, method), jnp.ones((), a.dtype))
+    def slope(a: Ambient, method: Method) -> Float[Array, "s s a"]:
+        along = jnp.eye(s, a.size, dtype=a.dtype)
+        bundle = Bundle(make, a, along, method, numbers=s)
+        jet = follow_bundle(bundle, jnp.ones((), a.dtype))
         mark = jnp.where(jet.arrived & ~jet.mixed, 1.0, jnp.nan)
         return jnp.swapaxes(jet.second, 0, 1) * mark
 
-    return implicit((4, 4), slope, jnp.concatenate([y0, span[None], p]), method)
+    return implicit((s, s), slope, jnp.concatenate([y0, span[None], p]), method)
