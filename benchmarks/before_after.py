@@ -98,10 +98,27 @@ def main_job_one_thread(zj):
     return main_job(zj, threads=1)
 
 
-SCENES = {
-    f.__name__: f
-    for f in (smooth, frictionless, set_valued_map, main_job, main_job_one_thread)
-}
+def dry_map(zj):
+    """20 000 points of the main job with dry friction, by each package's own rule.
+
+    That is certificates since 0.3, windows before.
+    """
+    from ziegler_jax import __main__ as job
+
+    def point(q, mu_s, mu_k):
+        friction = zj.SetValuedCoulomb(mu_s, mu_k, pin_radius=job.PIN_RADIUS)
+        column = zj.uniform_rods(q=q, friction=friction)
+        return zj.settle(column, zj.State(omega=job.KICK), **job.SETTLE)
+
+    q, mu = job.grid(20_000)
+    return lambda: zj.sweep(
+        point, where=lambda mu_s, mu_k, q: mu_k <= mu_s, q=q, mu_s=mu, mu_k=mu,
+        progress=False,
+    )  # fmt: skip
+
+
+WHOLE_MAPS = (set_valued_map, main_job, main_job_one_thread, dry_map)
+SCENES = {f.__name__: f for f in (smooth, frictionless, *WHOLE_MAPS)}
 
 
 def seconds(zj, name):
