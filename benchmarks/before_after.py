@@ -101,7 +101,7 @@ def main_job_one_thread(zj):
 def dry_map(zj):
     """20 000 points of the main job with dry friction, by each package's own rule.
 
-    That is certificates since 0.3, windows before.
+    That is certificates, windows where these were not the default yet.
     """
     from ziegler_jax import __main__ as job
 

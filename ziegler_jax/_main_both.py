@@ -47,6 +47,9 @@ def ends_of_both(smoothed: xr.Dataset, dry: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(numbers, {name: smoothed[name] for name in dims})
 
 
+SETTLED = (CODE.cycle, CODE.repeats, CODE.stuck, CODE.rest, CODE.escaped)
+
+
 class Shares(NamedTuple):
     """What share of cells differs over mu_k / mu_s: its mean in each bin, the shares.
 
@@ -67,7 +70,7 @@ def shares_over_ratio(ends: xr.Dataset) -> Shares:
     ratio, differ, one, other = (
         cells[name].values for name in ("ratio", "differ", "outcome", "dry")
     )
-    settled = differ & (one != CODE.unsettled) & (other != CODE.unsettled)
+    settled = differ & np.isin(one, SETTLED) & np.isin(other, SETTLED)
     _, which = np.unique(np.floor(BINS * np.minimum(ratio, 1)), return_inverse=True)
 
     def mean(values: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
+from ziegler_jax.linear.matrices import about
 from ziegler_jax.linear.parameters import as_function
 
 KICK = zj.State(omega=(0.0, 0.3))
@@ -114,10 +115,13 @@ def test_dashpots_written_as_a_force_are_viscous_joints():
     own = zj.uniform_rods(1.0, forces=Dashpots(0.05))
     same = zj.uniform_rods(1.0, damping=zj.Viscous(0.05, 0.05))
     x = [np.sort_complex(zj.spectrum(c)) for c in (own, same)]
-    np.testing.assert_allclose(*x, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(*x, rtol=0, atol=1e-12)  # measured 1e-15
     assert zj.regime(own) == zj.regime(same) == zj.CODE.stable
     plain = zj.uniform_rods(1.0, forces=Weights(0.0, (1.0, 1.0)))
-    assert zj.regime(plain) == zj.CODE.marginal  # it reads no rates: undamped
+    assert zj.regime(plain) == zj.CODE.marginal
+    still = jnp.zeros(2)
+    assert about(plain.system(), still).damping is None  # it reads no rates
+    assert about(own.system(), still).damping is not None
     ends = [zj.settle(c, KICK) for c in (own, same)]
     assert [int(e.outcome) for e in ends] == [zj.CODE.rest] * 2
     laws = {"forces": Dashpots(0.05)}, {"damping": zj.Viscous(0.05, 0.05)}
@@ -125,7 +129,58 @@ def test_dashpots_written_as_a_force_are_viscous_joints():
     ends = [zj.settle(c, KICK, certify=False) for c in columns]
     assert [int(e.outcome) for e in ends] == [zj.CODE.repeats] * 2
     # measured 8.1e-15
-    np.testing.assert_allclose(*(e.joint_amplitude for e in ends), rtol=1e-5)
+    np.testing.assert_allclose(*(e.joint_amplitude for e in ends), rtol=1e-12)
+
+
+def test_an_undamped_column_with_a_force_of_position_is_that_with_gravity():
+    own = zj.uniform_rods(forces=Weights(0.1, (1.5, 0.5)))
+    loads = [
+        zj.critical_load(c) for c in (own, zj.uniform_rods(gravity=zj.Gravity(0.1)))
+    ]
+    assert [int(x.outcome) for x in loads] == [zj.CODE.found] * 2
+    np.testing.assert_allclose(*(x.q_cr for x in loads), rtol=1e-12)  # measured 3e-16
+
+
+class Jitted(zj.AbstractForce):
+    @jax.jit
+    def torques(self, t, phi, omega):
+        return tuple(-0.1 * x for x in phi)
+
+
+class Pair(zj.AbstractLoadHistory):
+    def load(self, t):
+        return jnp.stack([t, t])
+
+
+class Follows(zj.SmoothCoulomb):
+    def load_law(self):
+        return None
+
+
+def test_what_a_force_or_history_reads_and_gives_is_looked_at(refuses):
+    zj.uniform_rods(1.0, forces=Jitted()).system()  # it does not read the time
+    pair = zj.uniform_rods(1.0, forces=Pair())
+    refuses(pair.system, "`Pair`", "one real number")
+    ramp = zj.LoadHistory((0.0, 1.0), (0.0, 1.0))
+    law = Follows(0.1, pin_radius=0.1, v_smooth=0.1)
+    refuses(
+        lambda: zj.uniform_rods(1.0, friction=law, forces=ramp), "`friction`", "follow"
+    )
+    column = zj.uniform_rods(1.0, forces=ramp)
+    refuses(lambda: zj.power(column, (0.1, 0.2, 0.3, 0.4)), "time", "give `t`")
+    load = zj.SmoothCoulomb(0.1, pin_radius=0.1, v_smooth=0.1, load=zj.JointReaction())
+    zj.uniform_rods(1.0, friction=load, forces=())  # no force is there
+
+
+class Small(zj.AbstractDamping):
+    def rows(self, sines, omega):
+        return (1.0, 0.0), (0.0, 1.0)
+
+
+def test_a_damping_law_of_another_number_of_rods_is_refused(refuses):
+    refuses(
+        lambda: zj.Chain(1.0, lengths=(1.0,) * 3, damping=Small()), "`Small`", "3 rows"
+    )
 
 
 def test_a_certificate_with_a_force_is_that_with_gravity():

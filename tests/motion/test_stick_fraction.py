@@ -106,7 +106,7 @@ def dry_motion(radius, q, mu_k, y0, end):
     lever = radius * q
     law = {"mu_s": (lever * MU_S,) * 2, "mu_k": (lever * mu_k,) * 2}
     rods, u = Rods(q, **law, viscous=(C, C)), (y0[2], y0[3] - y0[2])
-    first = rods.modes(y0, [x == 0 for x in u], np.sign(u).astype(int).tolist())
+    first = rods.bodies.modes(y0, [x == 0 for x in u], np.sign(u).astype(int).tolist())
     states, log = motion(rods, y0, [0.0, end], TOL)
     return rods, [(0.0, first), *((t, m) for t, _, m in log)], states[-1]
 
@@ -131,11 +131,11 @@ def dry_share(radius, kick, cut=None):
             return stuck(phases, FROM, TO) / (TO - FROM)
         time, ends = np.zeros(2), [*(t for t, _ in phases[1:]), TO]
         for (t, modes), end in zip(phases, ends, strict=True):
-            levers = rods.levers(modes)
+            levers = rods.bodies.levers(modes)
             y[2], y[3] = y[2] * (modes[0] != 0), y[3] if modes[1] else y[2]
 
             def field(t, y, levers=levers):
-                return [*y[2:], *rods.solved(y, levers)[0]]
+                return [*y[2:], *rods.bodies.solved(y, levers)[0]]
 
             found = solve_ivp(field, (t, end), y, "DOP853", **HARD)
             time += below(found, FROM, cut) if end > FROM else 0.0

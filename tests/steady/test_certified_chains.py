@@ -136,7 +136,9 @@ def test_an_orbit_of_three_rods_closes_by_free_bodies_and_moves_as_it_says():
     difference = (above - below) / (2 * h)
     # measured 6e-8 of it
     assert np.abs(slope - difference).max() < 1e-5 * np.abs(difference).max()
-    assert np.abs(np.asarray(states)[:, :3].max(0) - value[:3]).max() < 1e-3
+    # 400 points see a peak to their distance squared
+    rods = np.abs(np.asarray(states)[:, :3]).max(0)
+    np.testing.assert_allclose(rods, value[:3], rtol=1e-3)
 
 
 def test_an_orbit_of_three_sticking_joints_is_the_certified_one():

@@ -157,7 +157,8 @@ def periodic_orbit(
         and lies on the section, whatever its `level` and direction. For unstable
         orbits.
     - `section`: the plane on which the orbit begins; its period and its multipliers
-        depend on none.
+        depend on none. A chain that is bent or pushed aside may never pass the default,
+        phi1 = 0: give a level that it passes.
     - `observers`: what to watch over exactly one turn of the orbit beside its
         amplitude, e.g. `(EnergyBalance(),)`; what they give are attributes, as of
         `settle`.

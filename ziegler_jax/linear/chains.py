@@ -318,6 +318,7 @@ def first_loss(
         valid
         & there
         & jnp.all(jnp.isfinite(begin.stiffness))
+        & (begin.damping is None or jnp.all(jnp.isfinite(begin.damping)))
         & jnp.isfinite(loads.unit())
     )
     code = jnp.where(good, code, CODE.invalid).astype(jnp.int32)

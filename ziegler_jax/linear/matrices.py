@@ -10,10 +10,10 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..model.chain import Follower, Rows, straight, turned
-from ..model.forces import ShareOf
+from ..model.forces import AbstractForce
 from ..model.system import System
 from ..numerics.jaxprs import reads_first
-from ..numerics.numbers import Flag, Scalar
+from ..numerics.numbers import Flag, Numbers, Scalar
 
 Matrix = Float[Array, "n n"]
 Vector = Float[Array, " n"]
@@ -79,7 +79,7 @@ def _slopes(system: System, angles: Vector) -> tuple[Matrix, Matrix | None]:
     """Their derivatives by the angles and the rates; None: they read no rates."""
     still = jnp.zeros_like(angles)
     by_angle = jax.jacfwd(lambda x: _own(system, x, still))(angles)
-    if not reads_first(lambda w: _own(system, angles, w), still):
+    if not reads_first(lambda w: system.own.torques(tuple(angles), w), tuple(still)):
         return by_angle, None
     return by_angle, jax.jacfwd(lambda w: _own(system, angles, w))(still)
 
@@ -172,6 +172,17 @@ def equilibrium(system: System) -> tuple[Vector, Flag]:
     left = torques(still, lax.stop_gradient(angles))
     there &= jnp.max(jnp.abs(left)) < BALANCED * (1 + jnp.max(jnp.abs(angles)))
     return jnp.where(there, angles, jnp.nan), there
+
+
+class ShareOf(AbstractForce):
+    """A share of a force of one's own, as an equilibrium is followed from none on."""
+
+    force: AbstractForce
+    share: Scalar
+
+    def torques(self, t: Scalar, phi: Numbers, omega: Numbers) -> Numbers:
+        """So much of each."""
+        return tuple(self.share * x for x in self.force.torques(t, phi, omega))
 
 
 def _share(system: System, share: Scalar) -> System:

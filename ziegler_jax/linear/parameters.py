@@ -47,8 +47,10 @@ def as_function(
     paths, tree = jax.tree_util.tree_flatten_with_path(column)
     leaves = {_named(path): leaf for path, leaf in paths}
     unused = {"q"}
+    if isinstance(column, Column) and column.gravity is None:
+        unused |= {"m2", "s1"}
     if isinstance(column, Column) and column.follower_only:
-        unused |= {"m2", "s1"} | ({"l2"} if column.follower == 1.0 else set())
+        unused |= {"l2"} if column.follower == 1.0 else set()
     unused |= {name for name, x in leaves.items() if np.ndim(x)}  # rows have no name
     names = [n for n in leaves if n not in unused] if parameters is None else parameters
     single = [name for name, x in leaves.items() if not np.ndim(x)]

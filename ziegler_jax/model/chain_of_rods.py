@@ -138,15 +138,15 @@ class AbstractChain(AbstractRuled):
                 f"Argument `forces` of a `{type(self).__name__}` must have at most "
                 f"{self.patterns} patterns `FollowerForces`, but has {count}."
             )
-        law = self.friction and self.friction.load_law()
-        if not self.own.histories or law is None:
+        law = self.friction
+        if not self.own.histories or law is None or law.on_reactions:
             return
-        zero = jnp.zeros(())
-        if reads_first(lambda q: law.at_rest((q,) * self.joints), zero):
+        # worked out once, at one q
+        if reads_first(lambda q: law.torques((q,) * self.joints), jnp.zeros(())):
             raise ValueError(
                 "Argument `friction` must rest on a load that does not follow q, such "
-                "as `ConstantLoad(n)`, where `forces` make q depend on time, but rests "
-                f"on {law!r}."
+                "as `ConstantLoad(n)`, where `forces` make q depend on time, but "
+                f"{law!r} does."
             )
 
     def refuse_fixed_forces(self, what: str) -> None:
@@ -155,7 +155,7 @@ class AbstractChain(AbstractRuled):
         **Raises:** `ValueError`.
         """
         for name in ("dead_load", "gravity", "foundation", "forces"):
-            if getattr(self, name) is not None:
+            if getattr(self, name) not in (None, ()):
                 raise ValueError(
                     f"Argument `{name}` must be None for {what}, as its part in the "
                     f"joints' reactions is not worked out, but is "

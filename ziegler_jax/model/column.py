@@ -289,13 +289,13 @@ def energy(column: AbstractChain, y: Numbers | State) -> jax.Array:
     return jnp.asarray(column.system().energy(phase_of(y, column.joints)))
 
 
-def power(column: AbstractChain, y: Numbers | State, t: Scalar = 0.0) -> Power:
+def power(column: AbstractChain, y: Numbers | State, t: Scalar | None = None) -> Power:
     r"""What the load feeds in, and what damping and friction take out.
 
     $$\frac{dE}{dt} = P_{follower} - P_{damping} - P_{friction} + P_{forces}$$
 
     **Arguments:** `column`; `y`: a `State`, or its scalars $\phi_1, \phi_2,
-    \omega_1, \omega_2$; `t`: the time, where forces depend on it.
+    \omega_1, \omega_2$; `t`: the time, which is to be given where forces depend on it.
 
     **Returns:** a `Power`: scalars in $k\sqrt{k/(m l^2)}$; a part that the column does
     not have is None, not zero.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import jax.numpy as jnp
+
 from ..numerics.numbers import Numbers, Pair, Scalar
 from ..numerics.rules import AbstractRuled, checked, number
 from .chain import Rows, Turned, straight
@@ -78,6 +80,13 @@ class AbstractDamping(AbstractRuled):
                 f"Argument `damping` must be a law for {rods} rods, such as `Viscous` "
                 "with one number a joint, or one of your own with `rows`, but "
                 f"`{law.__name__}` is one for two."
+            )
+        given = self.rows(straight(rods), (jnp.zeros(()),) * rods)
+        sizes = [len(row) for row in given]
+        if sizes != [rods] * rods:
+            raise ValueError(
+                f"The damping law `{law.__name__}` must give a matrix of {rods} rows "
+                f"and columns for {rods} rods, but gives rows of {sizes}."
             )
 
     def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:

@@ -25,6 +25,7 @@ from ..numerics.numbers import (
     each,
     equals,
     is_concrete,
+    is_real_scalar,
 )
 from ..numerics.rules import AbstractRuled, Invariants, checked, several
 from ..numerics.series import added, sum_of
@@ -64,6 +65,10 @@ class AbstractForce(AbstractRuled):
     `AbstractLoadHistory`. With set-valued friction a force of one's own needs an
     explicit method, as Taylor's series are not known of it. `JointReaction()` does not
     take it, nor does `reactions`.
+
+    Linear questions and certificates take its derivatives by angles and rates, also
+    where both are zero: write it smoothly there, `-c * w * jnp.abs(w)` and not with
+    `jnp.sign(w)` or a root, whose derivatives JAX takes for zero, or for NaN.
 
     Its numbers are leaves, scalars or arrays, to be swept and differentiated; keep them
     as its own fields, and give `rules` and `units`, as of `AbstractDamping`.
@@ -184,13 +189,12 @@ def _check(force: AbstractForce, rods: int) -> None:
 
     row = (zero,) * rods
     torques, potential = jax.eval_shape(asked, zero, row, row)
-    shapes = [jnp.shape(x) for x in torques]
-    stored = () if potential is None else jnp.shape(potential)
-    if shapes != [()] * rods or stored != ():
+    given = (*torques, *(() if potential is None else (potential,)))
+    if len(torques) != rods or not all(map(is_real_scalar, given)):
         raise ValueError(
             f"The force `{name}` must give one scalar torque for each of {rods} rods, "
-            f"and one scalar energy or None, but gives torques of shapes {shapes} and "
-            f"an energy of shape {stored}."
+            f"and one scalar energy or None, all real, but gives torques {torques} and "
+            f"the energy {potential}."
         )
     if force.autonomous and reads_first(asked, zero, row, row):
         raise ValueError(
@@ -198,17 +202,6 @@ def _check(force: AbstractForce, rods: int) -> None:
             "has `autonomous` = True: write `autonomous: ClassVar[bool] = False` in "
             "its class."
         )
-
-
-class ShareOf(AbstractForce):
-    """A share of a force of one's own, as an equilibrium is followed from none on."""
-
-    force: AbstractForce
-    share: Scalar
-
-    def torques(self, t: Scalar, phi: Numbers, omega: Numbers) -> Numbers:
-        """So much of each."""
-        return tuple(self.share * x for x in self.force.torques(t, phi, omega))
 
 
 class OwnForces(eqx.Module):
@@ -231,8 +224,8 @@ class OwnForces(eqx.Module):
         """The time; any, where they do not depend on it."""
         if self.time is None and not self.autonomous:
             raise ValueError(
-                "A `System` that depends on time must be asked at one, but is asked at "
-                "none: write `system.at(t)`."
+                "A column that depends on time must be asked at one, but is asked at "
+                "none: give `t`, or write `system.at(t)`."
             )
         return 0.0 if self.time is None else self.time
 
@@ -281,6 +274,13 @@ def checked_own(own: OwnForces, rods: int) -> OwnForces:
     """
     for force in own.forces:
         _check(force, rods)
+    for history in own.histories:
+        load = jax.eval_shape(history.load, jnp.zeros(()))
+        if not is_real_scalar(load):
+            raise ValueError(
+                f"The load history `{type(history).__name__}` must give one real "
+                f"number, but gives {load}."
+            )
     return own
 
 

@@ -153,6 +153,7 @@ class System(eqx.Module):
     def at(self, t: Scalar | None) -> "System":
         """The system as it is at a time; itself, where it is the same at all times.
 
+        One that is at a time already stays there: ask the column's own for another.
         What depends on time has to be asked so for everything but its `field`.
         """
         if self.autonomous or self.own.time is not None or t is None:

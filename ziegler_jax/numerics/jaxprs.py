@@ -18,7 +18,9 @@ def reads_first(
     function: Callable[..., object], first: Scalar | Numbers, *others: object
 ) -> bool:
     """Whether a function reads its first argument, a number or several."""
-    jaxpr = jax.make_jaxpr(function)(first, *others).jaxpr
+    # jitted parts written out: as one call they read all that they are given
+    with jax.disable_jit():
+        jaxpr = jax.make_jaxpr(function)(first, *others).jaxpr
     count = len(jax.tree.leaves(first))
     read = [*jaxpr.outvars, *(x for e in jaxpr.eqns for x in e.invars)]
     return any(x is own for x in read for own in jaxpr.invars[:count])

@@ -10,6 +10,7 @@ from functools import reduce
 from operator import or_
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -48,3 +49,10 @@ def any_of(flags: Iterable[Flag]) -> Flag:
 def each(x: OneOrEach, n: int) -> Numbers:
     """One number for each of n joints or rods."""
     return x if isinstance(x, tuple) else (x,) * n
+
+
+def is_real_scalar(x: object) -> bool:
+    """Whether it is one real number, of those that `jax.eval_shape` gives."""
+    if not isinstance(x, jax.ShapeDtypeStruct):
+        return False
+    return x.shape == () and not jnp.issubdtype(x.dtype, jnp.complexfloating)

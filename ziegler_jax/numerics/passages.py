@@ -18,6 +18,7 @@ from .numbers import Flag, Numbers, Pair, Scalar
 from .polynomial import Polynomial
 from .series import value, value_and_slope
 
+STILL = 1e-150  # a rate that changes by less does not, and its square is no zero
 TURNING = 5  # steps of Newton's method, from a chord on
 
 
@@ -108,7 +109,7 @@ def _monotone_share(
     """The same of the half from `left` on, where a polynomial counts as monotone."""
     begin, end = ends
     rise = end - begin
-    flat = rise == 0
+    flat = jnp.abs(rise) < STILL
     inverse = 1 / jnp.where(flat, 1.0, rise)
     # the inverse's slopes by the chord's, at most 3: so it is monotone
     at_start, at_end = (1 / larger(0.5 * bend * inverse, 1 / 3) for bend in bends)

@@ -81,7 +81,8 @@ class Polynomial(NamedTuple):
     def turning(self, polished: int = POLISHED) -> tuple[Flag, Scalar]:
         """Whether the slope changes its sign between the ends, and where.
 
-        Else the place is the end.
+        Else the place is the end. A number that turns twice within a step counts as
+        one that does not turn: steps are shorter than that.
         """
         slopes = self.slopes()
         turns, x = turning(cubic(self.g0, self.g1, self.v0, self.v1))

@@ -114,7 +114,13 @@ def page(
     motions = [_motion(dataset, cell, x, y, place) for place in places]
     pictures = {n: _picture(dataset, variable, x, y, n, style) for n in PICTURES}
     fields = [_field(dataset, name, x, y) for name in _read(dataset, variable, x, y)]
-    wide, rods = pictures["wide"], motions[0][1].phi.shape[1]
+    counts = {motion.phi.shape[1] for _, motion in motions}
+    if len(counts) > 1:
+        raise ValueError(
+            "Argument `cells` must give columns of one number of rods, but gives some "
+            f"of {' and '.join(map(str, sorted(counts)))}."
+        )
+    wide, (rods,) = pictures["wide"], counts
     data = {
         "x": _axis(dataset, x, wide.across),
         "y": _axis(dataset, y, wide.up),
