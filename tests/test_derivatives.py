@@ -75,7 +75,7 @@ def _fields_of_a_column(p):
         "reactions": zj.reactions(smoothed, y),
         "energy": zj.energy(bare, y),
         "knots": zj.energy(zj.point_masses(q=p.q, m1=p.m1, m2=p.m2, l2=p.l2), y),
-        "power": jnp.stack(powers),
+        "power": jnp.stack(powers[:3]),
         "linear": jnp.stack(rows),
         "damping": jnp.array(tangent.damping.rows({(0, 1): (0.0, 1.0)}, (0.0, 0.0))),
         "q_cr": load.q_cr,
