@@ -22,6 +22,7 @@ import xarray as xr
 
 import ziegler_jax as zj
 from ziegler_jax._main_both import (
+    SETTLED,
     counted,
     ends_of_both,
     shares_over_ratio,
@@ -49,7 +50,6 @@ CLOSE = 1 / 8  # of mu_s / ratio, for the grid's closest mu_k to stand for it
 # A quarter of the map settles later than this, and with it all but one of the eleven
 # points of both laws whose end changed with the tolerance (`a5_certificates.py`).
 LATE = 120.0
-SETTLED = tuple(getattr(zj.CODE, end) for end in ("cycle", "repeats", "stuck", "rest"))
 ONSET_AT = (0.05, 0.1, 0.12, 0.4)  # values of mu_s, printed where the grid has them
 STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"
 SENSITIVE_STORE = "bifurcation_map_sensitive.zarr"

@@ -47,7 +47,8 @@ def ends_of_both(smoothed: xr.Dataset, dry: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(numbers, {name: smoothed[name] for name in dims})
 
 
-SETTLED = (CODE.cycle, CODE.repeats, CODE.stuck, CODE.rest, CODE.escaped)
+SETTLED = (CODE.cycle, CODE.repeats, CODE.stuck, CODE.rest)
+ENDED = (*SETTLED, CODE.escaped)
 
 
 class Shares(NamedTuple):
@@ -70,7 +71,7 @@ def shares_over_ratio(ends: xr.Dataset) -> Shares:
     ratio, differ, one, other = (
         cells[name].values for name in ("ratio", "differ", "outcome", "dry")
     )
-    settled = differ & np.isin(one, SETTLED) & np.isin(other, SETTLED)
+    settled = differ & np.isin(one, ENDED) & np.isin(other, ENDED)
     _, which = np.unique(np.floor(BINS * np.minimum(ratio, 1)), return_inverse=True)
 
     def mean(values: np.ndarray) -> np.ndarray:

@@ -415,4 +415,4 @@ def test_by_taylors_steps_an_orbit_is_the_explicit_ones_with_its_derivatives():
 
     explicit, taylor = numbers(zj.Explicit()), numbers(zj.Taylor())
     for one, two in zip(explicit, taylor, strict=True):
-        assert np.abs(two / one - 1).max() < 1e-9
+        assert np.abs(two / one - 1).max() < 1e-10  # measured 2e-12

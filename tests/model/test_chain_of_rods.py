@@ -301,7 +301,10 @@ def test_questions_of_two_rods_refuse_more(refuses):
     chain = zj.Chain(2.0, lengths=(1.0,) * 3, friction=law)
     start = zj.State(omega=(0.0, 0.0, 0.3))
     orbit = jax.eval_shape(lambda: zj.periodic_orbit(chain, start, period=3.0))
-    two = lambda q: zj.uniform_rods(q, friction=law)  # noqa: E731
+
+    def two(q):
+        return zj.uniform_rods(q, friction=law)
+
     refuses(lambda: zj.continue_cycle(two, orbit, 2.0), "`orbit`", "is of 3")
     refuses(lambda: zj.least_kick(chain, lambda c, y: y[0]), "has 3")
     refuses(lambda: zj.trajectory(chain, zj.State(), (0.0, 1.0)), "`start`", "3 rods")

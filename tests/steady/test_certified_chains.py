@@ -147,7 +147,8 @@ def test_an_orbit_of_three_sticking_joints_is_the_certified_one():
     end = zj.settle(chain, START)
     orbit = zj.periodic_orbit(chain, end.final)
     assert orbit.outcome == zj.CODE.found
-    np.testing.assert_allclose(orbit.period, end.period, rtol=1e-6)
-    np.testing.assert_allclose(orbit.joint_amplitude, end.joint_amplitude, rtol=1e-5)
+    # measured 8e-10, 6e-9, 4e-7
+    np.testing.assert_allclose(orbit.period, end.period, rtol=1e-7)
+    np.testing.assert_allclose(orbit.joint_amplitude, end.joint_amplitude, rtol=1e-6)
     largest = orbit.largest_multiplier
     np.testing.assert_allclose(largest, end.largest_multiplier, atol=1e-5)

@@ -155,7 +155,7 @@ class AbstractChain(AbstractRuled):
         **Raises:** `ValueError`.
         """
         for name in ("dead_load", "gravity", "foundation", "forces"):
-            if getattr(self, name) not in (None, ()):
+            if getattr(self, name) is not None:
                 raise ValueError(
                     f"Argument `{name}` must be None for {what}, as its part in the "
                     f"joints' reactions is not worked out, but is "

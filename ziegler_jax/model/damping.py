@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 
 from ..numerics.numbers import Numbers, Pair, Scalar
@@ -81,8 +82,13 @@ class AbstractDamping(AbstractRuled):
                 "with one number a joint, or one of your own with `rows`, but "
                 f"`{law.__name__}` is one for two."
             )
-        given = self.rows(straight(rods), (jnp.zeros(()),) * rods)
-        sizes = [len(row) for row in given]
+
+        def given():
+            return [
+                [*row] for row in self.rows(straight(rods), (jnp.zeros(()),) * rods)
+            ]
+
+        sizes = [len(row) for row in jax.eval_shape(given)]
         if sizes != [rods] * rods:
             raise ValueError(
                 f"The damping law `{law.__name__}` must give a matrix of {rods} rows "

@@ -415,7 +415,7 @@ def read(forces: Forces | None) -> Forces | None:
                 "`AbstractLoadHistory` and, in a `Chain`, `FollowerForces`, but has "
                 f"{force!r}."
             )
-    return forces
+    return forces if in_a_row(forces) else None
 
 
 def fixed_forces(

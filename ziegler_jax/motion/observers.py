@@ -119,9 +119,9 @@ JOINT_AMPLITUDE = Variable(
 class Amplitude(AbstractObserver):
     r"""The largest $|\phi_i|$ (rods) and $|\phi_i - \phi_{i-1}|$ (joints).
 
-    Each step contributes the extremum of its quintic Hermite interpolant, so that an
-    amplitude does not depend on where the steps happen to end. Joint 1's angle is rod
-    1's.
+    Each step contributes the extremum of its quintic Hermite interpolant, a step of
+    Taylor's that of its series, so that an amplitude does not depend on where the steps
+    happen to end. Joint 1's angle is rod 1's.
     """
 
     name: ClassVar[str] = "amplitude"
