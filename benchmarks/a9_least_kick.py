@@ -69,7 +69,7 @@ def column(row):
     return zj.Column(q, a, b, d, kappa, eta, zj.Viscous(c, c), law)
 
 
-def least(free, table):
+def least(group, table):
     """The least kicks of a group."""
 
     def point(case):
@@ -77,7 +77,7 @@ def least(free, table):
         return zj.least_kick(
             column(row),
             (0.0, HIGHEST * row[1] * row[3]),
-            directions=zj.Directions(free),
+            directions=zj.Directions(group),
             windows=WINDOWS,
             method=METHOD,
         )

@@ -15,6 +15,7 @@ from ziegler_jax.analysis.branch_point import (
     BranchPoint,
     Continuation,
     codes_of,
+    other_multipliers,
     products,
 )
 from ziegler_jax.analysis.continuation import along_arc
@@ -184,7 +185,8 @@ def hidden(rng, total, product, third):
     block = jnp.zeros((4, 4)).at[0, 0].set(1.0).at[3, 3].set(third)
     block = block.at[1, 2].set(-product).at[2, 1].set(1.0).at[2, 2].set(total)
     basis = np.eye(4) + 0.3 * rng.standard_normal((4, 4))
-    return jnp.asarray(basis) @ block @ jnp.asarray(np.linalg.inv(basis))
+    moved = jnp.asarray(basis) @ block @ jnp.asarray(np.linalg.inv(basis))
+    return moved, jnp.zeros((4, 5)).at[:, 3].set(basis[:, 0])
 
 
 def test_the_tests_are_the_products_over_the_multipliers(rng):
@@ -193,7 +195,9 @@ def test_the_tests_are_the_products_over_the_multipliers(rng):
         c = third
         exact = (a * b - 1) * (a * c - 1) * (b * c - 1)
         exact = exact, (1 + a) * (1 + b) * (1 + c), (1 - a) * (1 - b) * (1 - c)
-        found = products(hidden(rng, total, product, third))
+        moved, matrix = hidden(rng, total, product, third)
+        section = zj.SectionPlane()
+        found = products(other_multipliers(section, moved, matrix))
         # measured 7e-15
         np.testing.assert_allclose(found, np.real(exact), rtol=0, atol=1e-12)
 
@@ -206,16 +210,18 @@ class KnownBranch(Continuation):
         self.first = jnp.array([0.0, 1.0, 0.0, 1.0, 0.0])
         self.scale = jnp.ones(5)
         self.arc = zj.Arc(direction=1, step=1.2, points=40, bounds=(-1.0, 1.0))
+        self.rods, self.along = 2, 4
         self.section, self.method = zj.SectionPlane(), zj.Method(max_steps=1000)
         self.failure = jnp.asarray(0)
 
     def correct(self, x0, row, left):
         """The predicted point: the branch has no bends."""
         at = self.path[:, 0] + self.path[:, 1] * x0[4]
-        moved = hidden(np.random.default_rng(1), *at)
+        moved, matrix = hidden(np.random.default_rng(1), *at)
+        matrix = self.rate * matrix
+        others = other_multipliers(self.section, moved, matrix)
         tangent = jnp.zeros(5).at[4].set(jnp.where(row[4] < 0, -1.0, 1.0))
-        tests = jnp.stack([tangent[4], *products(moved)])
-        matrix = jnp.zeros((4, 5)).at[0, 3].set(self.rate)
+        tests = jnp.stack([tangent[4], *products(others)])
         ends = moved, matrix, tests, jnp.zeros(())
         point = BranchPoint(x0, tangent, jnp.zeros(3), *ends)
         return point, jnp.asarray(True), jnp.asarray(1), left

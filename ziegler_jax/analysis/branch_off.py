@@ -29,7 +29,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..model.column import Column, State
+from ..model.chain_of_rods import AbstractChain
+from ..model.column import State
 from ..motion.implicit import fixed, lost
 from ..motion.options import Method, recorded
 from ..motion.trajectory import trajectory
@@ -48,7 +49,7 @@ from ..runtime import requires_x64
 from .branch_point import Arc, Continuation
 from .continuation import Branch, CyclePoints, first_of
 from .periodic_orbit import PeriodicOrbit
-from .shooting import start_of
+from .shooting import of_each, start_of
 
 TURNS = {"flip": 2, "pitchfork": 1}
 # Of a point that is known to some four digits: by how much a multiplier may be off, and
@@ -79,7 +80,7 @@ class Offshoot(AbstractResult):
 
 @requires_x64
 def branch_off(
-    make_column: Callable[[Scalar], Column],
+    make_column: Callable[[Scalar], AbstractChain],
     kind: Literal["flip", "pitchfork"],
     start: Branch | CyclePoints,
     *,
@@ -160,15 +161,16 @@ def branch_off(
     settings = recorded(**problem.method.settings(), **section, **options)
     mark = jnp.where(outcome == CODE.found, 1.0, jnp.nan)
     x, extent = x * problem.scale * mark, point.extent * mark
-    y = start_of(problem.section, x[:4]) * mark
+    y, n = start_of(problem.section, x[:-1]) * mark, problem.rods
+    rods, joints = of_each(extent)
     steps = budget - left + jnp.sum(turned.steps, dtype=jnp.int32)
     closes = jnp.where(outcome == CODE.found, CODE.found, CODE.not_converged)
     orbit = PeriodicOrbit(
-        state=State((y[0], y[1]), (y[2], y[3])),
+        state=State(tuple(y[:n]), tuple(y[n:])),
         section=problem.section,
-        period=x[3],
-        rod_amplitude=extent[:2],
-        joint_amplitude=extent[jnp.array([0, 2])],
+        period=x[-2],
+        rod_amplitude=rods,
+        joint_amplitude=joints,
         monodromy=point.moved * mark,
         residual=residual * mark,
         iterations=tries,
@@ -177,7 +179,7 @@ def branch_off(
         settings=settings,
     )
     offshoot = Offshoot(
-        orbit=orbit, parameter=x[4], steps=steps, outcome=outcome, settings=settings
+        orbit=orbit, parameter=x[-1], steps=steps, outcome=outcome, settings=settings
     )
     return lost(offshoot, (problem.live, points, distance))
 
@@ -185,18 +187,18 @@ def branch_off(
 class Turn(NamedTuple):
     """A cycle, as a motion: where it begins, is after half a period, and ends."""
 
-    start: Float[Array, "*n 4"]
-    half: Float[Array, "*n 4"]
-    end: Float[Array, "*n 4"]
+    start: Float[Array, "*n s"]
+    half: Float[Array, "*n s"]
+    end: Float[Array, "*n s"]
     arrived: Bool[Array, "*n"]
     steps: Int[Array, "*n"]
 
 
-def _turn(problem: Continuation, left: Int[Array, ""], z: Float[Array, "5"]) -> Turn:
+def _turn(problem: Continuation, left: Int[Array, ""], z: Float[Array, " m"]) -> Turn:
     """The motion from the section; of two each has half of the steps that are left."""
-    y = start_of(problem.section, z[:4])
-    start, column = State((y[0], y[1]), (y[2], y[3])), problem.make(z[4])
-    ts = z[3] * jnp.array([0.0, 0.5, 1.0])
+    y, n = start_of(problem.section, z[:-1]), problem.rods
+    start, column = State(tuple(y[:n]), tuple(y[n:])), problem.make(z[-1])
+    ts = z[-2] * jnp.array([0.0, 0.5, 1.0])
     method = problem.method.at_most(jnp.maximum(left // 2, 1))
     course = trajectory(column, start, ts, method=method)
     half, end = jnp.concatenate([course.phi, course.omega], axis=-1)[1:]
@@ -205,18 +207,19 @@ def _turn(problem: Continuation, left: Int[Array, ""], z: Float[Array, "5"]) -> 
 
 def _across(
     kind: str, cycle: PeriodicOrbit
-) -> tuple[Float[Array, "5"], Bool[Array, ""]]:
+) -> tuple[Float[Array, " m"], Bool[Array, ""]]:
     r"""The unit vector of the section along which the other branch leaves.
 
     With the monodromy M, $M f = f$ along the motion and $M v = \mp v$ across it.
 
     **Returns:** v, and whether M has such a multiplier.
     """
-    moved, i = cycle.monodromy, cycle.section.index
+    moved, rods = cycle.monodromy, len(cycle.state.phi)
+    i = cycle.section.place(rods)
     known = jnp.all(jnp.isfinite(moved))
-    one = jnp.eye(4, dtype=moved.dtype)
+    one = jnp.eye(2 * rods, dtype=moved.dtype)
 
-    def null(matrix: Float[Array, "4 4"]) -> Float[Array, "4 4"]:
+    def null(matrix: Float[Array, "s s"]) -> Float[Array, "s s"]:
         """Right singular vectors, that of the smallest singular value last."""
         return jnp.linalg.svd(jnp.where(known, matrix, one))[2]
 
@@ -226,7 +229,7 @@ def _across(
     v = v / jnp.sqrt(v @ v)
     # which of the two signs is a matter of the library's: the same side everywhere
     v = v * jnp.sign(v[jnp.argmax(jnp.abs(v))])
-    v = v[jnp.asarray(cycle.section.others)]
+    v = v[jnp.asarray(cycle.section.free(rods))]
     across = jnp.concatenate([jnp.where(known, v, jnp.nan), jnp.zeros(2, v.dtype)])
     values = eigenvalues(jnp.where(known, moved, 2.0 * one))
     off = jnp.abs(values + 1) if kind == "flip" else jnp.sort(jnp.abs(values - 1))[1:]

@@ -11,19 +11,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Complex, Float, Int
 
-from ..model.column import Column
+from ..model.chain_of_rods import AbstractChain
 from ..model.state import PhasePoint
-from ..motion.checks import (
-    check_maker,
-    check_two_rods,
-    float_state,
-    made,
-    valid_scene,
-)
+from ..motion.checks import check_maker, float_state, made, valid_scene
 from ..motion.implicit import fixed, solve
 from ..motion.options import Method
+from ..motion.section import SectionPlane
+from ..numerics.eigenvalues import eigenvalues
 from ..numerics.numbers import Count, Flag, Pair, Scalar, is_concrete
 from ..numerics.rules import instance, keeps, number, whole_number
 from ..results import CODE, Codes
@@ -111,9 +107,9 @@ class BranchPoint(NamedTuple):
 
     x: Float[Array, "*n k"]  # scaled
     tangent: Float[Array, "*n k"]
-    extent: Float[Array, "*n 3"]
-    moved: Float[Array, "*n 4 4"]
-    matrix: Float[Array, "*n 4 m"]  # of R in z and the parameters
+    extent: Float[Array, "*n a"]
+    moved: Float[Array, "*n s s"]
+    matrix: Float[Array, "*n s m"]  # of R in z and the parameters
     tests: Float[Array, "*n t"]
     modes: Float[Array, "*n"]  # a number of the sequence of modes
 
@@ -199,12 +195,12 @@ class Continuation(AbstractContinuation):
     """
 
     sign: Scalar = 1.0
-    crossing, along = 1 + TESTS.index(CODE.pitchfork), 4
+    crossing = 1 + TESTS.index(CODE.pitchfork)
 
     def __init__(
         self,
         question: str,
-        make_column: Callable[[Scalar], Column],
+        make_column: Callable[[Scalar], AbstractChain],
         orbit: PeriodicOrbit,
         parameter: Scalar,
         arc: Arc,
@@ -213,7 +209,7 @@ class Continuation(AbstractContinuation):
         """Check it, see whether the cycle is symmetric, and set the scales."""
         dtype = jnp.result_type(float)
         check_maker(make_column)
-        check_orbit("orbit", orbit)
+        instance("orbit", orbit, PeriodicOrbit)
         instance("arc", arc, Arc)
         start = number("parameter", parameter)
         check_bounds(arc.bounds, start)
@@ -229,7 +225,9 @@ class Continuation(AbstractContinuation):
         points = points if arc.points is None else arc.points
         self.arc = Arc(direction, arc.step, points, arc.bounds, arc.error)
         column = made(make_column, at)
-        check_two_rods(question, column)
+        self.rods = column.joints
+        check_orbit("orbit", orbit, self.rods)
+        self.along = 2 * self.rods
         self.method = cycle_method(question, method, column)
         # what the function closes over, without its derivatives
         self.live = eqx.filter_closure_convert(make_column, at)
@@ -238,7 +236,7 @@ class Continuation(AbstractContinuation):
         y0 = fixed(float_state(orbit.state))
         good = keeps("finite", start) & keeps("positive", arc.step, arc.error)
         good &= keeps("positive", self.method.rtol, self.method.atol)
-        still = PhasePoint((0.0 * at,) * 4)
+        still = PhasePoint((0.0 * at,) * self.along)
         good &= _hold(arc.bounds, at) & valid_scene(self.make(at), still)
         failure = jnp.where(orbit.outcome == CODE.found, 0, orbit.outcome)
         self.failure = jnp.where(good, failure, CODE.invalid)
@@ -253,9 +251,11 @@ class Continuation(AbstractContinuation):
                 *scene, self.method.budget, self.failure == 0
             )
             self.sign = jnp.where(odd & image, -one, one)
-        z = [*(y0[i] for i in self.section.others), span / self.turns]
+        z = [*(y0[i] for i in self.section.free(self.rods)), span / self.turns]
         z = jnp.stack([jnp.asarray(x, dtype) for x in z])
-        self.scale = jnp.stack([one, one, one, jnp.maximum(z[3], 1e-3), size])
+        ones = jnp.ones(z.size - 1, dtype)
+        sizes = jnp.stack([jnp.maximum(z[-1], 1e-3), size])
+        self.scale = jnp.concatenate([ones, sizes])
         self.first = jnp.concatenate([z, at[None]]) / self.scale
 
     def _odd(self, parameter: Scalar) -> Flag:
@@ -272,13 +272,14 @@ class Continuation(AbstractContinuation):
         """How many of its motions are a period."""
         return jnp.where(self.symmetric, 2.0, 1.0)
 
-    def whole(self, moved: Float[Array, "*n 4 4"]) -> Float[Array, "*n 4 4"]:
+    def whole(self, moved: Float[Array, "*n s s"]) -> Float[Array, "*n s s"]:
         """The monodromy matrix of the period."""
         return jnp.where(self.symmetric, moved @ moved, moved)
 
     def blank(self) -> BranchPoint:
         """A point of NaNs."""
-        shapes = (5,), (5,), (3,), (4, 4), (4, 5), (4,), ()
+        s = 2 * self.rods
+        shapes = (s + 1,), (s + 1,), (s - 1,), (s, s), (s, s + 1), (4,), ()
         return BranchPoint(*(jnp.full(s, jnp.nan, self.first.dtype) for s in shapes))
 
     def smooth(self) -> Int[Array, " n"]:
@@ -287,8 +288,9 @@ class Continuation(AbstractContinuation):
         The rates have kinks where, as the branch goes on, a joint begins to stick at
         the section; angle and period have none.
         """
-        angles = [place for place, i in enumerate(self.section.others) if i < 2]
-        return jnp.array([*angles, 3, 4])
+        free, s = self.section.free(self.rods), 2 * self.rods
+        angles = [place for place, i in enumerate(free) if i < self.rods]
+        return jnp.array([*angles, s - 1, s])
 
     def real_changes(
         self, changed: Bool[Array, "4"], before: BranchPoint, after: BranchPoint
@@ -298,60 +300,66 @@ class Continuation(AbstractContinuation):
         There the torus' test vanishes, too, and the pitchfork's but of the half map.
         """
         torus, pitchfork = TESTS.index(CODE.torus), TESTS.index(CODE.pitchfork)
-        pair = circles(before.moved) | circles(after.moved)
+        pair = self._is_pair(before) | self._is_pair(after)
         changed = changed.at[torus].set(changed[torus] & pair)
         regular = self.symmetric | ~changed[0]
         return changed.at[pitchfork].set(changed[pitchfork] & regular)
 
     def confirms(self, kind: Int[Array, ""], point: BranchPoint) -> Flag:
         """A torus has a complex pair."""
-        return (kind != 1 + TESTS.index(CODE.torus)) | circles(point.moved)
+        return (kind != 1 + TESTS.index(CODE.torus)) | self._is_pair(point)
+
+    def _is_pair(self, point: BranchPoint) -> Bool[Array, ""]:
+        return circles(other_multipliers(self.section, point.moved, point.matrix))
 
     def collapsed(self, point: BranchPoint, points: BranchPoint) -> Flag:
         """Whether it passes its section the other way than the first cycle, or not."""
-        i = self.section.index
-        return point.matrix[i, 3] * points.matrix[0, i, 3] <= 0
+        i, turn = self.section.place(self.rods), 2 * self.rods - 1
+        return point.matrix[i, turn] * points.matrix[0, i, turn] <= 0
 
     def left_bounds(self, point: BranchPoint) -> Flag:
         """Whether the parameter has."""
         low, high = (jnp.asarray(b, point.x.dtype) for b in self.arc.bounds)
-        value = point.x[4] * self.scale[4]
+        value = point.x[-1] * self.scale[-1]
         return (value < low) | (value > high)
 
     def correct(
-        self, x0: Float[Array, "5"], row: Float[Array, "5"], left: Count
+        self, x0: Float[Array, " n"], row: Float[Array, " n"], left: Count
     ) -> tuple[BranchPoint, Bool[Array, ""], Int[Array, ""], Int[Array, ""]]:
         """The point of the branch on the plane through x0 across `row`."""
 
         def motion(x, left):
             z, share = x * self.scale, self.method.at_most(left)
             return shot_motion(
-                lambda p: self.make(p[0]), z[4:], self.section, z[:4], share
+                lambda p: self.make(p[0]), z[-1:], self.section, z[:-1], share
             )
 
         def equations(x, flow):
-            shot = shot_of(self.section, (x * self.scale)[:4], turned(flow, self.sign))
+            z = (x * self.scale)[:-1]
+            shot = shot_of(self.section, z, turned(flow, self.sign))
             matrix = _matrix(shot) * self.scale[None]
             r = jnp.concatenate([shot.residual, (row @ (x - x0))[None]])
             return r, jnp.concatenate([matrix, row[None]]), shot
 
-        blank = blank_shot(1, x0.dtype)
+        blank = blank_shot(1, x0.dtype, self.rods)
         solution = newton(motion, equations, x0, blank, NEWTON_STEPS, left)
         shot = solution.shot
         matrix = _matrix(shot)
         whole = jnp.concatenate([matrix * self.scale[None], row[None]])
-        tangent = solve(whole, jnp.eye(5, dtype=x0.dtype)[4])
+        tangent = solve(whole, jnp.zeros_like(x0).at[-1].set(1.0))
         tangent = tangent / jnp.sqrt(tangent @ tangent)
-        moved = shot.flow.moved[:, :4]
-        torus, flip, pitchfork = products(moved)
+        moved = shot.flow.moved[:, :-1]
+        torus, flip, pitchfork = products(
+            other_multipliers(self.section, moved, matrix)
+        )
         # of the half map: a pitchfork, and a symmetric cycle has no flip
         pitchfork = jnp.where(self.symmetric, flip, pitchfork)
         flip = jnp.where(self.symmetric, 1.0, flip)
-        tests = jnp.stack([tangent[4], torus, flip, pitchfork])
+        tests = jnp.stack([tangent[-1], torus, flip, pitchfork])
         ends = moved, matrix, tests, shot.flow.modes
         point = BranchPoint(solution.z, tangent, shot.flow.extent, *ends)
         good = solution.converged & jnp.all(jnp.isfinite(tangent))
-        good &= ~self.symmetric | self._odd(solution.z[4] * self.scale[4])
+        good &= ~self.symmetric | self._odd(solution.z[-1] * self.scale[-1])
         return point, good, solution.iterations, solution.left
 
 
@@ -400,29 +408,36 @@ def _hold(bounds: Pair, start: Scalar) -> Flag:
     return (low <= start) & (start <= high) & (low < high)
 
 
-def _matrix(shot: Shot) -> Float[Array, "4 5"]:
-    """R's derivatives in z and the parameter, (4, 5)."""
-    return jnp.concatenate([shot.jacobian, shot.flow.moved[:, 4:]], axis=1)
+def _matrix(shot: Shot) -> Float[Array, "s m"]:
+    """R's derivatives in z and the parameter, (2n, 2n + 1)."""
+    return jnp.concatenate([shot.jacobian, shot.flow.moved[:, -1:]], axis=1)
 
 
-def characteristic_cubic(moved: Float[Array, "4 4"]) -> tuple[Scalar, Scalar, Scalar]:
-    """b2, b1, b0 of the cubic whose roots are the multipliers other than 1."""
-    square = moved @ moved
-    t1, t2, t3 = jnp.trace(moved), jnp.trace(square), jnp.trace(square @ moved)
-    e2 = (t1 * t1 - t2) / 2
-    e3 = (t1**3 - 3 * t1 * t2 + 2 * t3) / 6
-    b2 = 1 - t1
-    b1 = e2 + b2
-    return b2, b1, b1 - e3
+def other_multipliers(
+    section: SectionPlane, moved: Float[Array, "s s"], matrix: Float[Array, "s m"]
+) -> Complex[Array, " k"]:
+    """Those other than 1, (2n - 1,): of the return to the section.
+
+    Of the derivative of the motion over the period what goes along the motion is taken
+    away, so that it ends on the section again.
+    """
+    rods = moved.shape[0] // 2
+    i, free = section.place(rods), jnp.asarray(section.free(rods))
+    slope = matrix[:, 2 * rods - 1]
+    back = moved - jnp.outer(slope, moved[i] / slope[i])
+    return eigenvalues(back[free][:, free])
 
 
-def circles(moved: Float[Array, "4 4"]) -> Bool[Array, ""]:
-    """Whether two multipliers whose product is 1 are a complex pair."""
-    b2, _, b0 = characteristic_cubic(moved)
-    return jnp.abs(b0 - b2) < 2
+def circles(values: Complex[Array, " k"]) -> Bool[Array, ""]:
+    """Whether of all pairs that whose product is nearest to 1 is a complex one."""
+    i, j = np.triu_indices(values.size, 1)
+    nearest = jnp.argmin(jnp.abs(values[i] * values[j] - 1))
+    return jnp.imag(values[i] - values[j])[nearest] != 0
 
 
-def products(moved: Float[Array, "4 4"]) -> tuple[Scalar, Scalar, Scalar]:
+def products(values: Complex[Array, " k"]) -> tuple[Scalar, Scalar, Scalar]:
     """The products over the multipliers: torus, flip, pitchfork."""
-    b2, b1, b0 = characteristic_cubic(moved)
-    return b0 * b0 - b2 * b0 + b1 - 1, 1 - b2 + b1 - b0, 1 + b2 + b1 + b0
+    i, j = np.triu_indices(values.size, 1)
+    factors = values[i] * values[j] - 1, 1 + values, 1 - values
+    torus, flip, pitchfork = (jnp.real(jnp.prod(each)) for each in factors)
+    return torus, flip, pitchfork

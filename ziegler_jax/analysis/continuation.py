@@ -1,12 +1,12 @@
 r"""Branches of cycles: pseudo-arclength continuation, and the points where they change.
 
-With a parameter $\lambda$ as a fifth unknown, $x = (z, \lambda)$, a branch is a curve
+With a parameter $\lambda$ as one more unknown, $x = (z, \lambda)$, a branch is a curve
 $R(x) = 0$. From a point with unit tangent t the next is sought at a distance s,
 
 $$R(x) = 0, \qquad t \cdot (x - x_0 - s t) = 0,$$
 
 which is regular at folds, where the branch turns back in $\lambda$. On the way test
-functions of the three multipliers $\mu_i$ other than 1 change sign:
+functions of the multipliers $\mu_i$ other than 1, three of two rods, change sign:
 
 $$t_\lambda \text{ (fold)}, \qquad \prod_{i<j} (\mu_i \mu_j - 1) \text{ (torus)}, \qquad
 \prod_i (1 + \mu_i) \text{ (flip)}, \qquad \prod_i (1 - \mu_i) \text{ (pitchfork)}$$
@@ -33,7 +33,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int, Shaped
 
-from ..model.column import Column, State
+from ..model.chain_of_rods import AbstractChain
+from ..model.column import State
 from ..motion.implicit import fixed, lost
 from ..motion.observers import JOINT_AMPLITUDE, ROD_AMPLITUDE
 from ..motion.options import Method, recorded
@@ -55,7 +56,7 @@ from ..runtime import requires_x64
 from .branch_point import TESTS, Arc, BranchPoint, Continuation, codes_of
 from .march import ContinuationState, Walk
 from .periodic_orbit import PeriodicOrbit, attracts, multipliers
-from .shooting import start_of
+from .shooting import of_each, start_of
 
 ALONG = ("point",)
 
@@ -63,30 +64,30 @@ ALONG = ("point",)
 class CyclePoints(AbstractResult):
     """Cycles along a branch, arrays with the points in front; NaN where there is none.
 
-    `parameter` (n,); `phi`, `omega` (n, 2): where they pass the section; `period`;
-    `rod_amplitude`, `joint_amplitude` (n, 2); `monodromy` (n, 4, 4); `kind` (n,): what
-    happens there, `CODE`s.
+    `parameter` (n,); `phi`, `omega` (n, r) of r rods: where they pass the section;
+    `period`; `rod_amplitude`, `joint_amplitude` (n, r); `monodromy` (n, 2r, 2r); `kind`
+    (n,): what happens there, `CODE`s.
     """
 
     parameter: Float[Array, "*lanes n"] = eqx.field(
         metadata=quantity("parameter", dims=ALONG)
     )
-    phi: Float[Array, "*lanes n 2"] = eqx.field(
+    phi: Float[Array, "*lanes n r"] = eqx.field(
         metadata=quantity("angle on the section", "rad", (*ALONG, "rod"))
     )
-    omega: Float[Array, "*lanes n 2"] = eqx.field(
+    omega: Float[Array, "*lanes n r"] = eqx.field(
         metadata=quantity("rate on the section", RATE, (*ALONG, "rod"))
     )
     period: Float[Array, "*lanes n"] = eqx.field(
         metadata=quantity("period of the orbit", TIME, ALONG)
     )
-    rod_amplitude: Float[Array, "*lanes n 2"] = eqx.field(
+    rod_amplitude: Float[Array, "*lanes n r"] = eqx.field(
         metadata={"quantity": ROD_AMPLITUDE._replace(dims=(*ALONG, "rod"))}
     )
-    joint_amplitude: Float[Array, "*lanes n 2"] = eqx.field(
+    joint_amplitude: Float[Array, "*lanes n r"] = eqx.field(
         metadata={"quantity": JOINT_AMPLITUDE._replace(dims=(*ALONG, "joint"))}
     )
-    monodromy: Float[Array, "*lanes n 4 4"]
+    monodromy: Float[Array, "*lanes n s s"]
     kind: Int[Array, "*lanes n"] = eqx.field(
         metadata=quantity("what happens at the point", dims=ALONG, codes=SPECIALS)
     )
@@ -104,8 +105,8 @@ class CyclePoints(AbstractResult):
     }  # fmt: skip
 
     @property
-    def multipliers(self) -> Complex[Array, "*lanes n 4"]:
-        """Floquet multipliers (n, 4), the trivial one first."""
+    def multipliers(self) -> Complex[Array, "*lanes n s"]:
+        """Floquet multipliers (n, 2r), the trivial one first."""
         return multipliers(self.monodromy)
 
     @property
@@ -136,13 +137,14 @@ def first_of(
     mine = jnp.asarray(points.kind) == CODE[kind]
     first = jnp.argmax(mine)
     point = fixed(jax.tree.map(lambda x: jnp.asarray(x)[first], points))
-    y = (*point.phi, *point.omega)
-    plane = SectionPlane(points.coordinate, rising=points.rising)
+    phi, omega = tuple(point.phi), tuple(point.omega)
+    place = SectionPlane(points.coordinate).place(len(phi))
+    level = (*phi, *omega)[place]
     none = jnp.zeros((), jnp.int32)
     outcome = jnp.where(jnp.any(mine), CODE.found, CODE.beyond)
     orbit = PeriodicOrbit(
-        state=State(y[:2], y[2:]),
-        section=SectionPlane(points.coordinate, y[plane.index], points.rising),
+        state=State(phi, omega),
+        section=SectionPlane(points.coordinate, level, points.rising),
         period=point.period,
         rod_amplitude=point.rod_amplitude,
         joint_amplitude=point.joint_amplitude,
@@ -195,7 +197,7 @@ class Branch(AbstractResult):
 
 @requires_x64
 def continue_cycle(
-    make_column: Callable[[Scalar], Column],
+    make_column: Callable[[Scalar], AbstractChain],
     orbit: PeriodicOrbit,
     parameter: Scalar,
     *,
@@ -212,7 +214,8 @@ def continue_cycle(
 
     **Arguments:**
 
-    - `make_column`: a function of the parameter, e.g. `lambda q: uniform_rods(q, ...)`.
+    - `make_column`: a function of the parameter, e.g. `lambda q: uniform_rods(q, ...)`;
+        it gives columns or chains, all of as many rods as the orbit.
     - `orbit`: a cycle at this value of the `parameter`, as `periodic_orbit` finds it;
         where it found none, the branch ends for the same reason.
     - `arc`: how to follow it, see `Arc`; `zj.Arc("both")`: both ways from the cycle,
@@ -315,14 +318,15 @@ def cycle_points(
 ) -> CyclePoints:
     """The points of a branch in their own units."""
     x = cycles.x * problem.scale[None]
-    y = start_of(problem.section, x[:, :4])
+    y, n = start_of(problem.section, x[:, :-1]), problem.rods
+    rods, joints = of_each(cycles.extent)
     return CyclePoints(
-        parameter=x[:, 4],
-        phi=y[:, :2],
-        omega=y[:, 2:],
-        period=problem.turns * x[:, 3],
-        rod_amplitude=cycles.extent[:, :2],
-        joint_amplitude=cycles.extent[:, jnp.array([0, 2])],
+        parameter=x[:, -1],
+        phi=y[:, :n],
+        omega=y[:, n:],
+        period=problem.turns * x[:, -2],
+        rod_amplitude=rods,
+        joint_amplitude=joints,
         monodromy=problem.whole(cycles.moved),
         kind=codes_of(kind, TESTS),
         settings=settings_of(problem),

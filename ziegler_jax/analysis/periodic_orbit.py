@@ -57,6 +57,7 @@ from .shooting import (
     closing,
     first_return,
     newton,
+    of_each,
     shot_motion,
     shot_of,
     start_of,
@@ -230,6 +231,7 @@ def periodic_orbit(
     z, extent = z * mark, extent * mark
     y = start_of(first.section, z)
     bends = carried_monodromy(column, y, z[-1], method)
+    rods, joints = of_each(extent)
     known, named = (column, start, first.section), {}
     if run is not None:
         named = turn.numbers(run, y, z[-1], method, _TAKEN)
@@ -237,8 +239,8 @@ def periodic_orbit(
         state=State(tuple(y[i] for i in range(n)), tuple(y[n + i] for i in range(n))),
         section=first.section,
         period=z[-1],
-        rod_amplitude=extent[:n],
-        joint_amplitude=extent[jnp.array([0, *range(n, 2 * n - 1)])],
+        rod_amplitude=rods,
+        joint_amplitude=joints,
         monodromy=(flow.moved + bends) * mark,
         residual=lost(jnp.max(jnp.abs(solution.shot.residual)) * mark, known),
         iterations=solution.iterations,
@@ -370,13 +372,13 @@ def approximation(
     return Approximation(jnp.where(failure == 0, z, jnp.nan), section, failure, left)
 
 
-def check_orbit(name: str, orbit: PeriodicOrbit) -> None:
-    """Refuse what is not one orbit of two rods."""
+def check_orbit(name: str, orbit: PeriodicOrbit, rods: int) -> None:
+    """Refuse what is not one orbit of so many rods."""
     instance(name, orbit, PeriodicOrbit)
-    if len(orbit.state.phi) != 2:
+    if len(orbit.state.phi) != rods:
         raise ValueError(
-            f"Argument `{name}` must be an orbit of two rods, but is of "
-            f"{len(orbit.state.phi)}."
+            f"Argument `{name}` must be an orbit of {rods} rods, as the column is, but "
+            f"is of {len(orbit.state.phi)}."
         )
     shape = np.shape(orbit.period)
     if shape:

@@ -217,6 +217,18 @@ def start_of(section: SectionPlane, z: Float[Array, "*n s"]) -> Float[Array, "*n
     return jnp.concatenate([z[..., :i], level[..., None], z[..., i:-1]], axis=-1)
 
 
+def of_each(
+    extent: Float[Array, "*n a"],
+) -> tuple[Float[Array, "*n r"], Float[Array, "*n r"]]:
+    """The largest angles of the rods, and of the joints: of the first that of its rod.
+
+    They stand as in a flow: |phi1|, ..., |phin|, |phi2 - phi1|, ...
+    """
+    n = (extent.shape[-1] + 1) // 2
+    joints = jnp.array([0, *range(n, 2 * n - 1)])
+    return extent[..., :n], extent[..., joints]
+
+
 def blank_shot(n: int, dtype: DTypeLike, rods: int = 2) -> Shot:
     """A shot of n parameters that has not been made."""
     s, angles = 2 * rods, 2 * rods - 1

@@ -30,7 +30,7 @@ from ..analysis.continuation import CyclePoints, cycle_points, settings_of
 from ..analysis.march import Walk
 from ..analysis.periodic_orbit import PeriodicOrbit
 from ..analysis.shooting import start_of
-from ..model.column import Column
+from ..model.chain_of_rods import AbstractChain
 from ..motion.implicit import fixed, implicit, moving, solve
 from ..motion.options import Method
 from ..numerics.numbers import Scalar
@@ -81,7 +81,7 @@ class Bifurcation(AbstractResult):
 
 @requires_x64
 def bifurcation(
-    make_column: Callable[[Scalar], Column],
+    make_column: Callable[[Scalar], AbstractChain],
     kind: OfCycles,
     orbit: PeriodicOrbit,
     parameter: Scalar,
@@ -140,9 +140,9 @@ def bifurcation(
     moves = _moves(problem, DEGENERACIES[kind](), make_column, there)
     x = there.x.at[0].add(moves / problem.scale)
     z = x[0] * problem.scale
-    y0, column = start_of(problem.section, z[:4]), make_column(z[4])
-    extent = carried_extent(column, y0, z[3], problem.method)
-    bends = carried_monodromy(column, y0, z[3], problem.method)
+    y0, column = start_of(problem.section, z[:-1]), make_column(z[-1])
+    extent = carried_extent(column, y0, z[-2], problem.method)
+    bends = carried_monodromy(column, y0, z[-2], problem.method)
     there = there._replace(
         x=x,
         extent=there.extent.at[0].add(extent),
@@ -152,7 +152,7 @@ def bifurcation(
     cycle = cycle_points(problem, there, ordinary)
     code = jnp.where(is_there, CODE[kind], CODE.ordinary).astype(cycle.kind.dtype)
     return Bifurcation(
-        parameter=z[4] * jnp.where(is_there, 1.0, jnp.nan),
+        parameter=z[-1] * jnp.where(is_there, 1.0, jnp.nan),
         cycle=eqx.tree_at(lambda c: c.kind, cycle, code[None]),
         steps=problem.method.budget - end.left,
         outcome=jnp.where(is_there, CODE.found, end.outcome).astype(jnp.int8),
@@ -163,54 +163,55 @@ def bifurcation(
 def _moves(
     problem: Continuation,
     degeneracy: AbstractDegeneracy,
-    make_column: Callable[[Scalar], Column],
+    make_column: Callable[[Scalar], AbstractChain],
     there: BranchPoint,
-) -> Float[Array, "5"]:
+) -> Float[Array, " m"]:
     """Zeros that carry the derivatives of the first point's cycle and its parameter."""
-    z, scale = there.x[0] * problem.scale, problem.scale
-    dtype, places = z.dtype, jnp.array([*problem.section.others, 4])
+    z, scale, s = there.x[0] * problem.scale, problem.scale, 2 * problem.rods
+    dtype, places = z.dtype, jnp.array([*problem.section.free(problem.rods), s])
     # R in (y0, T), and how these move with z
-    closing = there.moved[0] - jnp.eye(4, dtype=dtype)
-    closing = jnp.concatenate([closing, there.matrix[0][:, 3:4]], axis=1)
-    of_z = jnp.zeros((5, 4), dtype).at[places, jnp.arange(4)].set(scale[:4])
+    closing = there.moved[0] - jnp.eye(s, dtype=dtype)
+    closing = jnp.concatenate([closing, there.matrix[0][:, s - 1 : s]], axis=1)
+    of_z = jnp.zeros((s + 1, s), dtype).at[places, jnp.arange(s)].set(scale[:s])
     extra = degeneracy.begin(closing, of_z)
-    p, make = moving(make_column(fixed(z[4])), dtype)
+    p, make = moving(make_column(fixed(z[s])), dtype)
     if not p.size:
-        return jnp.zeros(5, dtype)
+        return jnp.zeros(s + 1, dtype)
 
     def leaves(x):
         return moving(problem.make(x), dtype)[0]
 
-    line = jax.jvp(leaves, (z[4],), (jnp.ones_like(z[4]),))[1]
+    line = jax.jvp(leaves, (z[s],), (jnp.ones_like(z[s]),))[1]
     # how (y0, T, p) move with z, the parameter and p
-    basis = jnp.zeros((5 + p.size, 5 + p.size), dtype)
-    basis = basis.at[:5, :4].set(of_z).at[5:, 4].set(line * scale[4])
-    basis = basis.at[5:, 5:].set(jnp.eye(p.size, dtype=dtype))
+    n = s + 1  # y0 and T, or z and the parameter
+    basis = jnp.zeros((n + p.size, n + p.size), dtype)
+    basis = basis.at[:n, :s].set(of_z).at[n:, s].set(line * scale[s])
+    basis = basis.at[n:, n:].set(jnp.eye(p.size, dtype=dtype))
 
     def slope(
-        p: Float[Array, " n"],
-        y0: Float[Array, "4"],
+        p: Float[Array, " p"],
+        y0: Float[Array, " s"],
         span: Float[Array, ""],
         extra: Float[Array, " e"],
         basis: Float[Array, "a a"],
         sign: Float[Array, ""],
         method: Method,
-    ) -> Float[Array, "5 n"]:
+    ) -> Float[Array, "n p"]:
         a = jnp.concatenate([y0, span[None], p])
         directions = degeneracy.directions(extra, basis)
-        jet = follow_bundle(Bundle(make, a, directions, method), sign)
+        jet = follow_bundle(Bundle(make, a, directions, method, numbers=s), sign)
         closing = closing_of(jet) @ basis
         block = degeneracy.block(jet, extra, extra, basis)
-        none = jnp.zeros((4, extra.size), dtype)
-        in_u = jnp.block([[closing[:, :5], none], [block.in_x[:, :5], block.in_extra]])
-        in_p = jnp.concatenate([closing[:, 5:], block.in_x[:, 5:]])
-        moves = -solve(in_u, in_p)[:5] * scale[:, None]
+        none = jnp.zeros((s, extra.size), dtype)
+        in_u = jnp.block([[closing[:, :n], none], [block.in_x[:, :n], block.in_extra]])
+        in_p = jnp.concatenate([closing[:, n:], block.in_x[:, n:]])
+        moves = -solve(in_u, in_p)[:n] * scale[:, None]
         # second derivatives know no other modes; a fold's parameter has none
-        good = jnp.full(5, jet.arrived & ~jet.mixed)
+        good = jnp.full(n, jet.arrived & ~jet.mixed)
         if isinstance(degeneracy, Fold):
-            good = good.at[4].set(jet.arrived)
+            good = good.at[s].set(jet.arrived)
         return moves * jnp.where(good, 1.0, jnp.nan)[:, None]
 
-    y0 = start_of(problem.section, z[:4])
-    known = z[3], extra, basis, jnp.asarray(problem.sign)
-    return implicit((5,), slope, p, y0, *known, problem.method)
+    y0 = start_of(problem.section, z[:s])
+    known = z[s - 1], extra, basis, jnp.asarray(problem.sign)
+    return implicit((n,), slope, p, y0, *known, problem.method)

@@ -201,7 +201,7 @@ def _begun(
 ) -> tuple[Beginning, Column]:
     """Where the curve is met, and a column of the kind that is asked about."""
     if isinstance(start, PeriodicOrbit):
-        check_orbit("start", start)
+        check_orbit("start", start, 2)
         if first is None:
             raise ValueError(
                 "Argument `first` must be given with a `PeriodicOrbit`: the value of "

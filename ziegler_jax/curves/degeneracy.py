@@ -25,7 +25,6 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..analysis.branch_point import characteristic_cubic, circles, products
 from ..motion.variational import AbstractContact
 from ..numerics.numbers import Scalar
 from ..steady.jets import Jet
@@ -37,15 +36,16 @@ class Block(NamedTuple):
     """Equations and their derivatives in x = (z, p), scaled, and the extra unknowns."""
 
     residual: Float[Array, " e"]
-    in_x: Float[Array, "e 6"]
+    in_x: Float[Array, "e u"]
     in_extra: Float[Array, "e e"]
 
 
 class AbstractDegeneracy(eqx.Module):
     """A kind of bifurcation.
 
-    `extra`: how many unknowns it adds, and equations beside one that ties them to the
-    cycle; `vectors`: along how many directions second derivatives are asked for.
+    `extra`: how many unknowns it adds for two rods, and equations beside one that ties
+    them to the cycle; `vectors`: along how many directions second derivatives are asked
+    for.
     """
 
     extra: ClassVar[int]
@@ -53,7 +53,7 @@ class AbstractDegeneracy(eqx.Module):
     contact: eqx.AbstractVar[AbstractContact | None]  # what its motions watch
 
     @abc.abstractmethod
-    def begin(self, closing: Float[Array, "4 a"], basis: Float[Array, "a 6"]) -> Extra:
+    def begin(self, closing: Float[Array, "s a"], basis: Float[Array, "a u"]) -> Extra:
         """The extra unknowns at a cycle near a bifurcation.
 
         **Arguments:** `closing`: the derivative of R in (y0, T, p); `basis`: how these
@@ -62,13 +62,13 @@ class AbstractDegeneracy(eqx.Module):
 
     @abc.abstractmethod
     def directions(
-        self, extra: Extra, basis: Float[Array, "a 6"]
+        self, extra: Extra, basis: Float[Array, "a u"]
     ) -> Float[Array, "k a"]:
         """The null vectors as directions of (y0, T, p)."""
 
     @abc.abstractmethod
     def block(
-        self, jet: Jet, extra: Extra, reference: Extra, basis: Float[Array, "a 6"]
+        self, jet: Jet, extra: Extra, reference: Extra, basis: Float[Array, "a u"]
     ) -> Block:
         """The equations; `reference`: extra unknowns nearby, which set the phase."""
 
@@ -83,9 +83,10 @@ class AbstractDegeneracy(eqx.Module):
         """What vanishes at a cusp; where another multiplier is 1; -1; and a pair."""
 
 
-def closing_of(jet: Jet) -> Float[Array, "4 a"]:
+def closing_of(jet: Jet) -> Float[Array, "s a"]:
     """The derivative of R = sigma y(T) - y0 in (y0, T, p)."""
-    return jet.first.at[:, :4].add(-jnp.eye(4, dtype=jet.first.dtype))
+    s = jet.first.shape[0]
+    return jet.first.at[:, :s].add(-jnp.eye(s, dtype=jet.first.dtype))
 
 
 def null_vector(matrix: Float[Array, "n n"]) -> Float[Array, " n"]:
@@ -104,16 +105,16 @@ class Fold(AbstractDegeneracy):
 
     def begin(self, closing, basis):
         """The null vector of R_z."""
-        return null_vector(closing @ basis[:, :4])
+        return null_vector(closing @ basis[:, : closing.shape[0]])
 
     def directions(self, extra, basis):
         """A direction in z."""
-        return (basis[:, :4] @ extra)[None]
+        return (basis[:, : extra.size] @ extra)[None]
 
     def block(self, jet, extra, reference, basis):
         """R_z v = 0 and |v| = 1."""
         del reference
-        matrix = closing_of(jet) @ basis[:, :4]
+        matrix = closing_of(jet) @ basis[:, : extra.size]
         return _with_length(matrix, jet.second[0] @ basis, extra)
 
     def tests(self, extra, tangent, matrix, moved):
@@ -140,16 +141,19 @@ class Flip(AbstractDegeneracy):
     def begin(self, closing, basis):
         """The null vector of N + I."""
         del basis
-        return null_vector(closing[:, :4] + 2 * jnp.eye(4, dtype=closing.dtype))
+        s = closing.shape[0]
+        return null_vector(closing[:, :s] + 2 * jnp.eye(s, dtype=closing.dtype))
 
     def directions(self, extra, basis):
         """A direction of the start."""
-        return jnp.zeros((1, basis.shape[0]), extra.dtype).at[0, :4].set(extra)
+        rows = jnp.zeros((1, basis.shape[0]), extra.dtype)
+        return rows.at[0, : extra.size].set(extra)
 
     def block(self, jet, extra, reference, basis):
         """(N + I) v = 0 and |v| = 1."""
         del reference
-        matrix = jet.first[:, :4] + jnp.eye(4, dtype=extra.dtype)
+        s = extra.size
+        matrix = jet.first[:, :s] + jnp.eye(s, dtype=extra.dtype)
         return _with_length(matrix, jet.second[0] @ basis, extra)
 
     def tests(self, extra, tangent, matrix, moved):
@@ -169,8 +173,9 @@ class Torus(AbstractDegeneracy):
     def begin(self, closing, basis):
         """The complex multiplier nearest to the circle, its vector and its angle."""
         del basis
-        eye = jnp.eye(4, dtype=closing.dtype)
-        matrix = closing[:, :4] + eye
+        s = closing.shape[0]
+        eye = jnp.eye(s, dtype=closing.dtype)
+        matrix = closing[:, :s] + eye
         bad = ~jnp.all(jnp.isfinite(matrix))
         values = jnp.linalg.eigvals(jnp.where(bad, eye, matrix))
         off = jnp.where(values.imag > 1e-6, jnp.abs(jnp.abs(values) - 1), jnp.inf)
@@ -182,19 +187,19 @@ class Torus(AbstractDegeneracy):
 
     def directions(self, extra, basis):
         """Two directions of the start."""
-        rows = jnp.zeros((2, basis.shape[0]), extra.dtype)
-        return rows.at[:, :4].set(extra[:8].reshape(2, 4))
+        rows, s = jnp.zeros((2, basis.shape[0]), extra.dtype), extra.size // 2
+        return rows.at[:, :s].set(extra[:-1].reshape(2, s))
 
     def block(self, jet, extra, reference, basis):
         """(N - exp(i theta) I) v = 0, |v| = 1, and the phase of v."""
-        (real, imag), angle = extra[:8].reshape(2, 4), extra[8]
+        (real, imag), angle = extra[:-1].reshape(2, -1), extra[-1]
         c, s = jnp.cos(angle), jnp.sin(angle)
-        n, eye = jet.first[:, :4], jnp.eye(4, dtype=extra.dtype)
+        n, eye = jet.first[:, : real.size], jnp.eye(real.size, dtype=extra.dtype)
         matrix = jnp.block([[n - c * eye, s * eye], [-s * eye, n - c * eye]])
         turned = jnp.concatenate([s * real + c * imag, s * imag - c * real])
-        ref_real, ref_imag = reference[:8].reshape(2, 4)
+        ref_real, ref_imag = reference[:-1].reshape(2, -1)
         phase = jnp.concatenate([-ref_imag, ref_real])
-        vector = extra[:8]
+        vector = extra[:-1]
         length = (vector @ vector - 1) / 2
         zero = jnp.zeros(1, extra.dtype)
         rows = [
@@ -214,7 +219,7 @@ class Torus(AbstractDegeneracy):
         """Of the third multiplier; a pair that meets on the real axis."""
         del tangent, matrix
         b0 = characteristic_cubic(moved)[2]
-        return jnp.stack([jnp.ones_like(b0), 1 + b0, 1 - b0, jnp.sin(extra[8])])
+        return jnp.stack([jnp.ones_like(b0), 1 + b0, 1 - b0, jnp.sin(extra[-1])])
 
 
 class ModesChange(AbstractDegeneracy):
@@ -244,9 +249,23 @@ class ModesChange(AbstractDegeneracy):
     def tests(self, extra, tangent, matrix, moved):
         """Of all multipliers: where bifurcations of cycles end on it."""
         del extra, tangent, matrix
-        torus, minus, one = products(moved)
-        pair = jnp.where(circles(moved), torus, jnp.nan)
+        b2, b1, b0 = characteristic_cubic(moved)
+        # a pair whose product is 1 is complex where its sum, b0 - b2, is less than 2
+        torus = b0 * b0 - b2 * b0 + b1 - 1
+        pair = jnp.where(jnp.abs(b0 - b2) < 2, torus, jnp.nan)
+        minus, one = 1 - b2 + b1 - b0, 1 + b2 + b1 + b0
         return jnp.stack([jnp.ones_like(one), one, minus, pair])
+
+
+def characteristic_cubic(moved: Float[Array, "4 4"]) -> tuple[Scalar, Scalar, Scalar]:
+    """b2, b1, b0 of the cubic whose roots are the multipliers other than 1."""
+    square = moved @ moved
+    t1, t2, t3 = jnp.trace(moved), jnp.trace(square), jnp.trace(square @ moved)
+    e2 = (t1 * t1 - t2) / 2
+    e3 = (t1**3 - 3 * t1 * t2 + 2 * t3) / 6
+    b2 = 1 - t1
+    b1 = e2 + b2
+    return b2, b1, b1 - e3
 
 
 def _others(c1: Scalar, c0: Scalar) -> Float[Array, "3"]:

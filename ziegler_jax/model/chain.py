@@ -30,6 +30,7 @@ from ..numerics.materialise import materialise
 from ..numerics.numbers import Flag, Numbers, Scalar
 from ..numerics.series import sum_of
 
+SHORT = 4  # rods of a chain whose forces are cheap enough to be computed anew
 Rows = tuple[Numbers, ...]  # of the lower triangle
 Turned = Mapping[tuple[int, int], tuple[Scalar, Scalar]]
 
@@ -194,15 +195,24 @@ def _solved_jvp(primals, tangents):
     """M dx = dr - dM x: with the solution x, not with a quotient's derivative."""
     (mass, right), (dmass, dright) = primals, tangents
     parts = factored(mass)
-    x, left = accelerated(parts, right, token=right[0]), []
-    for i, dr in enumerate(dright):
-        terms = [] if isinstance(dr, SymbolicZero) else [dr]
-        for j, xj in enumerate(x):
-            dm = dmass[max(i, j)][min(i, j)]
-            if not isinstance(dm, SymbolicZero):
-                terms.append(dm * -xj)
-        left.append(sum_of(terms) if terms else jnp.zeros_like(x[i]))
-    return x, accelerated(parts, left)
+    x = accelerated(parts, right, token=right[0])
+
+    def forces():
+        left = []
+        for i, dr in enumerate(dright):
+            terms = [] if isinstance(dr, SymbolicZero) else [dr]
+            for j, xj in enumerate(x):
+                dm = dmass[max(i, j)][min(i, j)]
+                if not isinstance(dm, SymbolicZero):
+                    terms.append(dm * -xj)
+            left.append(sum_of(terms) if terms else jnp.zeros_like(x[i]))
+        return left
+
+    if len(mass) > SHORT:
+        # each acceleration would come with all forces, and the other ones, once more
+        left = materialise(right[0], forces)
+        return x, accelerated(parts, left, token=right[0])
+    return x, accelerated(parts, forces())
 
 
 def welded(rest: Sequence[Flag], rates: Sequence[Scalar]) -> Numbers:

@@ -19,7 +19,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..model.chain_of_rods import AbstractChain
-from ..model.column import Column
 from ..motion.implicit import implicit, moving
 from ..motion.integrate import Motion, Run
 from ..motion.options import Method
@@ -46,10 +45,10 @@ Ambient = Float[Array, " a"]  # y0, T and the parameters
 class Jet(NamedTuple):
     """The end of a shot and its derivatives in a = (y0, T, p), under the sign sigma."""
 
-    y: Float[Array, "4"]
-    first: Float[Array, "4 a"]
-    second: Float[Array, "k 4 a"]  # the change of `first` along each direction
-    extent: Float[Array, "3"]
+    y: Float[Array, " s"]
+    first: Float[Array, "s a"]
+    second: Float[Array, "k s a"]  # the change of `first` along each direction
+    extent: Float[Array, " m"]
     modes: Float[Array, ""]
     contact: Nearest | tuple[()]  # what was watched, and its derivatives in a
     mixed: Bool[Array, ""]  # whether the motions beside it have other modes
@@ -171,23 +170,26 @@ Jets = Callable[[Ambient, Float[Array, "k a"]], Jet]
 
 
 def carried_extent(
-    column: Column, y0: Float[Array, "4"], span: Float[Array, ""], method: Method
-) -> Float[Array, "3"]:
+    column: AbstractChain,
+    y0: Float[Array, " s"],
+    span: Float[Array, ""],
+    method: Method,
+) -> Float[Array, " m"]:
     """Zeros that carry the derivatives of a motion's largest angles.
 
     In the start and the column; they stand still within the span, so that its length
     is no matter.
     """
-    p, make = moving(column, y0.dtype)
+    (p, make), s = moving(column, y0.dtype), y0.size
 
     def slope(
         a: Float[Array, " a"], span: Float[Array, ""], method: Method
-    ) -> Float[Array, "3 a"]:
-        motion = varied_motion(make, a[4:], a[:4], span, method)
+    ) -> Float[Array, "m a"]:
+        motion = varied_motion(make, a[s:], a[:s], span, method)
         flow = flow_of(motion.advance(motion.begin()))
         return flow.extent_moved * jnp.where(flow.arrived, 1.0, jnp.nan)
 
-    return implicit((3,), slope, jnp.concatenate([y0, p]), span, method)
+    return implicit((s - 1,), slope, jnp.concatenate([y0, p]), span, method)
 
 
 def carried_monodromy(
