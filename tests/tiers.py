@@ -70,6 +70,8 @@ SLOW = {
         "analysis/test_branches.py::test_a_branch_ends_where_the_equilibrium_loses",
         "analysis/test_branches.py::test_lines_through_a_branchs_points_pass_through",
         "analysis/test_branches.py::test_a_branch_passes_the_three_folds_that_auto",
+        "analysis/test_branches_of_chains.py::test_a_",
+        "analysis/test_branches_of_chains.py::test_its_fold_is_where_another_codes",
         "analysis/test_branches.py::test_one_call_follows_a_branch_both_ways_through",
         "analysis/test_cycles.py::test_dry_friction_folds_the_cycle_where_it_is_known",
         "analysis/test_cycles.py::test_as_friction_vanishes_the_fold_tends_to_14",
