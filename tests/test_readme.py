@@ -44,6 +44,7 @@ def folder(tmp_path_factory):
         timeout=500,
     )
     assert done.returncode == 0, done.stderr
+    (folder / "printed.txt").write_text(done.stdout)
     return folder
 
 
@@ -54,7 +55,7 @@ def test_its_first_call_leaves_a_cache(folder):
 def test_the_block_gives_the_dataset_that_the_text_describes(folder):
     assert len(PYTHON) == 1
     ds = xr.open_zarr(folder / "ds.zarr", consolidated=False)
-    grid = {"q": 41, "mu": 20}
+    grid = {"q": 81, "mu": 40}
     dims = {"joint_amplitude": {"joint": 2}, "rod_amplitude": {"rod": 2}}
     dims |= {"steps": {}, "outcome": {}, "period": {}}
     for name, own in dims.items():
@@ -73,6 +74,22 @@ def test_the_block_gives_the_dataset_that_the_text_describes(folder):
     failed = (ds["outcome"] < codes["unsettled"]).values
     assert np.isnan(ds["joint_amplitude"].values[failed]).all()
     assert {"scene", "rtol", "atol", "jax_version"} <= ds.attrs.keys()
+
+
+def test_it_prints_what_the_text_says(folder):
+    word, first, second, period = re.search(
+        r"It prints `(\w+) \[(\S+) (\S+)\] (\S+)`", README
+    ).groups()
+    printed = (folder / "printed.txt").read_text()
+    found = re.search(rf"^{word} \[(\S+)\s+(\S+)\] (\S+)$", printed, re.M)
+    assert found, printed
+    # as many digits as are written
+    np.testing.assert_allclose(
+        [float(x) for x in found.groups()],
+        [float(x) for x in (first, second, period)],
+        rtol=0,
+        atol=6e-4,
+    )
 
 
 def test_its_picture_is_a_map_and_no_blank(folder):
