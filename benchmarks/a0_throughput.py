@@ -7,16 +7,17 @@ refilled as it ends) with the C library's vector functions; `ratio_cpp_tables` a
 the same kernel with tanh, exp, sin and cos from tables in registers, the machine's
 limit. `--scene frictionless` times the same sweep without friction, to q = 2.5, alone.
 
-    python benchmarks/a0_throughput.py [--no-configure] [--repeats 3]
+    python benchmarks/a0_throughput.py [--no-configure] [--lanes 8192] [--repeats 3]
         [--scene frictionless]
 """
 
 import argparse
-import json
 
 import numpy as np
-from measure import OF_THE_PROCESSOR, interleaved, machine, paired, ready, rounded
-from peers import cpp, naive
+from measure import OF_THE_PROCESSOR, interleaved, paired, report
+from peers import cpp, vmapped
+from scenes import SCENES as PEERS_SCENES
+from scenes import START
 
 import ziegler_jax as zj
 
@@ -50,12 +51,13 @@ SCENES = {"smooth": (smooth, 4.0), "frictionless": (reference, 2.5)}
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--no-configure", action="store_true")
+    parser.add_argument("--lanes", type=int, default=8192)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--scene", choices=SCENES, default="smooth")
     options = parser.parse_args()
     scene, high = SCENES[options.scene]
     said = "not called" if options.no_configure else zj.configure_cpu()
-    q = np.linspace(2, high, 8192)
+    q = np.linspace(2, high, options.lanes)
     found, runs = {}, []
 
     def ours():
@@ -68,8 +70,9 @@ def main():
 
     contestants = {"sweep": ours}
     if options.scene == "smooth":  # theirs
-        contestants["naive_stacked"] = lambda: ready(naive.solve_stacked(q))
-        contestants["naive_tuple"] = lambda: ready(naive.solve_tuple(q))
+        work = PEERS_SCENES["smooth"], q, START, 100.0, 1e-6
+        for name, stacked in (("naive_stacked", True), ("naive_tuple", False)):
+            contestants[name] = lambda s=stacked: vmapped.solve(*work, stacked=s)
         try:
             cpp.library()
             cpp.library(plain=True)
@@ -86,7 +89,6 @@ def main():
     ds = found["sweep"]
     steps = float(ds.steps.sum())
     result = {
-        "benchmark": "a0_throughput",
         "scene": options.scene,
         "ns_per_lane_step": float(np.median(seconds["sweep"])) / steps * 1e9,
         "useful_step_fraction": ds.attrs["useful_step_fraction"],
@@ -94,11 +96,10 @@ def main():
         "compile_seconds": ds.attrs["compile_seconds"],
         "seconds": {name: float(np.median(s)) for name, s in seconds.items()},
         "configure_cpu": said,
-        **machine(),
     }
     if options.scene == "smooth":
         result |= against_others(seconds, found, q)
-    print(json.dumps(rounded(result)))
+    report("a0_throughput", **result)
 
 
 def against_others(seconds, found, q):

@@ -2,8 +2,6 @@
 
 The shared library is kept in the user's cache folder under a name that carries the
 hash of the source and of the compiler's options, so a changed source compiles anew.
-
-    python benchmarks/peers/cpp.py      # ns per lane and step, 1 thread and all
 """
 
 import ctypes
@@ -12,17 +10,12 @@ import hashlib
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-
-# beside this file where it is run as a script
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from measure import clock  # noqa: E402
+from measure import clock
 
 NAME = "C++ AVX-512"
 SOURCE = Path(__file__).with_name("lanes.cpp")
@@ -107,24 +100,3 @@ def run(scene, q, start, span, rtol):
     begun = clock()
     out = solve(q, threads=os.cpu_count() or 1, observe=False)
     return out.state, clock() - begun
-
-
-def main():
-    q = np.linspace(2, 4, 8192)
-    library()
-    for observe in (False, True):
-        for threads in sorted({1, os.cpu_count() or 1}):
-            best = np.inf
-            for _ in range(5):
-                start = time.perf_counter()
-                steps = solve(q, threads=threads, observe=observe).steps
-                best = min(best, time.perf_counter() - start)
-            print(
-                f"{threads} thread(s), {'observed' if observe else 'end state'}: "
-                f"{best / steps.sum() * 1e9:.1f} ns per lane and step, "
-                f"{steps.mean():.1f} steps a lane"
-            )
-
-
-if __name__ == "__main__":
-    main()

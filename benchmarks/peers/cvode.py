@@ -74,40 +74,24 @@ def jacobian(y, dy, matrix, q, tau_s, tau_k, v_stribeck, v_smooth):
     matrix[3, 1] -= g2
 
 
-def solve(lanes, start, span, tol):
-    """Final states (n, 4) of lanes (q, tau, v_smooth), each (n,); evaluations a lane.
-
-    These are of the field alone, without Jacobians.
-    """
-    q, tau, v_smooth = lanes
-    return _each(
-        zip(q, tau, tau, np.ones_like(tau), v_smooth, strict=True), start, span, tol
-    )
-
-
 def run(scene, q, start, span, rtol):
     """As the other peers' `run`."""
-    law = scene.friction
-    numbers = law.tau_s, law.tau_k, law.v_stribeck, law.v_smooth
-    begun = clock()
-    states, _ = _each([(load, *numbers) for load in q.tolist()], start, span, rtol)
-    return states, clock() - begun
-
-
-def _each(lanes, start, span, tol):
     from sksundae.cvode import CVODE
 
-    def rhs(t, y, dy, lane):
-        field(y, dy, *lane)
+    law = scene.friction
 
-    def jac(t, y, dy, matrix, lane):
-        jacobian(y, dy, matrix, *lane)
+    def rhs(t, y, dy, load):
+        field(y, dy, load, law.tau_s, law.tau_k, law.v_stribeck, law.v_smooth)
 
-    options = {"rtol": tol, "atol": tol, "max_num_steps": 10_000_000}
-    ends, evaluations = [], []
-    for lane in lanes:
-        solver = CVODE(rhs, jacfn=jac, userdata=lane, **options)
+    def jac(t, y, dy, matrix, load):
+        numbers = law.tau_s, law.tau_k, law.v_stribeck, law.v_smooth
+        jacobian(y, dy, matrix, load, *numbers)
+
+    options = {"rtol": rtol, "atol": rtol, "max_num_steps": 10_000_000}
+    ends, begun = np.full((q.size, 4), np.nan), clock()
+    for i, load in enumerate(q.tolist()):
+        solver = CVODE(rhs, jacfn=jac, userdata=load, **options)
         solution = solver.solve(np.array([0.0, span]), np.array(start, float))
-        ends.append(solution.y[-1] if solution.success else np.full(4, np.nan))
-        evaluations.append(solution.nfev)
-    return np.array(ends), float(np.mean(evaluations))
+        if solution.success:
+            ends[i] = solution.y[-1]
+    return ends, clock() - begun
