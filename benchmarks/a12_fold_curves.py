@@ -2,33 +2,24 @@
 
 Uniform rods with set-valued friction, equal torques tau from 0.0025 to 0.3 in both
 joints, as in `figures/bifurcation_curves.py`: each fold of four branches is followed
-through both parameters; points are spread evenly, and once more put at known folds,
-which another code gave to five digits. Prints one JSON line a curve and one for all.
+through both parameters, its points spread evenly. Prints one JSON line a curve and one
+for all.
 
     python benchmarks/a12_fold_curves.py [--points 334]
 """
 
-import argparse
-import json
 import time
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measure import machine, rounded
+from measure import arguments, report
 from ours import dry
 
 import ziegler_jax as zj
 
 TAU = (0.0025, 0.3)
 CURVES = {"lowest": (0.03, 0), "upper": (0.1, 0), "way": (0.1, 1), "other": (0.2, 0)}
-KNOWN = [  # torque, curve, load
-    (0.01, "lowest", 1.28802),
-    (0.03, "lowest", 1.32807),
-    (0.1, "upper", 1.57105),
-    (0.1, "other", 1.61206),
-    (0.26, "other", 1.86140),
-]
 
 
 def compiled(course):
@@ -59,44 +50,29 @@ def run(follow):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--points", type=int, default=334)
-    points = parser.parse_args().points
+    points = arguments(__doc__, points=334).points
     jax.config.update("jax_enable_x64", True)
     zj.configure_cpu()
     follow, compiling = compiled(zj.Course(points=points, second=TAU))
     curves, seconds = run(follow)
+    count = 0
     for name, curve in curves.items():
         there = np.isfinite(curve.points.first)
-        line = {
-            "curve": name,
-            "points": int(there.sum()),
-            "residual": float(curve.points.residual[there].max()),
-            "ends": [zj.CODE(int(end)).name for end in curve.ends],
-            "torque": [float(x) for x in curve.points.second[there][[0, -1]]],
-            "load": [float(x) for x in curve.points.first[there][[0, -1]]],
-            "seconds": seconds[name],
-        }
-        print(json.dumps(rounded(line, 7)), flush=True)
-    values = sorted({tau for tau, _, _ in KNOWN})
-    exact, _ = compiled(zj.Course(values=np.array(values), second=TAU))
-    at, _ = run(exact)
-    apart = {
-        f"{known} at {tau}": float(
-            abs(at[name].points.first[values.index(tau)] - known)
+        count += int(there.sum())
+        report(
+            "a12_fold_curves",
+            digits=7,
+            about=dict,
+            curve=name,
+            points=int(there.sum()),
+            residual=float(curve.points.residual[there].max()),
+            ends=[zj.CODE(int(end)).name for end in curve.ends],
+            torque=curve.points.second[there][[0, -1]].tolist(),
+            load=curve.points.first[there][[0, -1]].tolist(),
+            seconds=seconds[name],
         )
-        for tau, name, known in KNOWN
-    }
-    there = [np.isfinite(curve.points.first) for curve in curves.values()]
-    result = {
-        "benchmark": "a12_fold_curves",
-        **machine(),
-        "points": int(sum(one.sum() for one in there)),
-        "compile_cpu_seconds": compiling,
-        "seconds": sum(seconds.values()),
-        "load_differs_by": apart,
-    }
-    print(json.dumps(rounded(result)))
+    total = {"points": count, "seconds": sum(seconds.values())}
+    report("a12_fold_curves", **total, compile_cpu_seconds=compiling)
 
 
 if __name__ == "__main__":

@@ -2,28 +2,22 @@
 
 The main job's map at mu_s = mu_k: `refine` from 33 x 33 cells, and a grid of 1024 x
 1024 lanes. Of the grid's edges between unlike labels, by their labels, the share that
-lies within one of its cells of the lines, and which of them belong to islands of one
-point and of four at most; and the share of its points with another label than the
-refined cell in which they lie, where all corners are alike, against the bound that
-`refine` states. Prints one JSON line.
+lies within one of its cells of the lines; and the share of its points with another
+label than the refined cell in which they lie, where all corners are alike, against the
+bound that `refine` states. Prints one JSON line.
 
-    python benchmarks/a7_boundaries.py [--grid 1024] [--levels 4]
+    python benchmarks/a7_boundaries.py [--coarse 33] [--grid 1024] [--levels 4]
 """
 
-import argparse
-import json
 import time
 from collections import Counter
 
 import numpy as np
-from measure import commit, rounded
-from scipy.ndimage import label
+from measure import arguments, commit, report
 from scipy.spatial import cKDTree
 
 import ziegler_jax as zj
 from ziegler_jax.__main__ import MU_RANGE, Q_RANGE, point
-
-COARSE = 33
 
 
 def section(q, mu):
@@ -54,49 +48,18 @@ def points_of_lines(ds, n):
     return np.concatenate(points)
 
 
-def islands(labels):
-    """How many points of its own label hang together with each point."""
-    sizes = np.zeros(labels.shape, int)
-    for code in np.unique(labels):
-        pieces, _ = label(labels == code)
-        sizes += np.where(labels == code, np.bincount(pieces.ravel())[pieces], 0)
-    return sizes
-
-
-def ends(array, axis):
-    """What stands at both ends of the grid's edges along an axis, shape (2, ...)."""
-    count = array.shape[axis]
-    return np.stack([np.take(array, range(k, count - 1 + k), axis) for k in (0, 1)])
-
-
 def unlike_edges(labels):
-    """The middles of edges between unlike points, and what lies at their ends.
-
-    That is their labels, smaller first, and how many points the smaller island has.
-    """
-    sizes = islands(labels)
-    places, pairs, smaller = [], [], []
+    """The middles of edges between unlike points, and both labels, smaller first."""
+    places, pairs = [], []
     for axis in (0, 1):
-        both = ends(labels, axis)
-        unlike = both[0] != both[1]
+        one, other = (np.delete(labels, end, axis) for end in (-1, 0))
+        unlike = one != other
         places.append(np.argwhere(unlike) + 0.5 * np.eye(2)[axis])
-        pairs.append(np.sort(both[:, unlike].T, axis=1))
-        smaller.append(ends(sizes, axis)[:, unlike].min(axis=0))
-    return tuple(map(np.concatenate, (places, pairs, smaller)))
+        pairs.append(np.sort(np.stack([one, other], -1)[unlike], axis=-1))
+    return np.concatenate(places), np.concatenate(pairs)
 
 
-def at_islands(names, smaller, missed):
-    """Edges, and missed ones, at islands of one point and of four at most."""
-    return {
-        f"up to {size}": {
-            "edges": dict(Counter(names[smaller <= size].tolist())),
-            "missed": dict(Counter(names[(smaller <= size) & missed].tolist())),
-        }
-        for size in (1, 4)
-    }
-
-
-def strangers(ds, fine):
+def mislabelled(ds, fine):
     """The share of points with another label than all computed ones around them."""
     n = fine.shape[0]
     known = np.stack([ds.refined_q.values, ds.refined_mu.values], -1)
@@ -112,34 +75,30 @@ def strangers(ds, fine):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--grid", type=int, default=1024)
-    parser.add_argument("--levels", type=int, default=4)
-    options = parser.parse_args()
+    options = arguments(__doc__, coarse=33, grid=1024, levels=4)
     zj.configure_cpu()
-    coarse = grid(COARSE)
+    coarse = grid(options.coarse)
     start = time.perf_counter()
-    ds = zj.refine(section, coarse, width=1e-6, levels=options.levels)
+    ds = zj.refine(section, coarse, width=1e-6, levels=options.levels, progress=False)
     seconds = time.perf_counter() - start
     fine = grid(options.grid).outcome.values
-    places, pairs, smaller = unlike_edges(fine)
+    places, pairs = unlike_edges(fine)
     apart, _ = cKDTree(points_of_lines(ds, options.grid)).query(places, p=np.inf)
-    named = [" ".join(zj.CODE(c).name for c in pair) for pair in pairs.tolist()]
-    names, missed = np.array(named), apart > 1
-    edges, near = Counter(named), Counter(names[~missed].tolist())
-    result = {
-        "benchmark": "a7_boundaries",
-        "commit": commit(),
-        "lanes": COARSE**2 + ds.attrs["refine_points"],
-        "seconds": seconds,
-        "edges": dict(edges),
-        "within_a_cell": {name: near[name] / count for name, count in edges.items()},
-        "islands": at_islands(names, smaller, missed),
-        "strangers": strangers(ds, fine),
-        "missed_area": ds.attrs["refine_missed_area"],
-        "exponents": ds.pair_exponent.values.tolist(),
-    }
-    print(json.dumps(rounded(result)))
+    names = np.array(
+        [" ".join(zj.CODE(c).name for c in pair) for pair in pairs.tolist()]
+    )
+    edges, near = Counter(names.tolist()), Counter(names[apart <= 1].tolist())
+    report(
+        "a7_boundaries",
+        about=lambda: {"commit": commit()},
+        lanes=options.coarse**2 + ds.attrs["refine_points"],
+        seconds=seconds,
+        edges=dict(edges),
+        within_a_cell={name: near[name] / count for name, count in edges.items()},
+        mislabelled=mislabelled(ds, fine),
+        missed_area=ds.attrs["refine_missed_area"],
+        exponents=ds.pair_exponent.values.tolist(),
+    )
 
 
 if __name__ == "__main__":
