@@ -11,10 +11,8 @@ limit. `--scene frictionless` times the same sweep without friction, to q = 2.5,
         [--scene frictionless]
 """
 
-import argparse
-
 import numpy as np
-from measure import OF_THE_PROCESSOR, interleaved, paired, report
+from measure import OF_THE_PROCESSOR, arguments, interleaved, paired, report
 from peers import cpp, vmapped
 from scenes import SCENES as PEERS_SCENES
 from scenes import START
@@ -49,12 +47,9 @@ SCENES = {"smooth": (smooth, 4.0), "frictionless": (reference, 2.5)}
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--no-configure", action="store_true")
-    parser.add_argument("--lanes", type=int, default=8192)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--scene", choices=SCENES, default="smooth")
-    options = parser.parse_args()
+    options = arguments(
+        __doc__, no_configure=False, lanes=8192, repeats=3, scene="smooth"
+    )
     scene, high = SCENES[options.scene]
     said = "not called" if options.no_configure else zj.configure_cpu()
     q = np.linspace(2, high, options.lanes)

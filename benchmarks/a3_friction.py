@@ -16,11 +16,13 @@ them to compile.
 """
 
 import numpy as np
+from b0_work_precision import cost_at
 from measure import arguments, report
 
 import ziegler_jax as zj
 from ziegler_jax import __main__ as job
 
+USUAL = zj.Method()
 TARGET, TAU, BUDGET = 1e-4, 0.026, 10_000_000
 MAP_BUDGET = 200_000  # steps; usual lanes need 2000 to 15 000
 ONE_WINDOW = zj.Windows(transient=200.0, length=40.0, max_windows=1)
@@ -46,14 +48,14 @@ def law(mu, v_smooth, **parts):
     return zj.SmoothCoulomb(mu, v_smooth=v_smooth, **parts)
 
 
-def cycles(q, v_smooth=None, method=zj.Method()):
+def cycles(q, v_smooth=None, method=USUAL):
     friction = law(TAU, v_smooth, pin_radius=1.0, load=zj.ConstantLoad(1.0))
     column, start = zj.uniform_rods(q=q, friction=friction), zj.State(omega=(0.0, 0.2))
     options = {"windows": ONE_WINDOW, "method": method, "certify": False}
     return zj.settle(column, start, **options)
 
 
-def on_the_map(q, mu, v_smooth=None, method=zj.Method()):
+def on_the_map(q, mu, v_smooth=None, method=USUAL):
     friction = law(mu, v_smooth, pin_radius=job.PIN_RADIUS)
     column, start = zj.uniform_rods(q=q, friction=friction), zj.State(omega=job.KICK)
     return zj.settle(column, start, **job.SETTLE, method=method, certify=False)
@@ -67,9 +69,8 @@ def variants(scene):
         for v_smooth, tol in rows:
             solver = zj.Rosenbrock() if kind == "stiff" else None
             method = zj.Method(solver, tol, tol, max_steps=budget)
-            layer = "" if v_smooth is None else f" {v_smooth:g}"
-            options = {"v_smooth": v_smooth, "method": method}
-            named[f"{kind}{layer}, {tol:g}"] = options
+            name = f"{kind} {tol:g}" + ("" if v_smooth is None else f", {v_smooth:g}")
+            named[name] = {"v_smooth": v_smooth, "method": method}
     return named
 
 
@@ -91,16 +92,12 @@ def errors(ds, scene):
     }  # fmt: skip
 
 
-def cost_of_target(table, kind, error):
-    """Interpolated along the curve in both logarithms; None where it does not reach."""
-    rows = [row for name, row in table.items() if name.startswith(kind)]
-    errors = np.array([row["error"][error] for row in rows])
-    costs = np.array([row["microseconds_a_lane"] for row in rows])
-    if not (errors <= TARGET).any():
-        return None
-    order = np.argsort(errors)
-    x, y = np.log(errors[order]), np.log(costs[order])
-    return float(np.exp(np.interp(np.log(TARGET), x, y)))
+def scene_of(name, options):
+    """Its point and its axes."""
+    if name == "cycles":
+        return cycles, {"q": np.linspace(2.4, 2.8, options.lanes)}
+    q, mu = np.linspace(1, 4, 2 * options.side), np.linspace(0.02, 0.4, options.side)
+    return on_the_map, {"q": q, "mu": mu}
 
 
 def main():
@@ -108,39 +105,34 @@ def main():
         __doc__, which=("cycles", "map"), lanes=2048, side=40, repeats=3
     )
     zj.configure_cpu()
-    points = {
-        "cycles": (cycles, {"q": np.linspace(2.4, 2.8, options.lanes)}),
-        "map": (
-            on_the_map,
-            {
-                "q": np.linspace(1, 4, 2 * options.side),
-                "mu": np.linspace(0.02, 0.4, options.side),
-            },
-        ),
-    }
+    exact = {"method": zj.Method(rtol=1e-10, atol=1e-10, max_steps=BUDGET)}
     for scene in options.which:
-        point, axes = points[scene]
-        exact = {"method": zj.Method(rtol=1e-10, atol=1e-10, max_steps=BUDGET)}
+        point, axes = scene_of(scene, options)
         ds = zj.compare(
             point, variants(scene), reference=exact, repeats=options.repeats,
             progress=False, axes=axes,
         )  # fmt: skip
+        seconds = ds.seconds_a_point.values[1:]
         table = {
-            name: {"error": error, "microseconds_a_lane": 1e6 * float(seconds)}
-            for (name, error), seconds in zip(
-                errors(ds, scene).items(), ds.seconds_a_point.values[1:], strict=True
-            )
+            name: {**error, "microseconds": [1e6 * s]}
+            for (name, error), s in zip(errors(ds, scene).items(), seconds, strict=True)
         }
-        over = {}
-        for error in ERRORS[scene]:
-            costs = {k: cost_of_target(table, k, error) for k in CURVES[scene]}
-            mine = costs["set-valued"]
-            over[error] = {
-                k: c / mine if c and mine else None for k, c in costs.items()
-            }
+        curves = {
+            kind: [row for name, row in table.items() if name.startswith(f"{kind} ")]
+            for kind in CURVES[scene]
+        }
+        costs = {
+            which: {k: cost_at(rows, TARGET, which)[0] for k, rows in curves.items()}
+            for which in ERRORS[scene]
+        }
+        over = {
+            which: {k: c / one["set-valued"] for k, c in one.items()}
+            for which, one in costs.items()
+        }
+        sizes = {name: len(axis) for name, axis in axes.items()}
         report(
-            "a3_friction", scene=scene, lanes=int(np.prod([len(x) for x in axes.values()])),
-            target=TARGET, curves=table, cost_over_set_valued=over,
+            "a3_friction", scene=scene, axes=sizes, target=TARGET, points=table,
+            cost_over_set_valued=over,
         )  # fmt: skip
 
 

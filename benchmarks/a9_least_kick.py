@@ -10,9 +10,9 @@ kick itself. Prints one JSON line a case and one for all.
         [--groups rates angles both]
 """
 
-import jax.numpy as jnp
+import jax
 import numpy as np
-import xarray as xr
+from follow_on import swept
 from measure import arguments, commit, report
 
 import ziegler_jax as zj
@@ -63,39 +63,27 @@ def column(row):
 
 def least(group, table):
     """The least kicks of a group."""
-
-    def point(case):
-        row = jnp.asarray(table)[case.astype(int)]
-        return zj.least_kick(
+    return swept(
+        table,
+        lambda row: zj.least_kick(
             column(row),
             (0.0, HIGHEST * row[1] * row[3]),
             directions=zj.Directions(group),
             windows=WINDOWS,
             method=METHOD,
-        )
+        ),
+    )
 
-    return zj.sweep(point, case=np.arange(len(table)), progress=False)
 
-
-def fates(table, case, starts):
+def fates(row, starts):
     """How motions of one case end."""
 
-    def point(case, phi1, phi2, omega1, omega2):
-        start = zj.State((phi1, phi2), (omega1, omega2))
-        ended = zj.settle(
-            column(jnp.asarray(table)[case.astype(int)]),
-            start,
-            windows=WINDOWS,
-            method=METHOD,
-        )
-        return {"outcome": ended.outcome}
+    def outcome(y):
+        start = zj.State((y[0], y[1]), (y[2], y[3]))
+        settled = zj.settle(column(row), start, windows=WINDOWS, method=METHOD)
+        return {"outcome": settled.outcome}
 
-    names = ("phi1", "phi2", "omega1", "omega2")
-    axes = {
-        name: xr.DataArray(x, dims="kick")
-        for name, x in zip(names, starts.T, strict=True)
-    }
-    return zj.sweep(point, case=[case], axes=axes, progress=False).outcome.values[0]
+    return swept(starts, outcome).outcome.values
 
 
 def random_kicks(row, free, energy, count, seed):
@@ -119,7 +107,7 @@ def random_kicks(row, free, energy, count, seed):
 
 def judged(group, table, ds, case, count):
     """One case's least kick against random ones."""
-    found = ds.isel(case=case)
+    found = ds.isel(place=case)
     line = {
         "case": f"{group} {case}",
         "q": float(table[case][0]),
@@ -134,9 +122,9 @@ def judged(group, table, ds, case, count):
         return line
     energy, row = float(found.energy), table[case]
     start = np.concatenate([found.angle.values, found.rate.values])
-    around = fates(table, case, np.outer([0.998, 1.002], start))
+    around = fates(row, np.outer([0.998, 1.002], start))
     starts, energies = random_kicks(row, FREE[group], energy, count, 7 + case)
-    fate = fates(table, case, starts)
+    fate = fates(row, starts)
     flutter = np.isin(fate, (zj.CODE.repeats, zj.CODE.escaped))
     best = energies[flutter].min() if flutter.any() else np.inf
     return line | {
@@ -152,6 +140,7 @@ def judged(group, table, ds, case, count):
 def main():
     options = arguments(__doc__, random=100_000, cases=20, groups=tuple(CASES))
     zj.configure_cpu()
+    jax.config.update("jax_enable_x64", True)  # for tables of cases
     lines = []
     for group in options.groups:
         table = numbers(CASES[group][: options.cases])

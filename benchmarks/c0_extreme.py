@@ -8,8 +8,8 @@ in tolerances of the largest number of the end state. It may be `EACH` tolerance
 each unit by which the motion itself magnifies a change of its start, by scipy too, and
 never more than a hundredth of that number. The truth of set-valued friction is scipy's
 where there is no friction; with mu_s = mu_k the smoothed law's at v_smooth = 1e-8; else
-its outcome alone is judged.
-Writes results/extreme.md and results/extreme.json, unless only some cases are asked for; three minutes.
+its outcome alone is judged. Writes results/extreme.md and results/extreme.json, unless
+only some cases are asked for; three minutes.
 
     python benchmarks/c0_extreme.py [--only "v_smooth"]
 """
@@ -21,7 +21,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 import ours
-from extreme_cases import CASES, ENDED, LONG, LONG_AMPLITUDE, LONG_BOUND, NOTES, USUAL
+from extreme_cases import CASES, ENDED, NOTES, USUAL
 from measure import RESULTS, arguments, report, rounded, save
 from scenes import models
 from scipy.integrate import solve_ivp
@@ -35,6 +35,7 @@ FINEST = 1e-12  # what the reference is good for
 EACH = 100.0  # what an error may be, in tolerances, where a motion magnifies nothing
 SHIFT = 1e-9  # of a start, to see what the motion magnifies it to
 LIMIT_V = 1e-8  # v_smooth of the law that stands for set-valued friction
+FOLLOWED = {"escape": 1e12}  # to the end of its span
 SMOOTH_ONLY = "v_smooth", "v_stribeck"
 
 
@@ -60,8 +61,8 @@ def runner(solver, steps=MAX_STEPS, set_valued=False):
             column_of(n, set_valued),
             start,
             windows=zj.Windows(
-                transient=n["lead"],
-                length=n["span"] - n["lead"],
+                transient=0.0,
+                length=n["span"],
                 max_windows=1,
                 escape=n["escape"],
             ),
@@ -70,7 +71,7 @@ def runner(solver, steps=MAX_STEPS, set_valued=False):
             ),
             certify=False,
         )
-        return found.outcome, found.final.y, found.steps, found.joint_amplitude
+        return found.outcome, found.final.y, found.steps
 
     return run
 
@@ -132,18 +133,16 @@ def judged(case, solver, name, error, bound):
 
 
 def timed(run, n):
-    """How a motion ends, in how many steps and seconds."""
+    """Where a motion ends; and how, in how many steps and seconds."""
     started = time.perf_counter()
-    code, end, steps, joint = jax.block_until_ready(run(n))
+    code, end, steps = jax.block_until_ready(run(n))
     seconds, name = time.perf_counter() - started, zj.CODE(int(code)).name
-    found = {"outcome": name, "steps": int(steps), "seconds": seconds}
-    return found | {"end": np.array(end), "joint": joint}
+    return np.array(end), {"outcome": name, "steps": int(steps), "seconds": seconds}
 
 
 def row(case, solver, run, truth):
-    n = {"escape": 1e12, "lead": 0.0} | case.numbers
-    found = timed(run, n)
-    end, _ = found.pop("end"), found.pop("joint")
+    n = FOLLOWED | case.numbers
+    end, found = timed(run, n)
     error = bound = None
     if truth is not None and found["outcome"] in ENDED:
         scale, tol = max(1.0, np.abs(truth.end).max()), max(n["tol"], truth.exact)
@@ -168,28 +167,9 @@ def limit(n, growth, run):
         return Truth(np.array(start), 1.0)
     if n["mu_s"] != n["mu_k"]:
         return None
-    fine = {"v_smooth": LIMIT_V, "tol": 1e-11, "escape": 1e12, "lead": 0.0}
-    code, end, _, _ = run(n | fine)
+    code, end, _ = run(n | FOLLOWED | {"v_smooth": LIMIT_V, "tol": 1e-11})
     good = zj.CODE(int(code)).name in ENDED
     return Truth(np.array(end), growth, LIMIT_V) if good else None
-
-
-def long_row(solver, run):
-    """A cycle over 1e5 time units, by its amplitude, which another code gave."""
-    n = {"escape": 1e12} | LONG.numbers
-    n["lead"] = n["span"] - 40.0
-    found = timed(run, n)
-    error = abs(float(found.pop("joint")[1]) - LONG_AMPLITUDE)
-    del found["end"]
-    return {
-        "case": LONG.name,
-        "expected": "amplitude 0.63443",
-        "bound": LONG_BOUND / LONG.numbers["tol"],
-        "solver": solver,
-        "error_in_tolerances": error / LONG.numbers["tol"],
-        "as_expected": found["outcome"] == "unsettled" and error <= LONG_BOUND,
-        **found,
-    }
 
 
 def written(rows, chosen):
@@ -232,7 +212,7 @@ def main():
     for name, solver in STICK_SLIP.items():
         runs[name] = runner(solver, set_valued=True)
     narrow = runner(SOLVERS["Rodas5P"], steps=10_000_000)
-    first = {"escape": 1e12, "lead": 0.0} | USUAL
+    first = FOLLOWED | USUAL
     for run in runs.values():
         jax.block_until_ready(run(first))  # compiles
     for case in (case for case in CASES if options.only in case.name):
@@ -250,9 +230,6 @@ def main():
                 against = limit(numbers, truth.growth, narrow)
             rows.append(row(case, name, run, against))
             print(json.dumps(rounded(rows[-1])), flush=True)
-    if not options.only:
-        for name, solver in SOLVERS.items():
-            rows.append(long_row(name, runner(solver, steps=100_000_000)))
     missed = [r for r in rows if not r["as_expected"]]
     result = report("c0_extreme", rows=len(rows), not_as_expected=missed)
     if not options.only:

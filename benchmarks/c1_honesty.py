@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import ours
+from matplotlib.figure import Figure
 from measure import arguments, report, save
 
 import ziegler_jax as zj
@@ -83,12 +84,8 @@ def measured(solver, paths, span):
 
 
 def draw(result, path):
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), layout="constrained")
+    figure = Figure(figsize=(11, 3.8), layout="constrained")
+    axes = figure.subplots(1, 3)
     left, *volumes = axes
     rate = r"$|\mathrm{d} \log V/\mathrm{d} t|$ ($\sqrt{k/(m l^2)}$)"
     panels = {r"$q$ = 0: $|E/E_0 - 1|$ after the span (–)": result["energy_drift"]}
@@ -113,7 +110,6 @@ def draw(result, path):
         volumes[1].plot([], [], "o", **mark)
     volumes[1].legend(*[x[-2:] for x in volumes[1].get_legend_handles_labels()])
     figure.savefig(path, dpi=150)
-    plt.close(figure)
 
 
 def main():

@@ -118,10 +118,13 @@ def arguments(doc, which=(), **defaults):
         known = ", ".join(which)
         parser.add_argument("which", nargs="*", default=which, help=f"of: {known}")
     for name, value in defaults.items():
+        flag = f"--{name.replace('_', '-')}"
+        if value is False:
+            parser.add_argument(flag, action="store_true")
+            continue
         several = isinstance(value, tuple)
         kind = type(value[0] if several else value)
         look = {"nargs": "+"} if several else {}
-        flag = f"--{name.replace('_', '-')}"
         parser.add_argument(flag, type=kind, default=value, help=f"{value}", **look)
     return parser.parse_args()
 

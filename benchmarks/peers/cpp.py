@@ -19,7 +19,35 @@ from measure import clock
 
 NAME = "C++ AVX-512"
 SOURCE = Path(__file__).with_name("lanes.cpp")
-OPTIONS = ("-std=c++17", "-Ofast", "-march=native", "-fopenmp", "-shared", "-fPIC")
+OPTIONS = ("-std=c++17", "-march=native", "-fopenmp", "-shared", "-fPIC")
+
+
+def built(source, options):
+    """A source file as a library of this processor, compiled once for each content.
+
+    **Raises:** `RuntimeError` where there is no g++, or where it cannot compile it.
+    """
+    compiler = shutil.which("g++")
+    if compiler is None:
+        raise RuntimeError("The C++ peers need g++, but no g++ is on the PATH.")
+    cpu = Path("/proc/cpuinfo")
+    lines = cpu.read_text().splitlines() if cpu.exists() else []
+    flags = [x for x in lines if x.startswith("flags")][:1]
+    key = source.read_bytes() + repr((options, flags)).encode()
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    folder = cache / "ziegler_jax"
+    target = folder / f"{source.stem}-{hashlib.sha256(key).hexdigest()[:16]}.so"
+    if not target.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            made = Path(scratch) / "library.so"
+            command = [compiler, *options, str(source), "-o", str(made)]
+            command += ["-lmvec", "-lm"]
+            done = subprocess.run(command, capture_output=True, text=True)
+            if done.returncode:
+                raise RuntimeError(f"g++ could not compile {source}: {done.stderr}")
+            made.replace(target)
+    return ctypes.CDLL(str(target))
 
 
 class Lanes(NamedTuple):
@@ -39,34 +67,10 @@ def library(plain: bool = False):
 
     **Arguments:** `plain`: with the C library's vector functions, not with tables.
 
-    **Raises:** `RuntimeError` where there is no g++, or where it cannot compile the
-    kernel for this processor (it needs AVX-512).
+    **Raises:** `RuntimeError` as `built`; the kernel needs AVX-512.
     """
-    compiler = shutil.which("g++")
-    if compiler is None:
-        raise RuntimeError("The C++ peer needs g++, but no g++ is on the PATH.")
-    cpu = Path("/proc/cpuinfo")
-    lines = cpu.read_text().splitlines() if cpu.exists() else []
-    flags = [x for x in lines if x.startswith("flags")][:1]
-    options = (*OPTIONS, "-DLIBRARY") if plain else OPTIONS
-    key = SOURCE.read_bytes() + repr((options, flags)).encode()
-    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    folder = cache / "ziegler_jax"
-    target = folder / f"lanes-{hashlib.sha256(key).hexdigest()[:16]}.so"
-    if not target.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder) as scratch:
-            built = Path(scratch) / "lanes.so"
-            command = [compiler, *options, str(SOURCE), "-o", str(built)]
-            command += ["-lmvec", "-lm"]
-            done = subprocess.run(command, capture_output=True, text=True)
-            if done.returncode:
-                raise RuntimeError(
-                    "The C++ peer needs a g++ that compiles for AVX-512, but it said: "
-                    + done.stderr.strip()
-                )
-            built.replace(target)
-    function = ctypes.CDLL(str(target)).ziegler_lanes
+    options = (*OPTIONS, "-Ofast", *(("-DLIBRARY",) if plain else ()))
+    function = built(SOURCE, options).ziegler_lanes
     array = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
     function.argtypes = [ctypes.c_long, array, ctypes.c_int, ctypes.c_int, *[array] * 3]
     function.restype = None

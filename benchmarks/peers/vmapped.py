@@ -12,11 +12,11 @@ import numpy as np
 from measure import clock, ready
 from scenes import accelerations
 
-NAMES = ("Tsit5", "Dopri8", "Kvaerno5")
+NAME, LANES = "diffrax vmap", 512
 
 
 @functools.cache
-def compiled(scene, solver="Tsit5", stacked=True):
+def compiled(scene, method="Tsit5", stacked=True):
     """One program for all tolerances: (q, y0, span, tol) to the last states."""
 
     def field(t, y, q):
@@ -27,7 +27,7 @@ def compiled(scene, solver="Tsit5", stacked=True):
     def solve(q, y0, span, tol):
         solution = dfx.diffeqsolve(
             dfx.ODETerm(field),
-            getattr(dfx, solver)(),
+            getattr(dfx, method)(),
             t0=0.0,
             t1=span,
             dt0=0.01,
@@ -44,15 +44,15 @@ def compiled(scene, solver="Tsit5", stacked=True):
     return jax.jit(jax.vmap(solve, in_axes=(0, None, None, None)))
 
 
-def solve(scene, q, start, span, rtol, solver="Tsit5", stacked=True):
+def solve(scene, q, start, span, rtol, method="Tsit5", stacked=True):
     """The states at `span`: (n, 4), or four arrays (n,) where they are not stacked."""
     with jax.enable_x64(True):
         y0 = tuple(jnp.asarray(x) for x in start)
-        return ready(compiled(scene, solver, stacked)(q, y0, span, rtol))
+        return ready(compiled(scene, method, stacked)(q, y0, span, rtol))
 
 
-def run(scene, q, start, span, rtol, solver="Tsit5"):
-    solve(scene, q, start, 0.05, rtol, solver)  # compiles: one program for all spans
+def run(scene, q, start, span, rtol, method="Tsit5"):
+    solve(scene, q, start, 0.05, rtol, method)  # compiles: one program for all spans
     begun = clock()
-    states = solve(scene, q, start, span, rtol, solver)
+    states = solve(scene, q, start, span, rtol, method)
     return np.asarray(states), clock() - begun
