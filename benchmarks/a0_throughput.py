@@ -12,60 +12,51 @@ limit. `--scene frictionless` times the same sweep without friction, to q = 2.5,
 """
 
 import numpy as np
+import ours
 from measure import OF_THE_PROCESSOR, arguments, interleaved, paired, report
 from peers import cpp, vmapped
-from scenes import SCENES as PEERS_SCENES
-from scenes import START
+from scenes import SCENES, START
 
 import ziegler_jax as zj
 
 
-def smooth(q):
-    friction = zj.SmoothCoulomb(
-        0.012,
-        0.010,
-        pin_radius=1.0,
-        v_stribeck=0.05,
-        v_smooth=0.01,
-        load=zj.ConstantLoad(1.0),
-    )
-    return reference(q, friction)
+def reference(scene):
+    def point(q):
+        return zj.settle(
+            ours.column_of(scene, q),
+            zj.State(omega=(0.0, 0.2)),
+            windows=zj.Windows(transient=80.0, length=20.0, max_windows=1),
+            method=zj.Method(rtol=1e-6, atol=1e-6),
+            certify=False,
+        )
 
-
-def reference(q, friction=None):
-    return zj.settle(
-        zj.uniform_rods(q=q, friction=friction),
-        zj.State(omega=(0.0, 0.2)),
-        windows=zj.Windows(transient=80.0, length=20.0, max_windows=1),
-        method=zj.Method(rtol=1e-6, atol=1e-6),
-        certify=False,
-    )
+    return point
 
 
 # without friction motions above q_cr = 2.5417 end early, turned over
-SCENES = {"smooth": (smooth, 4.0), "frictionless": (reference, 2.5)}
+HIGHEST = {"smooth": 4.0, "frictionless": 2.5}
 
 
 def main():
     options = arguments(
         __doc__, no_configure=False, lanes=8192, repeats=3, scene="smooth"
     )
-    scene, high = SCENES[options.scene]
+    scene, high = SCENES[options.scene], HIGHEST[options.scene]
     said = "not called" if options.no_configure else zj.configure_cpu()
     q = np.linspace(2, high, options.lanes)
     found, runs = {}, []
 
-    def ours():
-        found["sweep"] = zj.sweep(scene, q=q, progress=False)
+    def sweep():
+        found["sweep"] = zj.sweep(reference(scene), q=q, progress=False)
         runs.append(found["sweep"].attrs["run_seconds"])
 
     def cpp_kernel(plain):
         threads = found["sweep"].attrs["threads"]
         found["cpp"] = cpp.solve(q, threads=threads, plain=plain)
 
-    contestants = {"sweep": ours}
+    contestants = {"sweep": sweep}
     if options.scene == "smooth":  # theirs
-        work = PEERS_SCENES["smooth"], q, START, 100.0, 1e-6
+        work = scene, q, START, 100.0, 1e-6
         for name, stacked in (("naive_stacked", True), ("naive_tuple", False)):
             contestants[name] = lambda s=stacked: vmapped.solve(*work, stacked=s)
         try:
@@ -110,8 +101,8 @@ def against_others(seconds, found, q):
     amplitude = np.asarray(found["cpp"][0])
     # below q = 2.3 all lanes are regular: there both must find the same cycles
     regular = q < 2.3
-    theirs, ours = amplitude[:, 2], found["sweep"].joint_amplitude.sel(joint=2).values
-    apart = np.abs(theirs - ours)[regular]
+    mine = found["sweep"].joint_amplitude.sel(joint=2).values
+    apart = np.abs(amplitude[:, 2] - mine)[regular]
     return result | {"largest_amplitude_difference_to_cpp": float(apart.max())}
 
 

@@ -195,7 +195,7 @@ def kinds(options, source):
         table = source.uniform(size=(count, 6))
         kind = swept(table, called).kind.values
         asked = np.flatnonzero(np.isin(kind, list(FALSE)))
-        true = swept(table[asked], followed).outcome.values
+        true = swept(table[asked], followed).outcome.values if asked.size else ()
         pairs = [(zj.CODE(int(k)), zj.CODE(int(t))) for k, t in zip(
             kind[asked], true, strict=True
         )]  # fmt: skip

@@ -118,24 +118,16 @@ def main():
     jax.config.update("jax_enable_x64", True)  # for tables of cells
     source, law = np.random.default_rng(options.seed), options.law
     beside = functools.partial(cells_beside_thresholds, law=law)
-    samples = {
-        "map": (options.cells, cells_of_the_map, truth),
-        "thresholds": (options.beside, beside, truth),
-        "sensitive": (
-            options.again, cells_of_the_map, functools.partial(sensitive, rtol=1e-8)
-        ),
-        "sensitive beside thresholds": (
-            options.again_beside, beside, functools.partial(sensitive, rtol=1e-10)
-        ),
-    }  # fmt: skip
-    for name, (count, drawn, judged) in samples.items():
+    fine, finer = (functools.partial(sensitive, rtol=tol) for tol in (1e-8, 1e-10))
+    for name, count, drawn, judged in (
+        ("map", options.cells, cells_of_the_map, truth),
+        ("thresholds", options.beside, beside, truth),
+        ("sensitive", options.again, cells_of_the_map, fine),
+        ("sensitive beside thresholds", options.again_beside, beside, finer),
+    ):
         if count:
-            report(
-                "a5_certificates",
-                about=lambda: {"commit": commit()},
-                sample=name,
-                **judged(drawn(count, source), law),
-            )
+            head = {"about": lambda: {"commit": commit()}, "sample": name}
+            report("a5_certificates", **head, **judged(drawn(count, source), law))
 
 
 if __name__ == "__main__":

@@ -37,20 +37,13 @@ def kernel(lanes):
         return np.nan
 
 
-def by_threads(lanes, rounds):
-    """Speed-ups over one thread, of `sweep` and of the C++ kernel."""
+def by_threads(count, rounds):
+    """Speed-ups over one thread, and their ranges."""
     cores = os.cpu_count() or 1
     counts = sorted({1, *range(2, cores + 1, max(1, cores // 8)), cores})
-    runs = {n: lambda n=n: solved(lanes, lanes=zj.Lanes(threads=n)) for n in counts}
-    if np.isfinite(kernel(1)):
-        q = SCENE.loads(lanes)
-        runs |= {
-            f"cpp {n}": lambda n=n: cpp.solve(q, threads=n, observe=False)
-            for n in counts
-        }
+    runs = {n: lambda n=n: solved(count, lanes=zj.Lanes(threads=n)) for n in counts}
     seconds = interleaved(runs, rounds)
-    alone = {name: "cpp 1" if str(name).startswith("cpp") else 1 for name in runs}
-    return {str(n): paired(seconds[alone[n]], seconds[n]) for n in runs}
+    return {n: paired(seconds[1], seconds[n]) for n in runs}
 
 
 def main():

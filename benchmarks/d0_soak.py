@@ -14,33 +14,35 @@ for each version of jax and each processor. The exit status is 1 if a bit differ
         [--out FILE]
 """
 
+import functools
 import json
 import sys
 import time
 from importlib import metadata
 
 import numpy as np
+import ours
 from measure import RESULTS, arguments, report
+from scenes import SCENES
 
 import ziegler_jax as zj
 
 LOADS = np.linspace(2.0, 2.5, 128)
-TORQUES = {"pin_radius": 1.0, "load": zj.ConstantLoad(1.0)}
-LAWS = {
-    "smooth": zj.SmoothCoulomb(0.012, 0.01, v_stribeck=0.05, v_smooth=0.01, **TORQUES),
-    "set_valued": zj.SetValuedCoulomb(0.012, 0.01, **TORQUES),
-    "frictionless": None,
+DRY = zj.SetValuedCoulomb(0.012, 0.01, pin_radius=1.0, load=zj.ConstantLoad(1.0))
+COLUMNS = {
+    "smooth": functools.partial(ours.column_of, SCENES["smooth"]),
+    "set_valued": functools.partial(zj.uniform_rods, friction=DRY),
+    "frictionless": zj.uniform_rods,
 }
 
 
-def program_of(law):
+def program_of(column):
     """Of a load and a number that changes nothing: the state at the end, and steps."""
 
     def point(q, copy):
-        column = zj.uniform_rods(q, friction=law)
         start = zj.State(omega=(0.0, 0.2 + 0.0 * copy))
         windows = zj.Windows(10.0, 5.0, max_windows=1)
-        settled = zj.settle(column, start, windows=windows, certify=False)
+        settled = zj.settle(column(q), start, windows=windows, certify=False)
         names = ("phi1", "phi2", "omega1", "omega2", "steps")
         return dict(zip(names, (*settled.final.y, settled.steps), strict=True))
 
@@ -64,7 +66,9 @@ def main():
         __doc__, sweeps=100, copies=100, threads=2, out=str(RESULTS / "d0_soak.jsonl")
     )
     configured = zj.configure_cpu()
-    programs = {name: soak(program_of(law), options) for name, law in LAWS.items()}
+    programs = {
+        name: soak(program_of(column), options) for name, column in COLUMNS.items()
+    }
     differences = sum(each["differences"] for each in programs.values())
     line = report(
         "d0_soak",

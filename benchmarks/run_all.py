@@ -6,12 +6,11 @@ The JSON lines of each go into `results/<script>.jsonl`; scripts that draw write
 `results/*.json` and pictures themselves. About an hour on two quiet cores.
 """
 
-import argparse
 import subprocess
 import sys
 from pathlib import Path
 
-from measure import RESULTS
+from measure import RESULTS, arguments
 from scenes import SCENES
 
 HERE = Path(__file__).parent
@@ -34,12 +33,10 @@ CALLS = {
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--only", nargs="+", default=[""], help="beginnings of names")
-    only = tuple(parser.parse_args().only)
+    only = tuple(arguments(__doc__, only=("",)).only)  # beginnings of names
     RESULTS.mkdir(exist_ok=True)
     failed = []
-    for script in sorted(HERE.glob("[abcs][0-9]*_*.py")):
+    for script in sorted(HERE.glob("[abc][0-9]*_*.py")):
         if not script.name.startswith(only):
             continue
         print(f"== {script.name}", flush=True)
