@@ -196,10 +196,9 @@ def kinds(options, source):
         kind = swept(table, called).kind.values
         asked = np.flatnonzero(np.isin(kind, list(FALSE)))
         true = swept(table[asked], followed).outcome.values if asked.size else ()
-        pairs = [(zj.CODE(int(k)), zj.CODE(int(t))) for k, t in zip(
-            kind[asked], true, strict=True
-        )]  # fmt: skip
-        wrong = np.array([was in FALSE[name] for name, was in pairs], bool)
+        both = zip(kind[asked], true, strict=True)
+        pairs = [(zj.CODE(int(k)), zj.CODE(int(t))) for k, t in both]
+        wrong = np.array([was in FALSE[called_so] for called_so, was in pairs], bool)
         result[name] = {
             "scenes": count,
             "called": outcomes(kind),

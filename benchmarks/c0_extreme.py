@@ -212,9 +212,8 @@ def main():
     for name, solver in STICK_SLIP.items():
         runs[name] = runner(solver, set_valued=True)
     narrow = runner(SOLVERS["Rodas5P"], steps=10_000_000)
-    first = FOLLOWED | USUAL
     for run in runs.values():
-        jax.block_until_ready(run(first))  # compiles
+        jax.block_until_ready(run(FOLLOWED | USUAL))  # compiles
     for case in (case for case in CASES if options.only in case.name):
         numbers = case.numbers
         finite = all(map(np.isfinite, numbers.values()))

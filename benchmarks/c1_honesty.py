@@ -13,8 +13,6 @@ compile.
     python benchmarks/c1_honesty.py [--span 1e4]
 """
 
-import time
-
 import colours
 import diffrax as dfx
 import jax
@@ -124,16 +122,13 @@ def main():
         "energy_drift": {},
         "return_error": {},
         "volume_rate": {f"{q:g}": {} for q in LOADS},
-        "cpu_seconds": {},
     }
     for name, solver in SOLVERS.items():
-        began = time.process_time()
         drift, back, rates = measured(solver, paths, options.span)
         result["energy_drift"][name] = drift.tolist()
         result["return_error"][name] = back.tolist()
         for q, rate in zip(LOADS, rates.T, strict=True):
             result["volume_rate"][f"{q:g}"][name] = rate.tolist()
-        result["cpu_seconds"][name] = time.process_time() - began
     result = report("c1_honesty", **result)
     draw(result, save("c1_honesty", result))
 

@@ -41,13 +41,13 @@ def main():
             continue
         print(f"== {script.name}", flush=True)
         lines = ""
-        for arguments in CALLS.get(script.stem, [[]]):
-            command = [sys.executable, str(script), *arguments]
+        for options in CALLS.get(script.stem, [[]]):
+            command = [sys.executable, str(script), *options]
             done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
             print(done.stdout, end="", flush=True)
             lines += done.stdout
             if done.returncode:
-                failed.append(" ".join([script.name, *arguments]))
+                failed.append(" ".join([script.name, *options]))
         if script.stem not in WRITE:
             (RESULTS / f"{script.stem}.jsonl").write_text(lines)
     if failed:
