@@ -14,7 +14,8 @@ import numpy as np
 
 import ziegler_jax as zj
 
-RESULTS = Path(__file__).with_name("results")
+# elsewhere for runs that are no results, as those of the tests
+RESULTS = Path(os.environ.get("ZIEGLER_RESULTS", Path(__file__).with_name("results")))
 
 
 OF_THE_PROCESSOR = os.environ.get("ZIEGLER_CLOCK") == "cpu"

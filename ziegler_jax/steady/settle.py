@@ -133,7 +133,7 @@ def settle(
     the last window, means to within a turn's share of it. With one window there is
     nothing to compare: the outcome is `unsettled` or `stuck`. About 1 % of the main
     job's map then repeat that a finer run does not confirm: most are on their slow way
-    past an unstable cycle (`benchmarks/a4_settling.py`).
+    past an unstable cycle (`benchmarks/a13_certified_truth.py share`).
 
     **Forces that depend on time** (`AbstractForce`, `LoadHistory`) leave windows alone,
     and no rest: what sticks or has decayed may move again. Where a motion does not
