@@ -15,11 +15,10 @@ import importlib
 import sys
 from functools import partial
 
-import colours
 import numpy as np
 import ours
 from matplotlib.figure import Figure
-from measure import arguments, paired, report, save
+from measure import LINES, arguments, paired, report, save
 from scenes import LANES, SCENES, START
 
 import ziegler_jax as zj
@@ -159,7 +158,7 @@ def draw(about, results, path):
         y = [max(e["median"], 1e-16) for e in entries]
         own = name in mine
         j = i if own else codes.index(name.split()[0])  # a code has one colour
-        colour = colours.LINES[j % len(colours.LINES)]
+        colour = LINES[j % len(LINES)]
         marker = markers[(i if own else i - len(mine)) % len(markers)]
         ax.plot(
             x, y, ("-" if own else ":") + marker, color=colour,

@@ -13,14 +13,13 @@ compile.
     python benchmarks/c1_honesty.py [--span 1e4]
 """
 
-import colours
 import diffrax as dfx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import ours
 from matplotlib.figure import Figure
-from measure import arguments, report, save
+from measure import LINES, arguments, report, save
 
 import ziegler_jax as zj
 
@@ -89,7 +88,7 @@ def draw(result, path):
     panels = {r"$q$ = 0: $|E/E_0 - 1|$ after the span (–)": result["energy_drift"]}
     panels |= {f"$q$ = {q}: {rate}": x for q, x in result["volume_rate"].items()}
     for ax, (title, numbers) in zip(axes, panels.items(), strict=True):
-        looks = zip(numbers, "osD^v", colours.LINES, strict=False)
+        looks = zip(numbers, "osD^v", LINES, strict=False)
         for name, marker, colour in looks:
             number = np.array(numbers[name])
             ax.loglog(

@@ -14,6 +14,8 @@ import numpy as np
 
 import ziegler_jax as zj
 
+# Okabe and Ito's colours, which the colour-blind can tell apart
+LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 # elsewhere for runs that are no results, as those of the tests
 RESULTS = Path(os.environ.get("ZIEGLER_RESULTS", Path(__file__).with_name("results")))
 

@@ -113,7 +113,7 @@ def settle(
     its own mirror image, and all observers say that this is enough); at rest, of the
     next 2 time units (set-valued: of `length`); else of the last `length`. Of 20 178
     such cycles of the main job's map none was false, followed on by another code
-    (`benchmarks/a5_certificates.py`); 3.8 % of the map stay undecided. Of 6181 of the
+    (`benchmarks/a5_certificates.py`); 3.7 % of the map stay undecided. Of 6181 of the
     same map with `SetValuedCoulomb` none was false, and 12.7 % stay undecided, 11.7 %
     by windows: half of these lanes settle by t = 16 000.
 
