@@ -26,7 +26,6 @@ import ziegler_jax as zj
 from ziegler_jax.__main__ import point
 from ziegler_jax.sweep.program import lowered, own_flags, traced
 
-NAMES = ("q", "mu")
 ONE_WINDOW = zj.Windows(transient=100, length=40, max_windows=1)
 START = zj.State(omega=(0.0, 0.3))
 Q, MU = np.linspace(1.8, 3.5, 8), np.linspace(0.1, 0.4, 8)
@@ -74,7 +73,7 @@ def compiling(scene):
     zj.configure_cpu()
     loop = python_loop()
     start = time.process_time()
-    known = traced(SCENES[scene], NAMES, None)
+    known = traced(SCENES[scene], ("q", "mu"), None)
     stages = [lowered(stage, known).lowered for stage in known.stages]
     middle = time.process_time()
     with own_flags(), jax.enable_x64(True):

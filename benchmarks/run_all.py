@@ -13,7 +13,6 @@ from pathlib import Path
 from measure import RESULTS, arguments
 from scenes import SCENES
 
-HERE = Path(__file__).parent
 # these write results of their own
 WRITE = ("b0_work_precision", "c0_extreme", "c1_honesty")
 # how a script is called, one list a call, where that is not once as it is
@@ -36,7 +35,7 @@ def main():
     only = tuple(arguments(__doc__, only=("",)).only)  # beginnings of names
     RESULTS.mkdir(exist_ok=True)
     failed = []
-    for script in sorted(HERE.glob("[abc][0-9]*_*.py")):
+    for script in sorted(Path(__file__).parent.glob("[abc][0-9]*_*.py")):
         if not script.name.startswith(only):
             continue
         print(f"== {script.name}", flush=True)
