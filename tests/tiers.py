@@ -37,6 +37,7 @@ NIGHT = [
 # Files of few tests that take long, dearest first: they are begun first, so that in the
 # end no process waits for another's last file.
 FIRST = [
+    "test_benchmarks.py",
     "test_docstring_examples.py",
     "analysis/test_section_planes.py",
     "test_examples.py",
