@@ -19,10 +19,17 @@ ROOT = Path(__file__).parents[2]
 WHOLE = [
     "CHANGELOG.md",
     "CITATION.cff",
+    "CONTRIBUTING.md",
+    "audit/audit.md",
     "benchmarks/results/extreme.md",
     "examples/studies/README.md",
 ]
-PICTURES = ["figures/*.png", "benchmarks/results/*.png", "examples/studies/*.png"]
+PICTURES = [
+    "audit/*.png",
+    "figures/*.png",
+    "benchmarks/results/*.png",
+    "examples/studies/*.png",
+]
 OPENED = {  # what is a folder in the repository, or a file beside it
     "examples": "learn/examples.md",
     "examples/studies": "examples/studies/README.md",
@@ -44,7 +51,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "figures/index.md": gallery(),
         "learn/examples.md": examples(),
         "benchmarks/README.md": benchmarks(),
-        "figures/audit.md": audit(),
     }.items():
         files.append(File.generated(config, uri, content=content))
     return files
@@ -123,16 +129,3 @@ def benchmarks() -> str:
     for path in pictures:
         lines += [f"![{path.stem}](results/{path.name})", "", f"`{path.stem}`", ""]
     return "\n".join(lines)
-
-
-def audit() -> str:
-    """The three systems as the README shows them, then claim by claim."""
-    title = (ROOT / "figures" / "audit.md").read_text().split("\n")[0]
-    systems = (
-        'The three systems of "Modeling stability of Ziegler column with '
-        'consideration of dry friction"'
-    )
-    lines = [title, "", f"<!-- from README.md # {systems} -->", ""]
-    return "\n".join(
-        [*lines, "## Claim by claim", "", "<!-- from figures/audit.md -->"]
-    )

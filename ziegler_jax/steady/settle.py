@@ -113,7 +113,7 @@ def settle(
     its own mirror image, and all observers say that this is enough); at rest, of the
     next 2 time units (set-valued: of `length`); else of the last `length`. Of 20 178
     such cycles of the main job's map none was false, followed on by another code
-    (`benchmarks/a5_certificates.py`); 3.8 % of the map stay undecided. Of 6181 of the
+    (`benchmarks/a5_certificates.py`); 3.7 % of the map stay undecided. Of 6181 of the
     same map with `SetValuedCoulomb` none was false, and 12.7 % stay undecided, 11.7 %
     by windows: half of these lanes settle by t = 16 000.
 
@@ -131,9 +131,9 @@ def settle(
     nothing dissipates in what moves it is `conservative`. Rest is asked for as above,
     over two windows. After `max_windows` a motion is `unsettled`. The result is that of
     the last window, means to within a turn's share of it. With one window there is
-    nothing to compare: the outcome is `unsettled` or `stuck`. About 1 % of the main
-    job's map then repeat that a finer run does not confirm: most are on their slow way
-    past an unstable cycle (`benchmarks/a4_settling.py`).
+    nothing to compare: the outcome is `unsettled` or `stuck`. Of 1457 random cells of
+    the main job's map that repeat so a finer run does not confirm 6
+    (`benchmarks/a13_certified_truth.py share`).
 
     **Forces that depend on time** (`AbstractForce`, `LoadHistory`) leave windows alone,
     and no rest: what sticks or has decayed may move again. Where a motion does not
