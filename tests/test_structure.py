@@ -95,11 +95,11 @@ OF_THE_INSIDE = {
 }
 
 
-def test_benchmarks_figures_and_studies_use_public_names():
+def test_benchmarks_figures_audit_and_studies_use_public_names():
     root = Path(__file__).parents[1]
     found = {}
-    scripts = [*root.glob("figures/*.py"), *root.glob("examples/studies/*.py")]
-    for path in [*(root / "benchmarks").rglob("*.py"), *scripts]:
+    folders = ("audit", "benchmarks", "figures", "examples/studies")
+    for path in [p for name in folders for p in (root / name).rglob("*.py")]:
         text = path.read_text()
         rooms = set(re.findall(r"from ziegler_jax\.(\S+) import", text))
         names = set(re.findall(r"from ziegler_jax import (\w+)|\bzj\.(\w+)", text))

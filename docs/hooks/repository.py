@@ -22,29 +22,35 @@ ROOT = Path(__file__).parents[2]
 WHOLE = [
     "CHANGELOG.md",
     "CITATION.cff",
+    "CONTRIBUTING.md",
+    "audit/audit.md",
     "benchmarks/results/extreme.md",
     "examples/studies/README.md",
 ]
-PICTURES = ["figures/*.svg", "figures/*.png", "benchmarks/results/*.png", "examples/studies/*.png"]
+PICTURES = [
+    "audit/*.png",
+    "figures/*.svg",
+    "figures/*.png",
+    "benchmarks/results/*.png",
+    "examples/studies/*.png",
+]
 OPENED = {  # what is a folder in the repository, or a file beside it
     "examples": "learn/examples.md",
     "examples/studies": "examples/studies/README.md",
     "figures": "figures/index.md",
-    "figures/audit.md": "audit.md",
 }
-UNSEARCHED = ("benchmarks/", "figures/", "CHANGELOG.md", "audit.md")
+UNSEARCHED = ("benchmarks/", "audit/")
 # of pictures that no group names there is a last group; a name without a picture is none
 GROUPS = {
-    "Maps": "bifurcation_map bifurcation_map_both boundaries verdict_map rods",
+    "Maps": "first_map bifurcation_map bifurcation_map_both boundaries verdict_map "
+    "rods",
     "Friction laws": "regularisation_error",
-    "Thresholds: which kick, which load": "onset_map critical_kick kick_direction "
-    "least_kick basin",
-    "Load up and down": "hysteresis hysteresis_branch ramp",
+    "Thresholds: which kick, which load": "critical_kick least_kick basin",
+    "Load up and down": "hysteresis_branch ramp",
     "Cycles and their bifurcations": "cycle_fold bifurcation_curves",
-    "Motions": "time_history poincare_section",
+    "Motions": "column time_history poincare_section",
     "The linear column": "root_locus stability_map paradox best_damping "
     "whitney_umbrella",
-    "The paper's figures, computed again": "seed_fig2 seed_fig3 seed_fig4",
 }
 SCENES = {
     "one_window": "a window of a motion: `settle` with `certify=False`, `max_windows=1`",

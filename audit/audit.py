@@ -1,10 +1,10 @@
-"""Every claim of the paper, computed: `python figures/audit.py` writes audit.md.
+"""Every claim of the paper, computed: `python audit/audit.py` writes audit.md.
 
 A row is a claim, one line of Python that computes what decides it, and a rule that
 turns its value into a verdict. So the verdicts follow the numbers; where the text alone
 decides, the line is `None`. A line of the table
-reruns in the folder `figures` after `from audit_scenes import *`;
-`python figures/audit.py 12 13` computes these rows only and prints them.
+reruns in the folder `audit` after `from audit_scenes import *`;
+`python audit/audit.py 12 13` computes these rows only and prints them.
 """
 
 import sys
@@ -19,11 +19,10 @@ import numpy as np
 from audit_rows import CONFIRMED, OPEN, REFUTED, ROWS
 from tqdm import tqdm
 
-TITLE = "Modeling stability of Ziegler column with consideration of dry friction"
-HEAD = f"""# "{TITLE}", audited
+HEAD = """## Claim by claim
 
-Each row reruns by its line, in the folder `figures` after
-`from audit_scenes import *`; all of them by `python figures/audit.py`, which writes
+Each row reruns by its line, in the folder `audit` after
+`from audit_scenes import *`; all of them by `python audit/audit.py`, which writes
 this table. Times in sqrt(m l^2/k), torques in k, angles in rad; the column is the
 paper's, two uniform rods.
 
@@ -71,7 +70,8 @@ def main(arguments):
         [f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", *map(cells, rows)]
     )
     target = Path(__file__).with_suffix(".md")
-    target.write_text(f"{HEAD}{table}\n\n{len(rows)} claims: {counts}.\n")
+    above, _, _ = target.read_text().partition(HEAD)  # the three systems, by hand
+    target.write_text(f"{above}{HEAD}{table}\n\n{len(rows)} claims: {counts}.\n")
     print(f"{target.name}: {len(rows)} rows in {time.perf_counter() - begun:.0f} s")
 
 

@@ -5,7 +5,6 @@ what is kicked hard enough to slip ends on one closed cycle (orange). A thin pin
 takes long: its transient fills the phase plane.
 """
 
-import colours
 import numpy as np
 import seed_style as style
 
@@ -45,7 +44,7 @@ def main():
             1,
             where=rate == 0.0,
             transform=history.get_xaxis_transform(),
-            color=colours.SKY,
+            color=style.SKY,
             alpha=0.7,
             lw=0,
             zorder=0,

@@ -22,6 +22,7 @@ matplotlib.rcParams.update({"font.size": 11, "axes.titlesize": 11})
 UNITS = zj.SI(m=1.0, l=1.0, k=10.0)
 SEED_TIME = np.sqrt(2.0)  # of the units of Eq (2)
 MU_S, MU_K = 0.12, 0.10
+SKY = "#56B4E9"  # Okabe and Ito's
 
 
 def seconds(t):
