@@ -40,7 +40,7 @@ OPENED = {  # what is a folder in the repository, or a file beside it
     "figures": "figures/index.md",
 }
 UNSEARCHED = ("benchmarks/", "audit/")
-# of pictures that no group names there is a last group; a name without a picture is none
+# what no group names is in a last one; a name without a picture is passed over
 GROUPS = {
     "Maps": "first_map bifurcation_map bifurcation_map_both boundaries verdict_map "
     "rods",
@@ -53,8 +53,8 @@ GROUPS = {
     "whitney_umbrella",
 }
 SCENES = {
-    "one_window": "a window of a motion: `settle` with `certify=False`, `max_windows=1`",
-    "certified_map": "`settle` with certificates, smoothed friction",
+    "one_window": "`settle` with `certify=False` and one window",
+    "certified_map": "`settle` with a certificate, smoothed friction",
     "verdict_map": "the same with `exponents=2`",
     "joint_reactions": "`settle`, dry friction on the joints' reactions",
 }

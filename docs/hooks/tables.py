@@ -1,7 +1,7 @@
-"""Looks at each table: every row has as many cells as the header.
+r"""Looks at each table: every row has as many cells as the header.
 
 Markdown drops the cells that are too many and leaves empty those that are missing, so
-that a `|` in a formula breaks a table without a word. In a formula write `\\lvert`.
+that a `|` in a formula breaks a table without a word. In a formula write `\lvert`.
 """
 
 import logging

@@ -11,7 +11,7 @@ import numpy as np
 
 import ziegler_jax as zj
 
-print(zj.configure_cpu())  # before JAX computes anything
+zj.configure_cpu()  # before JAX computes anything
 jax.config.update("jax_enable_x64", True)  # for what is not in a sweep
 
 # %% [markdown]
