@@ -11,7 +11,7 @@ from distributed import Client, LocalCluster
 
 import ziegler_jax as zj
 
-print(zj.configure_cache("programs"))  # compiled programs, for later processes
+zj.configure_cache("programs")  # keeps compiled programs for later processes
 
 
 def point(q, kappa):

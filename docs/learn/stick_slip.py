@@ -3,8 +3,8 @@
 #
 # Two laws for the same pin. `SetValuedCoulomb` is dry friction: a joint sticks or
 # slips, and motions go from event to event. `SmoothCoulomb` replaces the jump at zero
-# rate by a hyperbolic tangent. This page shows what both say of one column, where they
-# part, and how far each can be trusted.
+# rate by a hyperbolic tangent. This page applies both to one column, and shows where
+# they differ and how far each can be trusted.
 
 # %%
 import jax
@@ -26,8 +26,10 @@ def scene(friction, q=2.0):
 # %% [markdown]
 # ## A motion that sticks
 #
-# The set-valued motion lists its events: when which joint changed its mode (0 sticks, 1
-# and -1 slip forwards and backwards). Between two of them a rate may be exactly zero.
+# The set-valued motion lists its events: the times at which a joint changed its mode (0
+# sticks, 1 and -1 slip forwards and backwards). Between two events a rate may be
+# exactly
+# zero.
 
 # %%
 ts = np.linspace(0, 40, 2001)
@@ -55,9 +57,9 @@ axes[1].set(ylabel="its rate, absolute", xlabel="time", ylim=(1e-8, None))
 axes[0].legend()
 
 # %% [markdown]
-# The column stops. The set-valued column stands where it stopped, for good: the rate is
-# zero (drawn at the picture's lower edge). The smoothed column goes on at a small rate,
-# back to the upright. What is a set of resting places became a slow slide.
+# The column stops. The set-valued column stays where it stopped: its rate is zero
+# (drawn at the picture's lower edge). The smoothed column slides back to the upright at
+# a small rate. A set of resting places has become a slow slide.
 #
 # ## On a cycle they agree, as the layer narrows
 #
@@ -83,7 +85,7 @@ for v in ds.v.values:
     print(f"v_smooth = {v:5}: {error:.5f} too large, {int(here.steps)} steps")
 
 # %% [markdown]
-# ## Where they part
+# ## Where they differ
 #
 # The smoothed column at rest is a viscously damped column, and one with a load above
 # its own critical load is unstable *from rest*: a kick of a millionth grows into
@@ -110,14 +112,15 @@ end = zj.settle(scene(law.smoothed(v), q), tiny)
 print("and settle says:", zj.CODE(int(end.outcome)).sentence)
 
 # %% [markdown]
-# The flutter of the smoothed column here is a property of `v_smooth`, not of friction.
-# `stuck` means more than slow: what is left must decay, and here it grows, as the
-# regime of the tangent column says.
+# This flutter of the smoothed column is a property of `v_smooth`, not of friction.
+# `stuck` means more than slow: the remaining motion must decay. It grows in this case,
+# as the regime of the tangent column says.
 #
 # ## Over a plane
 #
-# `compare` settles each scene under both laws, side by side: by how much they differ,
-# and where the ends do.
+# `compare` settles each point under both laws. It gives the differences of their
+# numbers
+# and of their outcomes.
 
 
 # %%
@@ -132,7 +135,7 @@ grid = {"q": np.linspace(1.3, 2.9, 9), "mu": np.linspace(0.04, 0.28, 7)}
 both = zj.compare(settled, {"smoothed": {"v_smooth": 0.02}}, **grid)
 dry, smooth = both.sel(variant="reference"), both.sel(variant="smoothed")
 differ = int(smooth.changed.sum())
-print(differ, "of", smooth.changed.size, "motions end otherwise")
+print(differ, "of", smooth.changed.size, "motions have another outcome")
 repeat = (dry.outcome == zj.CODE.repeats) & (smooth.outcome == zj.CODE.repeats)
 errors = abs(smooth.sel(joint=2).joint_amplitude_difference.where(repeat))
 print("errors of the amplitude where both repeat, in rad:")
@@ -152,7 +155,8 @@ ax = smooth.pipe(zj.plot.map, "outcome", x="q", y="mu")
 # | amplitudes of a cycle that slips throughout | either |
 # | a law over the rate, a multibody program | `SmoothCoulomb` |
 #
-# A smoothed answer is worth trusting when it no longer depends on `v_smooth`: halve it
-# and compare. A set-valued answer with $\mu_s > \mu_k$ rests on the rule that chooses
-# who breaks loose: as few joints as may. A smoothed law with $\mu_s > \mu_k$ chooses by
-# the shape of its layer, and need not come to the same motion however thin that is.
+# Trust a smoothed answer when it no longer depends on `v_smooth`: halve it and compare.
+# With $\mu_s > \mu_k$ a set-valued answer depends on the rule that chooses which joint
+# breaks loose: as few joints as possible. A smoothed law with $\mu_s > \mu_k$ chooses
+# by
+# the shape of its layer, and its motion need not tend to the same one.
