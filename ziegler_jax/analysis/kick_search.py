@@ -141,7 +141,7 @@ class Descent(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What is the same all along a search."""
+    """The fixed part of a search."""
 
     least: Float[Array, ""]  # sizes
     largest: Float[Array, ""]

@@ -67,7 +67,7 @@ class Column(AbstractChain):
         follow ($\eta \ne 1$) needs it, and `Air` must have the same.
     - `rest_angles`, `dead_load`, `gravity`, `foundation`: as of `Chain`; gravity needs
         `m2` and `s1`.
-    - `forces`: forces of one's own (`AbstractForce`) and loads that depend on time
+    - `forces`: forces of your own (`AbstractForce`) and loads that depend on time
         (`LoadHistory`, `AbstractLoadHistory`), one or several in a tuple.
     - `l1`: the length of rod 1 in m, of a column in SI units alone (q in N, inertia in
         kg m^2, ...). Questions refuse it; `SI.scaled` gives it a rod 1 of length 1.
@@ -181,7 +181,7 @@ class Column(AbstractChain):
         _needs_masses(self, what)
 
     def system(self) -> System:
-        """What runs: its numbers, with all worked out that a motion does not change.
+        """The system that runs: all numbers computed that a motion does not change.
 
         **Raises:** `ValueError` for a column in SI units.
         """
@@ -263,7 +263,7 @@ def check_autonomous(question: str, column: AbstractChain | System) -> None:
 def vector_field(t: Scalar, y: Numbers, column: AbstractChain) -> Numbers:
     """The equations of motion, in diffrax's signature.
 
-    **Arguments:** `t`: the time, on which only forces of one's own depend; `y`: phi1,
+    **Arguments:** `t`: the time, on which only forces of your own depend; `y`: phi1,
     phi2, omega1, omega2 as four scalars, of n rods as 2 n; `column`.
 
     **Returns:** their time derivatives, as many scalars.
@@ -281,7 +281,7 @@ def energy(column: AbstractChain, y: Numbers | State) -> jax.Array:
     + \tfrac12\kappa\phi_1^2 + \tfrac12(\phi_2-\phi_1)^2$$
 
     and, where there are any, that of dead load, gravity and foundation, all zero where
-    the chain stands upright, and the potential of forces of one's own. A follower load
+    the chain stands upright, and the potential of forces of your own. A follower load
     has no potential: its work is in `power`.
 
     **Arguments:** `column`; `y`: a `State`, or its scalars.
@@ -290,7 +290,7 @@ def energy(column: AbstractChain, y: Numbers | State) -> jax.Array:
 
 
 def power(column: AbstractChain, y: Numbers | State, t: Scalar | None = None) -> Power:
-    r"""What the load feeds in, and what damping and friction take out.
+    r"""The power of the load, and the losses by damping and friction.
 
     $$\frac{dE}{dt} = P_{follower} - P_{damping} - P_{friction} + P_{forces}$$
 

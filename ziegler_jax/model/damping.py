@@ -96,7 +96,7 @@ class AbstractDamping(AbstractRuled):
             )
 
     def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:
-        r"""What holds the rods back from outside, which their joints carry.
+        r"""The drag on the rods from outside, which their joints carry.
 
         Numbers (f1, f2, f3) of the forces $-f_1 \omega_1$ on rod 1 across it, and
         $-f_2 \omega_1$ across rod 1 and $-f_3 \omega_2$ across rod 2 on rod 2; None

@@ -1,4 +1,4 @@
-r"""Forces on a chain of rods: that follow them, fixed ones, and those of one's own."""
+r"""Forces on a chain of rods: that follow them, fixed ones, and those of your own."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from ..numerics.series import added, sum_of
 from ..results import TIME
 from .chain import Follower
 
-# ---- of one's own
+# ---- of your own
 
 
 class AbstractForce(AbstractRuled):
-    r"""A force of one's own: what it gives are torques $Q_i$ on the rods.
+    r"""A force of your own: what it gives are torques $Q_i$ on the rods.
 
     They stand on the right-hand side of the equations of motion and are the generalised
     forces of the rods' absolute angles: virtual work $\sum_i Q_i\, \delta\phi_i$. A
@@ -62,7 +62,7 @@ class AbstractForce(AbstractRuled):
     class. `trajectory` takes it, and `settle` by windows; what asks for a column that
     is the same at all times (certificates, linear questions, orbits, exponents,
     thresholds, curves, sections) refuses it. A follower load that depends on time is an
-    `AbstractLoadHistory`. With set-valued friction a force of one's own needs an
+    `AbstractLoadHistory`. With set-valued friction a force of your own needs an
     explicit method, as Taylor's series are not known of it. `JointReaction()` does not
     take it, nor does `reactions`.
 
@@ -121,7 +121,7 @@ class AbstractLoadHistory(AbstractRuled):
 
     @abc.abstractmethod
     def load(self, t: Scalar) -> Scalar:
-        """What it adds to q at a time."""
+        """The load that it adds to q at a time."""
 
 
 class LoadHistory(AbstractLoadHistory):
@@ -205,7 +205,7 @@ def _check(force: AbstractForce, rods: int) -> None:
 
 
 class OwnForces(eqx.Module):
-    """Forces of one's own and histories of q, as a `System` has them.
+    """Forces of your own and histories of q, as a `System` has them.
 
     `time`: at which they are asked, where they depend on it.
     """
@@ -248,7 +248,7 @@ class OwnForces(eqx.Module):
         return sum_of(given) if given else None
 
     def dissipated(self, phi: Numbers, omega: Numbers) -> Scalar | None:
-        """What is taken out by the part of the torques that depends on the rates."""
+        """The power lost by the part of the torques that depends on the rates."""
         standing, moving = self.torques(phi, None), self.torques(phi, omega)
         if standing is None or moving is None:
             return None
@@ -391,13 +391,13 @@ class FollowerForces(AbstractRuled):
         return tuple(forces)
 
 
-# one of one's own, a history of q, a pattern of those that q multiplies; or several
+# one of your own, a history of q, a pattern of those that q multiplies; or several
 Force = AbstractForce | AbstractLoadHistory | FollowerForces
 Forces = Force | tuple[Force, ...]
 
 
 def in_a_row(forces: Forces | None) -> tuple[Force, ...]:
-    """What there is of them."""
+    """The forces that exist, in a tuple."""
     if forces is None:
         return ()
     return forces if isinstance(forces, tuple) else (forces,)

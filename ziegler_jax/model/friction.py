@@ -49,7 +49,7 @@ class AbstractFriction(AbstractRuled):
     `units` names for each of them its unit, for `SI.scaled` alone: `1`, `rad`, another
     one that it lists, or the powers of m, l and k.
 
-    A law of one's own derives from `AbstractRateFriction`.
+    A law of your own derives from `AbstractRateFriction`.
 
     `sticks`: whether joints truly stick, so that motions have events: the library's own
     `SetValuedCoulomb` alone.
@@ -82,7 +82,7 @@ class AbstractFriction(AbstractRuled):
 class AbstractRateFriction(AbstractFriction):
     r"""A friction law whose torques are functions of the joints' rates.
 
-    A law of one's own, $\mu u / \sqrt{u^2 + v^2}$ on pins of radius 0.1:
+    A law of your own, $\mu u / \sqrt{u^2 + v^2}$ on pins of radius 0.1:
 
     ```python
     class Root(zj.AbstractRateFriction):
@@ -127,7 +127,7 @@ class AbstractRateFriction(AbstractFriction):
     def levers(self, *rates: Scalar) -> Sequence[Scalar]:
         r"""Torque per unit of normal load, $\rho_i \mu_i(u_i)$, of all joints.
 
-        A law of one's own that is for two joints alone may name them, `u1, u2`.
+        A law of your own that is for two joints alone may name them, `u1, u2`.
         """
 
 
@@ -156,7 +156,7 @@ def slopes_at_rest(law: AbstractRateFriction, joints: int) -> Numbers:
 
 
 def check_slopes(law: AbstractFriction | None, joints: int) -> None:
-    """Refuse a law of one's own whose slope at rest JAX does not see.
+    """Refuse a law of your own whose slope at rest JAX does not see.
 
     Nothing of it is in the program: traced numbers are not looked at. (Where they are,
     `slopes_at_rest` is NaN, and rest is judged by slopes beside it.)
@@ -341,7 +341,7 @@ class SmoothCoulomb(AbstractRateFriction):
 
 
 class LawTorques(AbstractRateTorques):
-    """A law of one's own under the load at rest."""
+    """A law of your own under the load at rest."""
 
     law: AbstractRateFriction
     normal: Numbers

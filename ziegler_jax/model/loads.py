@@ -160,7 +160,7 @@ class LoadSum(AbstractNormalLoad):
 
 
 class Reaction(eqx.Module):
-    """What a `System` has of a load that the motion decides."""
+    """A load that depends on the motion, in a `System`."""
 
     steps: int = eqx.field(static=True)  # of Newton's method
     preload: Numbers | None = None
@@ -178,7 +178,7 @@ def normal_load(load: AbstractNormalLoad | None) -> AbstractNormalLoad:
 
 
 class Bodies(NamedTuple):
-    """What the reactions of two rods rest on."""
+    """The inertia from which the reactions of two rods follow."""
 
     m2: Scalar  # rod 2's mass
     s1: Scalar  # rod 1's first moment about the base
@@ -194,7 +194,7 @@ class Reactions(NamedTuple):
     b: Scalar  # and of rod 2 about the knee: by a2
 
     def slope(self, a1: Scalar, a2: Scalar) -> tuple[Pair, Pair]:
-        """What accelerations add to the reactions."""
+        """The part of the reactions that is linear in the accelerations."""
         s, c = self.turned
         pulls = [m * a1 for m in self.moments]
         first, second = ((-x * s, x * c + self.b * a2) for x in pulls)

@@ -1,4 +1,4 @@
-r"""What runs: a column's numbers, worked out once, without rules and without names.
+r"""The system that runs: a column's numbers, computed once, without rules and names.
 
 A `System` is a `chain` of rods under follower forces, with its damping and friction,
 and what else it stands under: forces of fixed direction, a foundation. A question makes
@@ -29,7 +29,7 @@ class Power(NamedTuple):
     `follower`: what the load feeds in, $Q \cdot \omega$ with its generalised forces, of
     a column $Q = (q\sin(\phi_1 - \eta\phi_2),\ q\,l_2\sin((1-\eta)\phi_2))$; `damping`:
     what damping takes out, $\omega \cdot C\omega$; `friction`: what friction takes out,
-    $\sum_i T_i u_i$; `forces`: what those of one's own feed in beside their potential.
+    $\sum_i T_i u_i$; `forces`: what those of your own feed in beside their potential.
     Then $dE/dt$ = `follower` - `damping` - `friction` + `forces`, with E by `energy`.
     """
 
@@ -42,7 +42,7 @@ class Power(NamedTuple):
 class EnergyRate(NamedTuple):
     """The energy, its time derivative, and what dissipates.
 
-    That is what friction and damping take out, and the part of forces of one's own that
+    That is what friction and damping take out, and the part of forces of your own that
     depends on the rates.
     """
 
@@ -68,7 +68,7 @@ class System(eqx.Module):
         the vertical and across it: torques $V_i \sin\phi_i - H_i \cos\phi_i$.
     - `foundation`: moments $W_{ij}$ of springs across the vertical: torques
         $-\cos\phi_i \sum_j W_{ij} \sin\phi_j$.
-    - `own`: forces of one's own, and what is added to q in time; see `at`.
+    - `own`: forces of your own, and what is added to q in time; see `at`.
     """
 
     q: Scalar
@@ -201,7 +201,7 @@ class System(eqx.Module):
         return self._energy(y, turned(y.phi))
 
     def power(self, y: PhasePoint) -> Power:
-        """What the load feeds in, and what damping and friction take out."""
+        """The power of the load, and the losses by damping and friction."""
         rates, forces = y.omega, _Forces(self, y)
         torques, damping = self._rubbing(forces), forces.damping
         own = self.own.torques(y.phi, rates)
@@ -412,16 +412,16 @@ class _Forces:
         )
 
     def accelerations(self, right: Numbers) -> Numbers:
-        """Those of a chain whose joints all move, under these forces."""
+        """The accelerations of a chain whose joints all move, under these forces."""
         return solved(self.mass, right)
 
     def balance(self) -> MassAndForces:
-        """What set-valued friction needs to hold a joint."""
+        """Mass and forces, by which set-valued friction holds a joint."""
         reactions = self.reactions() if self.system.on_reactions else None
         return MassAndForces(self.mass, self.right, reactions)
 
     def reactions(self) -> Reactions:
-        """What the joints transmit, still to be told the accelerations."""
+        """The joints' reactions, as a function of the accelerations."""
         system, bodies = self.system, self.system.bodies
         assert bodies is not None  # `Column` saw to it
         (force,), drag = system.followers, system.damping and system.damping.drag()

@@ -1,4 +1,4 @@
-r"""What to watch while a lane runs: each observer folds over the accepted steps.
+r"""Observers of a motion: each folds over the accepted steps.
 
 An observer keeps a few running numbers from the start of a window on and turns them
 into a result at its end. One that is not asked for is not in the program.
@@ -33,7 +33,7 @@ Watched = TypeVar("Watched")  # an observer's running numbers
 class AbstractObserver(eqx.Module, Generic[Watched]):
     """Running numbers over a window of the motion.
 
-    One of one's own, the largest rate of each joint:
+    An observer of your own, the largest rate of each joint:
 
     ```python
     class PeakRate(zj.AbstractObserver):
@@ -107,7 +107,7 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     def result(
         self, system: System, state: Watched, span: Scalar, y: PhasePoint
     ) -> dict[str, Variable]:
-        """What the window of length `span`, which ended at y, amounts to, by name."""
+        """The variables, by name, of the window of length `span`, which ended at y."""
 
 
 ROD_AMPLITUDE = Variable(None, "largest absolute angle of the rod", "rad", ("rod",))
@@ -167,7 +167,7 @@ class Mean(AbstractObserver):
     name: ClassVar[str] = "mean"
 
     def init(self, system, t, y):
-        """No area yet."""
+        """Zero area."""
         del system, t
         return tuple(0.0 * x for x in y.phi)
 
@@ -188,7 +188,7 @@ class Mean(AbstractObserver):
 class Period(AbstractObserver):
     r"""The mean time between upward passages of $\phi_1$ through zero.
 
-    Where the chain is bent or pushed aside, or may be, by forces of one's own, they are
+    Where the chain is bent or pushed aside, or may be, by forces of your own, they are
     counted through the middle of what $\phi_1$ has swung over in the window, from where
     it has turned both ways: through a level that moves while the motion grows.
 
@@ -201,7 +201,7 @@ class Period(AbstractObserver):
     name: ClassVar[str] = "period"
 
     def init(self, system, t, y):
-        """No passage yet: their number, the first and the last; no turn."""
+        """Before the first passage: their number, the first and the last; no turn."""
         zero = 0.0 * y[0]
         turns = Turns(Swing(y[0], y[0]), zero, zero) if system.displaced else ()
         return zero, t + zero, t + zero, turns
@@ -289,7 +289,7 @@ class StickFraction(AbstractObserver):
             )
 
     def init(self, system, t, y):
-        """No time yet."""
+        """Zero time."""
         del system, t
         return (0.0 * y[0],) * len(y.phi)
 

@@ -39,7 +39,7 @@ Outputs = Float[Array, " m"]
 
 
 class Place(NamedTuple):
-    """What was followed at last: a cycle's turn, or the end of a motion."""
+    """The last part that was followed: a cycle's turn, or the end of a motion."""
 
     closed: Bool[Array, ""]
     known: Bool[Array, ""]  # whether an end is at a time that does not move
@@ -62,7 +62,7 @@ class Carried(NamedTuple):
 
 
 def carried(motion: CertifiedMotion, place: Place, size: int) -> Carried:
-    """What the numbers of a motion's result carry.
+    """The derivatives that the numbers of a motion's result carry.
 
     **Arguments:** `motion`: of the scene as it is, derivatives included; `size`: of the
     observers' numbers.
@@ -125,7 +125,7 @@ def _radius(slope: Matrix) -> Scalar:
 def _turn(
     column: AbstractChain, observation: Observation, z: Float[Array, " k"], place: Place
 ) -> Outputs:
-    """What a shot at the cycle shows, where it arrives, and its return's derivative."""
+    """Observed numbers of a shot at the cycle, its end, and its return's derivative."""
     span = jnp.where(place.closed, z[-1], SHORTEST)
     displaced = not isinstance(place.level, tuple)
     attempt = blank_attempt(0.0 * span, z.size - 1, displaced)
@@ -148,7 +148,7 @@ def _end(
     y0: Float[Array, " k"],
     place: Place,
 ) -> Outputs:
-    """What observers see of the end of a motion, and its last state."""
+    """Observed numbers of the end of a motion, and its last state."""
     fold = SettleFold(
         transient=jnp.where(place.known, place.before, 0.0),
         span=jnp.where(place.known, place.span, SHORTEST),

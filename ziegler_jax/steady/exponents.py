@@ -88,7 +88,7 @@ def with_block(
 
 
 def standard_errors(growth: GrowthSums, blocks: Int[Array, ""]) -> tuple[Scalar, ...]:
-    """Those of the means; none (NaN) of fewer than two blocks, 0 of infinity."""
+    """Standard errors of the means; NaN for fewer than two blocks, 0 for infinity."""
     n = blocks.astype(jnp.result_type(growth.mean[0]))
     pairs = jnp.where(n > 1, n * (n - 1), jnp.nan)
     return tuple(
@@ -110,7 +110,7 @@ class GrowthRates(AbstractSpans[GrowthSums], AbstractGrowth[SpanState[GrowthSums
         return no_growth(system, y0, self.count)
 
     def tangents(self, state):
-        """Those of the blocks."""
+        """The tangents of the blocks."""
         return state.watch.tangents
 
     def watch(self, system, state, step):
@@ -127,7 +127,7 @@ class GrowthRates(AbstractSpans[GrowthSums], AbstractGrowth[SpanState[GrowthSums
 
 
 class Witness(NamedTuple):
-    """What is watched to name a motion."""
+    """The quantities by which a motion is named."""
 
     growth: GrowthSums
     first: PhasePoint  # the first passage of the last spans
@@ -155,7 +155,7 @@ class Naming(AbstractSpans[Witness], AbstractGrowth[SpanState[Witness]]):
         return Motion(system, y0, self, finer, end=end, first_stop=first)
 
     def begin(self, system, t0, y0):
-        """Nothing witnessed yet."""
+        """The watch before its first step."""
         del t0
         zero, no = 0.0 * y0[0], jnp.zeros((), bool)
         no_band = zero + jnp.inf, zero - jnp.inf
@@ -170,7 +170,7 @@ class Naming(AbstractSpans[Witness], AbstractGrowth[SpanState[Witness]]):
         )
 
     def tangents(self, state):
-        """Those of the exponents."""
+        """The tangents of the exponents."""
         return state.watch.growth.tangents
 
     def watch(self, system, state, step):
@@ -245,7 +245,7 @@ def exponent_variables(state: SpanState[Witness], nothing: Flag) -> dict[str, Va
 
 
 def name_of(state: SpanState[Witness], length: Scalar) -> Int[Array, ""]:
-    """What a motion is by its exponents over spans of a `length`, a `CODE`.
+    """The kind of a motion by its exponents over spans of a `length`, a `CODE`.
 
     `not_computed` where none is sure.
     """

@@ -57,7 +57,7 @@ class Growth(AbstractObserver):
         return ()
 
     def step(self, system, state, step):
-        """Nothing."""
+        """Return the state unchanged."""
         del system, step
         return state
 
@@ -102,7 +102,7 @@ def grown(
 def growth_variables(
     largest: Scalar, failed: Flag, rtol: Scalar
 ) -> dict[str, Variable]:
-    """What `Growth` results in."""
+    """The variables of `Growth`."""
     growth = jnp.where(failed, jnp.nan, largest)
     sensitive = growth * rtol > ALLOWED
     return {

@@ -49,7 +49,7 @@ DOUBT = 100.0
 
 
 class Window(NamedTuple):
-    """What a window has seen beside the observers."""
+    """The numbers of a window beside those of the observers."""
 
     turns: Numbers  # how often each joint's angle has turned down
     low: Numbers  # the least energy where it did
@@ -59,7 +59,7 @@ class Window(NamedTuple):
 
 
 class Before(NamedTuple):
-    """What is kept of the window before."""
+    """The numbers of the previous window."""
 
     swings: Numbers
     low: Numbers
@@ -68,7 +68,7 @@ class Before(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """What the steps' own error does."""
+    """The effect of the steps' own error."""
 
     floor: Scalar  # the swing that it leaves at rest
     rtol: Scalar
@@ -126,7 +126,7 @@ def watched(system: System, window: Window, step: Step) -> Window:
 
 
 def of_each(function: Callable[..., Scalar], one: Sequence, other: Sequence) -> Numbers:
-    """What a function of one joint's numbers gives for each."""
+    """A function of one joint's numbers, for each joint."""
     return tuple(map(function, one, other))
 
 

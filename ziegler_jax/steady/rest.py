@@ -132,7 +132,7 @@ class Rest(eqx.Module):
         return if_any_lane(slow, damped, jnp.asarray(slow))
 
     def outcome(self, system: System) -> CODE:
-        """What rest is called."""
+        """The code of rest."""
         return CODE.rest if system.friction is None else CODE.stuck
 
     def setting(self) -> Scalar | str:

@@ -262,7 +262,7 @@ def may_certify(column: AbstractChain, method: Method) -> bool:
 
 
 def settled(motion: Settling, run: Run[SpanState[WindowState]] | Certifying) -> Settled:
-    """What a motion that has ended amounts to."""
+    """The result of a motion that has ended."""
     if isinstance(motion, CertifiedMotion):
         return _certified(motion, cast(Certifying, run))
     return _windowed(motion, cast(Run[SpanState[WindowState]], run))

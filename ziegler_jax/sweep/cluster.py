@@ -52,7 +52,7 @@ Ran = tuple[int, Arrays | None, Tally, Effort]
 
 
 class Recipe(NamedTuple):
-    """What a worker must know of a sweep beside the block."""
+    """The part of a sweep that a worker needs beside the block."""
 
     point: bytes  # pickled: the same bytes are the same program to a worker
     names: tuple[str, ...]
@@ -62,7 +62,7 @@ class Recipe(NamedTuple):
 
     @staticmethod
     def of(scene: Scene) -> "Recipe":
-        """What there is to know.
+        """The recipe of a sweep.
 
         **Raises:** `ValueError` if `point` cannot be sent.
         """
@@ -155,7 +155,7 @@ def run_blocks(
 
 
 def _result(future: "Future") -> Ran:
-    """What a task gave.
+    """The result of a task.
 
     **Raises:** `RuntimeError` if it was cancelled or the cluster is gone.
     """

@@ -1,4 +1,4 @@
-"""What a sweep compiles: the scene, known by its equations, for a batch of lanes.
+"""A sweep's program: the scene, identified by its equations, for a batch of lanes.
 
 A scene is traced anew at each sweep, in a trace of its own: whatever it reads, an
 attribute of an object, a table, the environment, is read again. What was traced is
@@ -96,7 +96,7 @@ class Scene(NamedTuple):
 
     @property
     def bytes_a_point(self) -> int:
-        """What the results of a point take in a dataset."""
+        """The size of a point's results in a dataset."""
         arrays = [empty(variable, ()) for variable in self.variables.values()]
         return sum(array.dtype.itemsize * array.size for array in arrays)
 

@@ -1,4 +1,4 @@
-"""What a sweep is: its identity, and its dataset before anything is computed.
+"""A sweep's identity, and its dataset before anything is computed.
 
 A scene is known by one digest: of its equations, as JAX traced them, with the bytes of
 the numbers in them. That sees globals, helpers, attributes and table values, which
