@@ -16,6 +16,8 @@ log = logging.getLogger("mkdocs.hooks.equations")
 EQUATION = re.compile(
     r'<(span|div) class="arithmatex">\\([\[(])(.*?)\\[\])]</\1>', re.S
 )
+CODE = re.compile(r"<(pre|code)\b.*?</\1>", re.S)
+LEFT = re.compile(r"\$[^$<]*\\[a-zA-Z][^$<]*\$")
 ROWS = {"math", "mrow", "mstyle", "msqrt", "mtd"}  # any number of children, in a line
 SCRIPTS = {"msub", "msup", "msubsup", "munder"}
 
@@ -38,7 +40,10 @@ def on_page_content(
             return f'<div class="equation" tabindex="0">{mathml}</div>'
         return mathml
 
-    return EQUATION.sub(drawn, content)
+    content = EQUATION.sub(drawn, content)
+    for left in LEFT.findall(CODE.sub("", content)):
+        log.warning("%s: an equation is not recognised: %s", page.url, left)
+    return content
 
 
 def spaced(mathml: str) -> str:

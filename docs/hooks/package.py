@@ -69,10 +69,11 @@ def in_cell(text: str) -> str:
     """A sentence whose bars do not end the cell of a table."""
 
     def in_formula(found: re.Match) -> str:
-        return found[0].replace(r"\|", r"\Vert ").replace("|", r"\vert ")
+        latex = found[1].replace(r"\|", r"\Vert ").replace("|", r"\vert ")
+        return f"${latex.strip()}$"
 
     # in a formula an escaped bar would be a double one
-    return re.sub(r"\$[^$]+\$", in_formula, text).replace("|", r"\|")
+    return re.sub(r"\$([^$]+)\$", in_formula, text).replace("|", r"\|")
 
 
 def names() -> str:
