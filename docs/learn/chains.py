@@ -3,8 +3,7 @@
 #
 # A column of two rods is the smallest that flutters. A `Chain` has up to sixteen, with
 # rest angles, a tip mass, gravity and more. This page computes Beck's column in rods,
-# the
-# effect of friction on it, and a bent and heavy chain.
+# the effect of friction on it, and a bent and heavy chain.
 
 # %%
 import jax

@@ -107,8 +107,7 @@ print(
 
 # %% [markdown]
 # `flutter_onset` varies the argument of your function. The argument of `column` is a
-# force
-# in newtons, so the threshold is in newtons.
+# force in newtons, so the threshold is in newtons.
 #
 # ## Rougher pins
 #

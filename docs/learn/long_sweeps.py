@@ -30,8 +30,7 @@ q, low, high = (
 #
 # `store` is a folder. Stop the sweep whenever you like: the same call with the same
 # store computes the missing points only. A block is a sixteenth of the points (about
-# 256
-# at least, 16 000 at most), and is written as soon as it is finished. The logger
+# 256 at least, 16 000 at most), and is written as soon as it is finished. The logger
 # `ziegler_jax.sweep` has the place, cost and outcomes of each block:
 # `logging.basicConfig(filename="low.log", level="INFO")` writes them to a file.
 
@@ -63,8 +62,7 @@ except ValueError as error:
 # `zj.Store("low.zarr", overwrite=True)` replaces what is there. `open_sweep` reads a
 # store at any time, also while it is being written, from another process. Every chunk
 # has a checksum: a damaged one raises an error and never gives a number. No code from
-# the
-# folder runs: [stores](../reference/stores.md).
+# the folder runs: [stores](../reference/stores.md).
 
 # %%
 zj.open_sweep("low.zarr").growth
@@ -106,8 +104,7 @@ ax = coarse.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 # ## Cost and correctness
 #
 # The attributes have the cost. One batch in 256 is computed twice and must give the
-# same
-# bits, which detects a faulty processor. (This map is too small for such a batch.)
+# same bits, which detects a faulty processor. (This map is too small for such a batch.)
 
 # %%
 for name in (
@@ -121,9 +118,8 @@ for name in (
 # %% [markdown]
 # `compare` measures the error of the map: it computes a sample of its points by several
 # methods, the usual one and, as the reference, one with a hundred times finer
-# tolerance.
-# The point takes the tolerance as an argument. The result has the difference of each
-# point and its quantiles over the sample.
+# tolerance. The point takes the tolerance as an argument. The result has the difference
+# of each point and its quantiles over the sample.
 
 # %%
 plane = {"q": np.linspace(1.5, 2.5, 15), "mu": np.linspace(0.05, 0.2, 8)}
@@ -137,9 +133,8 @@ print("differences", usual.joint_amplitude_difference_quantiles.values)
 # ## A cluster
 #
 # With a Dask `client` blocks become tasks of its workers, on one machine or on many.
-# All
-# workers must be able to write to the store. Numbers are the same as without a cluster,
-# to the last bit.
+# All workers must be able to write to the store. Numbers are the same as without a
+# cluster, to the last bit.
 
 # %%
 with (
@@ -152,16 +147,14 @@ print("the cluster's numbers are the same")
 
 # %% [markdown]
 # In a script, start the cluster in a function behind the usual test of `__name__`, as
-# in
-# [this one](examples.md#dask_clusterpy): workers import the script.
+# in [this one](examples.md#dask_clusterpy): workers import the script.
 #
 # ## A batch system
 #
 # The tasks of a job array need no Dask: each computes a part of an axis into its own
 # store, and their union is the map. A task that was stopped is submitted again and
 # continues. In this notebook three parts run one after the other; under Slurm the
-# number
-# of the task is `int(os.environ["SLURM_ARRAY_TASK_ID"])`.
+# number of the task is `int(os.environ["SLURM_ARRAY_TASK_ID"])`.
 
 # %%
 for task in range(3):

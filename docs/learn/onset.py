@@ -25,8 +25,7 @@ def column(q):
 # ## Rest is a set
 #
 # At rest both joints stick wherever the torques that hold them stay within $\tau_s$.
-# This
-# is a region of angles, whose area is the same at every load.
+# This is a region of angles, whose area is the same at every load.
 
 # %%
 resting = zj.sticking_set(column(2.0))
@@ -40,10 +39,9 @@ print("area", resting.area, "corners", resting.corners)
 # ## The kick that starts flutter
 #
 # How large must a kick be, as a rate of rod 2? `critical_kick` scans a bracket and
-# halves
-# the first interval in which the verdict changes. It judges a motion by rest or by a
-# certified cycle, never while the motion lingers. In a sweep it is a curve over the
-# load.
+# halves the first interval in which the verdict changes. It judges a motion by rest or
+# by a certified cycle, never while the motion lingers. In a sweep it is a curve over
+# the load.
 
 
 # %%
@@ -103,8 +101,8 @@ ax = zj.plot.up_down(both, branch=branch)
 
 # %% [markdown]
 # Triangles show the direction of the load; the line is solid where the cycle attracts
-# and
-# dashed where it repels. The branch has a list of its special points: here the fold.
+# and dashed where it repels. The branch has a list of its special points: here the
+# fold.
 
 # %%
 kind, where = branch.special.kind[0], branch.special.parameter[0]

@@ -63,8 +63,7 @@ zj.settle(rods, kick)
 
 # %% [markdown]
 # After a smaller kick the column sticks. Rest and flutter coexist, and the kick
-# decides:
-# every map is a map for its kick.
+# decides: every map is a map for its kick.
 
 # %%
 zj.settle(rods, zj.State(omega=(0, 0.02)))
@@ -101,9 +100,8 @@ ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 
 # %% [markdown]
 # `outcome` says how the motion of each point ended. Each code has a name and a
-# sentence.
-# A point that failed is NaN. An `unsettled` motion still moved after the longest time:
-# with little friction, motions decay slowly.
+# sentence. A point that failed is NaN. An `unsettled` motion still moved after the
+# longest time: with little friction, motions decay slowly.
 
 # %%
 codes, counts = np.unique(ds.outcome, return_counts=True)

@@ -78,8 +78,7 @@ class Quadratic(zj.AbstractDamping):
 
 # %% [markdown]
 # At rest this law has no damping, so it does not enter the linear column. q_cr is that
-# of
-# the column without damping.
+# of the column without damping.
 
 # %%
 print(zj.critical_load(zj.uniform_rods(damping=Quadratic(0.05))).q_cr)
@@ -158,8 +157,7 @@ ax = ds.sel(joint=2).pipe(zj.plot.map, "peak_rate", x="q", y="mu")
 # ## Is the law right?
 #
 # Check a law by a balance that is independent of its code. `EnergyBalance` integrates
-# the
-# powers along the motion: the work of the load must equal the losses by damping and
+# the powers along the motion: the work of the load must equal the losses by damping and
 # friction, to the error of the integration. And the losses of both joints must add up
 # to its power of friction.
 

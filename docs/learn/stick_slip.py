@@ -28,8 +28,7 @@ def scene(friction, q=2.0):
 #
 # The set-valued motion lists its events: the times at which a joint changed its mode (0
 # sticks, 1 and -1 slip forwards and backwards). Between two events a rate may be
-# exactly
-# zero.
+# exactly zero.
 
 # %%
 ts = np.linspace(0, 40, 2001)
@@ -119,8 +118,7 @@ print("and settle says:", zj.CODE(int(end.outcome)).sentence)
 # ## Over a plane
 #
 # `compare` settles each point under both laws. It gives the differences of their
-# numbers
-# and of their outcomes.
+# numbers and of their outcomes.
 
 
 # %%
@@ -158,5 +156,4 @@ ax = smooth.pipe(zj.plot.map, "outcome", x="q", y="mu")
 # Trust a smoothed answer when it no longer depends on `v_smooth`: halve it and compare.
 # With $\mu_s > \mu_k$ a set-valued answer depends on the rule that chooses which joint
 # breaks loose: as few joints as possible. A smoothed law with $\mu_s > \mu_k$ chooses
-# by
-# the shape of its layer, and its motion need not tend to the same one.
+# by the shape of its layer, and its motion need not tend to the same one.
