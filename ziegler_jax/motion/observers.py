@@ -58,19 +58,19 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     ds = zj.sweep(point, q=[2.4, 2.6])
     ```
 
-    It sees the ends of the steps that the method takes and nothing between: the peaks
-    of what `step` compares are those at these ends, and lie the lower the longer the
-    steps are. (`Amplitude` finds the angles' peaks within steps.)
+    It sees only the ends of the steps of the method: a peak that `step` computes is one
+    at these ends, and the lower the longer the steps. (`Amplitude` finds the peaks of
+    angles within steps.)
 
-    A mean is an integral over the window by its `span`: `integrand` names what is
-    integrated, `step.integrals` are its integrals over a step, see `Step`. `system` is
-    what runs, the column's numbers worked out once: `system.power(y)`,
-    `system.energy(y)`, `system.friction_torques(y)` and `system.field(t, y)`. Where
-    forces depend on time it is the system at the time of y.
+    A mean is an integral over the window by its `span`: `integrand` names the
+    integrands, `step.integrals` are their integrals over a step, see `Step`. `system`
+    has the column's numbers, computed once: `system.power(y)`, `system.energy(y)`,
+    `system.friction_torques(y)` and `system.field(t, y)`. Where forces depend on time
+    it is the system at the time of y.
 
-    Keep its numbers as its own fields: of an attribute of something else, or a global,
-    that a law reads, JAX remembers as it was when first traced: within one point of a
-    sweep, and outside of `sweep` for good.
+    Write its numbers as its own fields. JAX remembers a global, or an attribute of
+    another object, as it was when first traced: within one point of a sweep, and
+    outside of `sweep` for good.
     """
 
     units: ClassVar[Units] = {}  # of its numbers, for `SI.scaled`
@@ -159,7 +159,7 @@ class Amplitude(AbstractObserver):
 
 
 class Mean(AbstractObserver):
-    r"""The mean angles $\bar\phi_i$: where a stuck motion sits.
+    r"""The mean angles $\bar\phi_i$, of a stuck motion its place of rest.
 
     The result has one number a rod, in rad.
     """
@@ -238,8 +238,8 @@ class Period(AbstractObserver):
 class StickFraction(AbstractObserver):
     r"""The share of time in which a joint sticks: $|u_i| <$ `rate_cut`.
 
-    A smoothed law never sticks, it creeps: the cut says how slow counts as sticking.
-    With set-valued friction the modes say it, without a cut unless one is named.
+    Under a smoothed law a joint never sticks, it creeps: the cut defines sticking. With
+    set-valued friction the modes define it, unless a cut is named.
     The time below the cut lies between the passages of the rate through $\pm$`rate_cut`
     on each step's quintic of the angle, $O(h^5)$ from the rate's course, or on its
     series, and moves with them: the fraction has a derivative as exact as the motion.
@@ -321,11 +321,11 @@ class StickFraction(AbstractObserver):
 
 
 class EnergyBalance(AbstractObserver):
-    r"""Work of the load, losses in damping and friction, each per unit time.
+    r"""Power of the load, losses by damping and friction, each per unit time.
 
     The powers are integrated with the stages of the method, to its order.
-    `energy_imbalance` is what is left of $\Delta E = W_{load} - W_{damping} -
-    W_{friction} + W_{forces}$ per unit time: the integration's own energy error.
+    `energy_imbalance` is the remainder of $\Delta E = W_{load} - W_{damping} -
+    W_{friction} + W_{forces}$ per unit time: the energy error of the integration.
     """
 
     name: ClassVar[str] = "power"

@@ -45,8 +45,8 @@ class Events(eqx.Module):
 
     `times` (n,), NaN where there is no event; `joints` (n,): 1, 2, 4, ... for joint 1,
     2, 3, ..., of several at once their sum, 0 for the start; `modes` (n, joints) after
-    the event: 1 and -1 slip, 0 sticks; `count`: how many there were, which may be more
-    than there is room for.
+    the event: 1 and -1 slip, 0 sticks; `count`: the number of events, which may exceed
+    that of the recorded ones.
     """
 
     times: Float[Array, "*lanes n"]
