@@ -63,7 +63,7 @@ for q, code in zip(least.q.values, least.outcome.values, strict=True):
 # that rest comes back above it, `undecided` that a motion had no verdict in time. All
 # codes are in the [reference](../reference/results.md).
 #
-# The same border the other way round, the load from which a given kick starts flutter,
+# The same border the other way round, the load from which one kick starts flutter,
 # is `flutter_onset` ([an example](device.md#the-onset-in-newtons)); the least kick over
 # *all* directions, and the state on the border, is `least_kick`.
 #

@@ -19,7 +19,7 @@ jax.config.update("jax_enable_x64", True)
 dry = zj.SetValuedCoulomb(0.1, pin_radius=1.0)  # tau = 0.1 q
 
 
-def scene(friction, q=2.0):
+def column(friction, q=2.0):
     return zj.uniform_rods(q, friction=friction)
 
 
@@ -33,7 +33,7 @@ def scene(friction, q=2.0):
 # %%
 ts = np.linspace(0, 40, 2001)
 kick = zj.State(omega=(0, 1.0))
-exact = zj.trajectory(scene(dry), kick, ts)
+exact = zj.trajectory(column(dry), kick, ts)
 rate = np.asarray(exact.omega[:, 1] - exact.omega[:, 0])
 print(f"joint 2 has a rate of exactly zero {np.mean(rate == 0):.0%} of the time")
 for n in range(int(exact.events.count)):
@@ -48,7 +48,7 @@ figure, axes = plt.subplots(2, 1, sharex=True, layout="constrained", figsize=(7,
 axes[0].plot(ts, exact.phi[:, 1] - exact.phi[:, 0], "k", label="set-valued")
 axes[1].semilogy(ts, np.maximum(np.abs(rate), 1e-9), "k")
 for v in (0.1, 0.01):
-    motion = zj.trajectory(scene(dry.smoothed(v)), kick, ts)
+    motion = zj.trajectory(column(dry.smoothed(v)), kick, ts)
     axes[0].plot(ts, motion.phi[:, 1] - motion.phi[:, 0], label=f"v_smooth = {v}")
     axes[1].semilogy(ts, abs(motion.omega[:, 1] - motion.omega[:, 0]))
 axes[0].set(ylabel="angle of joint 2")
@@ -68,20 +68,20 @@ axes[0].legend()
 # %%
 cycle = zj.SetValuedCoulomb(0.026, pin_radius=1.0, load=zj.ConstantLoad(1.0))
 hard = zj.State(omega=(0, 1.0))
-limit = zj.settle(scene(cycle, 2.6), hard)
+limit = zj.settle(column(cycle, 2.6), hard)
 print("set-valued:", limit.joint_amplitude[1], "in", limit.steps, "steps")
 
 
 # %%
 def smoothed(v):
-    return zj.settle(scene(cycle.smoothed(v), 2.6), hard, certify=False)
+    return zj.settle(column(cycle.smoothed(v), 2.6), hard, certify=False)
 
 
 ds = zj.sweep(smoothed, v=[0.3, 0.1, 0.03, 0.01, 0.003])
 for v in ds.v.values:
-    here = ds.sel(v=v, joint=2)
-    error = float(here.joint_amplitude - limit.joint_amplitude[1])
-    print(f"v_smooth = {v:5}: {error:.5f} too large, {int(here.steps)} steps")
+    one = ds.sel(v=v, joint=2)
+    error = float(one.joint_amplitude - limit.joint_amplitude[1])
+    print(f"v_smooth = {v:5}: {error:.5f} too large, {int(one.steps)} steps")
 
 # %% [markdown]
 # ## Where they differ
@@ -97,17 +97,17 @@ tiny = zj.State(omega=(0, 1e-6))
 late = np.linspace(0, 2000, 2001)
 figure, ax = plt.subplots(layout="constrained")
 for name, friction in (("smoothed", law.smoothed(v)), ("set-valued", law)):
-    motion = zj.trajectory(scene(friction, q), tiny, late)
+    motion = zj.trajectory(column(friction, q), tiny, late)
     ax.semilogy(late, np.maximum(abs(motion.phi[:, 1]), 1e-13), label=name)
 ax.set(xlabel="time", ylabel="angle of rod 2, absolute (rad)")
 ax.legend()
 
 # %%
-tangent = zj.tangent_column(scene(law.smoothed(v), q))
+tangent = zj.tangent_column(column(law.smoothed(v), q))
 print("damping of the smoothed law at rest:", tau / v)
 print("regime there:", zj.CODE(int(zj.regime(tangent))).name)
 print("growth rate:", zj.spectral_abscissa(tangent))
-end = zj.settle(scene(law.smoothed(v), q), tiny)
+end = zj.settle(column(law.smoothed(v), q), tiny)
 print("and settle says:", zj.CODE(int(end.outcome)).sentence)
 
 # %% [markdown]
