@@ -11,10 +11,10 @@ A cycle is certified when
     on until its own returns do. With set-valued friction its joints must stick and slip
     in the orbit's own order, too (`lane.checked`).
 
-What is refused goes on, to the horizon at most. From there on, where they are asked
-for, its exponents tell a torus from chaos (`exponents`). These kinds of motion, without
-tangents and with, are programs of their own: phases of one loop, between which a lane
-goes to and fro at its own pace.
+A motion without a certificate is followed further, to the horizon at most. After the
+horizon its exponents, where requested, tell a torus from chaos (`exponents`). Motions
+without tangents and with tangents are separate programs: phases of one loop, between
+which each lane changes at its own pace.
 """
 
 from collections.abc import Sequence

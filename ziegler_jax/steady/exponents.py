@@ -1,10 +1,11 @@
-r"""Rates at which tangents grow, and what two of them name an unsettled motion.
+r"""Growth rates of tangents, by which an unsettled motion is named.
 
-A motion that neither rests nor draws near a cycle by the horizon may be on a torus, or
-chaotic, or slow. Its two largest Lyapunov exponents, measured from there on, tell:
+A motion that neither rests nor approaches a cycle by the horizon may be on a torus,
+chaotic, or slow. Its two largest Lyapunov exponents, measured after the horizon,
+decide:
 
 - *chaotic*: $\lambda_1 >$ `ZERO`, $\lambda_1 > 1/T$ after T in all, and by more than
-    three standard errors. Whether chaos lasts no finite time tells: of 58 such columns
+    three standard errors. No finite time shows whether chaos lasts: of 58 such columns
     with viscous damping whose rods turn over 16 ended on a cycle or at rest between
     t = 800 and 37 000 (`benchmarks/a13_certified_truth.py kinds`);
 - *periodic*: $\lambda_1$ is zero, $|\lambda| \le$ `ZERO` and $|\lambda| \le 1/T + 3$

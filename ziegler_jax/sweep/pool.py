@@ -1,8 +1,8 @@
-"""How many points run: lanes wait before the stages of their point.
+"""The pool of points that run: lanes wait before the stages of their point.
 
-A thread takes a batch of the lanes that wait, the latest stage that fills one, leads it
-through that stage (at a loop a chunk of steps) and lets each lane wait where it goes
-on. Stages further on come first, so that few lanes are open.
+A thread takes a batch of waiting lanes from the latest stage that fills one, runs it
+through that stage (at a loop a chunk of steps), and puts each lane before its next
+stage. Later stages come first, so that few lanes are open.
 """
 
 from __future__ import annotations
