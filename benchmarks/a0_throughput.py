@@ -7,69 +7,58 @@ refilled as it ends) with the C library's vector functions; `ratio_cpp_tables` a
 the same kernel with tanh, exp, sin and cos from tables in registers, the machine's
 limit. `--scene frictionless` times the same sweep without friction, to q = 2.5, alone.
 
-    python benchmarks/a0_throughput.py [--no-configure] [--repeats 3]
+    python benchmarks/a0_throughput.py [--no-configure] [--lanes 8192] [--repeats 3]
         [--scene frictionless]
 """
 
-import argparse
-import json
-
 import numpy as np
-from measure import OF_THE_PROCESSOR, interleaved, machine, paired, ready, rounded
-from peers import cpp, naive
+import ours
+from measure import OF_THE_PROCESSOR, arguments, interleaved, paired, report
+from peers import cpp, vmapped
+from scenes import SCENES, START
 
 import ziegler_jax as zj
 
 
-def smooth(q):
-    friction = zj.SmoothCoulomb(
-        0.012,
-        0.010,
-        pin_radius=1.0,
-        v_stribeck=0.05,
-        v_smooth=0.01,
-        load=zj.ConstantLoad(1.0),
-    )
-    return reference(q, friction)
+def reference(scene):
+    def point(q):
+        return zj.settle(
+            ours.column_of(scene, q),
+            zj.State(omega=(0.0, 0.2)),
+            windows=zj.Windows(transient=80.0, length=20.0, max_windows=1),
+            method=zj.Method(rtol=1e-6, atol=1e-6),
+            certify=False,
+        )
 
-
-def reference(q, friction=None):
-    return zj.settle(
-        zj.uniform_rods(q=q, friction=friction),
-        zj.State(omega=(0.0, 0.2)),
-        windows=zj.Windows(transient=80.0, length=20.0, max_windows=1),
-        method=zj.Method(rtol=1e-6, atol=1e-6),
-        certify=False,
-    )
+    return point
 
 
 # without friction motions above q_cr = 2.5417 end early, turned over
-SCENES = {"smooth": (smooth, 4.0), "frictionless": (reference, 2.5)}
+HIGHEST = {"smooth": 4.0, "frictionless": 2.5}
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--no-configure", action="store_true")
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--scene", choices=SCENES, default="smooth")
-    options = parser.parse_args()
-    scene, high = SCENES[options.scene]
+    options = arguments(
+        __doc__, no_configure=False, lanes=8192, repeats=3, scene="smooth"
+    )
+    scene, high = SCENES[options.scene], HIGHEST[options.scene]
     said = "not called" if options.no_configure else zj.configure_cpu()
-    q = np.linspace(2, high, 8192)
+    q = np.linspace(2, high, options.lanes)
     found, runs = {}, []
 
-    def ours():
-        found["sweep"] = zj.sweep(scene, q=q, progress=False)
+    def sweep():
+        found["sweep"] = zj.sweep(reference(scene), q=q, progress=False)
         runs.append(found["sweep"].attrs["run_seconds"])
 
     def cpp_kernel(plain):
         threads = found["sweep"].attrs["threads"]
         found["cpp"] = cpp.solve(q, threads=threads, plain=plain)
 
-    contestants = {"sweep": ours}
+    contestants = {"sweep": sweep}
     if options.scene == "smooth":  # theirs
-        contestants["naive_stacked"] = lambda: ready(naive.solve_stacked(q))
-        contestants["naive_tuple"] = lambda: ready(naive.solve_tuple(q))
+        work = scene, q, START, 100.0, 1e-6
+        for name, stacked in (("naive_stacked", True), ("naive_tuple", False)):
+            contestants[name] = lambda s=stacked: vmapped.solve(*work, stacked=s)
         try:
             cpp.library()
             cpp.library(plain=True)
@@ -86,7 +75,6 @@ def main():
     ds = found["sweep"]
     steps = float(ds.steps.sum())
     result = {
-        "benchmark": "a0_throughput",
         "scene": options.scene,
         "ns_per_lane_step": float(np.median(seconds["sweep"])) / steps * 1e9,
         "useful_step_fraction": ds.attrs["useful_step_fraction"],
@@ -94,11 +82,10 @@ def main():
         "compile_seconds": ds.attrs["compile_seconds"],
         "seconds": {name: float(np.median(s)) for name, s in seconds.items()},
         "configure_cpu": said,
-        **machine(),
     }
     if options.scene == "smooth":
         result |= against_others(seconds, found, q)
-    print(json.dumps(rounded(result)))
+    report("a0_throughput", **result)
 
 
 def against_others(seconds, found, q):
@@ -114,8 +101,8 @@ def against_others(seconds, found, q):
     amplitude = np.asarray(found["cpp"][0])
     # below q = 2.3 all lanes are regular: there both must find the same cycles
     regular = q < 2.3
-    theirs, ours = amplitude[:, 2], found["sweep"].joint_amplitude.sel(joint=2).values
-    apart = np.abs(theirs - ours)[regular]
+    mine = found["sweep"].joint_amplitude.sel(joint=2).values
+    apart = np.abs(amplitude[:, 2] - mine)[regular]
     return result | {"largest_amplitude_difference_to_cpp": float(apart.max())}
 
 

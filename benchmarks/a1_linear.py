@@ -1,83 +1,51 @@
 """Regimes and critical loads of a million columns, against `jnp.linalg.eigvals`.
 
-Random columns of six parameters (loads, masses, stiffness, follower fraction, both
-dampings), one jitted vmap each, best of five runs after the first. Eigenvalues are
-timed on a subsample of 20 000 of the same columns, scaled up to the million, as one
-LAPACK call a matrix scales; the matrices are made outside the clock. Prints one JSON
-line, in seconds.
+Random columns of seven numbers (load, masses, stiffness, follower fraction, both
+dampings), one jitted vmap each, in turns. Eigenvalues are timed on a fiftieth of the
+same columns, scaled up, as one LAPACK call a matrix scales; the matrices are made
+outside the clock. Prints one JSON line, in seconds.
+
+    python benchmarks/a1_linear.py [--columns 1000000]
 """
 
-import json
-import os
-import time
-
 import jax
+import jax.numpy as jnp
+import numpy as np
+from measure import arguments, interleaved, ready, report
 
-jax.config.update("jax_enable_x64", True)
+import ziegler_jax as zj
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from measure import machine  # noqa: E402
-
-import ziegler_jax as zj  # noqa: E402
-
-COUNT, SAMPLE = 1_000_000, 20_000
+SHARE = 50
+LOW, HIGH = (0.0, 0.3, 0.3, 0.3, 0.4, 0.01, 0.01), (5.0, 3.0, 3.0, 3.0, 1.2, 1.0, 1.0)
 
 
-def scene(q, m1, m2, kappa, eta, c1, c2):
+def column(q, m1, m2, kappa, eta, c1, c2):
     return zj.uniform_rods(
         q, m1=m1, m2=m2, kappa=kappa, follower=eta, damping=zj.Viscous(c1, c2)
     )
 
 
-def regimes(*p):
-    return zj.regime(scene(*p))
-
-
-def critical_loads(*p):
-    return zj.critical_load(scene(*p))
-
-
-def first_order(*p):
-    m, c, k = zj.linearise(scene(*p))
+def first_order(*numbers):
+    m, c, k = zj.linearise(column(*numbers))
     lower = -jnp.linalg.inv(m) @ jnp.concatenate([k, c], axis=1)
-    upper = jnp.concatenate([jnp.zeros((2, 2)), jnp.eye(2)], axis=1)
-    return jnp.concatenate([upper, lower])
-
-
-def seconds(function, *arguments, repeats=5):
-    jax.block_until_ready(function(*arguments))  # compiles
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        jax.block_until_ready(function(*arguments))
-        times.append(time.perf_counter() - start)
-    return min(times)
+    return jnp.concatenate([jnp.eye(2, 4, 2), lower])
 
 
 def main():
-    rng = np.random.default_rng(0)
-    low = np.array([0.0, 0.3, 0.3, 0.3, 0.4, 0.01, 0.01])
-    high = np.array([5.0, 3.0, 3.0, 3.0, 1.2, 1.0, 1.0])
-    p = jnp.asarray(rng.uniform(low, high, (COUNT, 7)).T)
-    regime = seconds(jax.jit(jax.vmap(regimes)), *p)
-    critical = seconds(jax.jit(jax.vmap(critical_loads)), *p)
-    matrices = jax.jit(jax.vmap(first_order))(*p[:, :SAMPLE])
-    eigvals = seconds(jax.jit(jnp.linalg.eigvals), matrices) * COUNT / SAMPLE
-    result = {
-        "benchmark": "a1_linear",
-        "points": COUNT,
-        "cores": os.cpu_count(),
-        "regime_s": round(regime, 4),
-        "critical_load_s": round(critical, 4),
-        "eigvals_s": round(eigvals, 2),
-        "eigvals_timed_on": SAMPLE,
-        "eigvals_over_regime": round(eigvals / regime, 1),
-        "eigvals_over_critical_load": round(eigvals / critical, 1),
-        "backend": jax.default_backend(),
-        **machine(),
-    }
-    print(json.dumps(result))
+    count = arguments(__doc__, columns=1_000_000).columns
+    jax.config.update("jax_enable_x64", True)
+    table = np.random.default_rng(0).uniform(LOW, HIGH, (count, len(LOW))).T
+    few = jax.jit(jax.vmap(first_order))(*table[:, : count // SHARE])
+    of_all = {"regime": zj.regime, "critical_load": zj.critical_load}
+    eigvals = jax.jit(jnp.linalg.eigvals)
+    contestants = {"eigvals": lambda: ready(eigvals(few))}
+    for name, question in of_all.items():
+        program = jax.jit(jax.vmap(lambda *x, ask=question: ask(column(*x))))
+        contestants[name] = lambda f=program: ready(f(*table))
+    seconds = {n: float(np.min(s)) for n, s in interleaved(contestants, 5).items()}
+    seconds["eigvals"] *= SHARE
+    over = {f"eigvals_over_{n}": seconds["eigvals"] / seconds[n] for n in of_all}
+    report("a1_linear", columns=count, seconds=seconds, **over)
 
 
 if __name__ == "__main__":

@@ -3,24 +3,21 @@
 Twenty columns and loads with set-valued friction: `least_kick` against random kicks,
 whose directions are uniform in the norm of the energy and whose energies are uniform
 up to 1.25 of the least one; both have the same windows and tolerances, and each of the
-random kicks is followed until it repeats or rests. Then the least kick itself,
-0.998 and 1.002 of it. Before, how the least energy over the square of the torque
-departs from its limit at small torques. Prints one JSON line a case and one for all.
+random kicks is followed until it repeats or rests. Then 0.998 and 1.002 of the least
+kick itself. Prints one JSON line a case and one for all.
 
-    python benchmarks/a9_least_kick.py [--random 100000] [--cases 20] [--groups rates]
+    python benchmarks/a9_least_kick.py [--random 100000] [--cases 20]
+        [--groups rates angles both]
 """
 
-import argparse
-import json
-
-import jax.numpy as jnp
+import jax
 import numpy as np
-import xarray as xr
-from measure import commit, rounded
+from follow_on import swept
+from measure import arguments, commit, report
 
 import ziegler_jax as zj
 
-# q, mu_s, mu_k of joint 1, of joint 2, kappa, eta, (a, b, d), c: free numbers a group
+# q, mu_s, mu_k of joint 1, of joint 2, kappa, eta, (a, b, d), c
 ROD, POINTS = (4 / 3, 1 / 2, 1 / 3), (3.0, 1.0, 1.0)
 CASES = {
     "rates": [
@@ -37,20 +34,17 @@ CASES = {
         (2.20, 0.03, 0.025, 0.02, 0.015, 1.5, 1.0, POINTS, 0.01),
         (2.40, 0.03, 0.03, 0.03, 0.03, 0.8, 0.95, ROD, 0.02),
     ],
-    "angles": [
-        (1.80, 0.02, 0.02, 0.02, 0.02, 1.0, 1.0, ROD, 0.0),
-        (2.10, 0.05, 0.05, 0.05, 0.05, 1.0, 1.0, ROD, 0.0),
-        (2.40, 0.03, 0.02, 0.03, 0.02, 1.0, 1.0, ROD, 0.0),
-        (2.00, 0.03, 0.03, 0.03, 0.03, 1.0, 1.0, POINTS, 0.0),
-    ],
-    "both": [
-        (1.80, 0.02, 0.02, 0.02, 0.02, 1.0, 1.0, ROD, 0.0),
-        (2.10, 0.05, 0.05, 0.05, 0.05, 1.0, 1.0, ROD, 0.0),
-        (2.40, 0.03, 0.02, 0.03, 0.02, 1.0, 1.0, ROD, 0.0),
-        (2.00, 0.03, 0.03, 0.03, 0.03, 1.0, 1.0, POINTS, 0.0),
-    ],
 }
+CASES["angles"] = CASES["both"] = [
+    (1.80, 0.02, 0.02, 0.02, 0.02, 1.0, 1.0, ROD, 0.0),
+    (2.10, 0.05, 0.05, 0.05, 0.05, 1.0, 1.0, ROD, 0.0),
+    (2.40, 0.03, 0.02, 0.03, 0.02, 1.0, 1.0, ROD, 0.0),
+    (2.00, 0.03, 0.03, 0.03, 0.03, 1.0, 1.0, POINTS, 0.0),
+]
+# free numbers of each group
 FREE = {"rates": (2, 3), "angles": (0, 1), "both": (0, 1, 2, 3)}
+FLUTTER = (zj.CODE.cycle, zj.CODE.repeats, zj.CODE.escaped)
+NAMES = [code.name for code in FLUTTER]
 HIGHEST, ABOVE = 600.0, 1.25  # energies over the torque squared, over the least
 WINDOWS = zj.Windows(transient=0.0, length=40.0, max_windows=200)
 METHOD = zj.Method(rtol=1e-8)
@@ -71,39 +65,27 @@ def column(row):
 
 def least(group, table):
     """The least kicks of a group."""
-
-    def point(case):
-        row = jnp.asarray(table)[case.astype(int)]
-        return zj.least_kick(
+    return swept(
+        table,
+        lambda row: zj.least_kick(
             column(row),
             (0.0, HIGHEST * row[1] * row[3]),
             directions=zj.Directions(group),
             windows=WINDOWS,
             method=METHOD,
-        )
+        ),
+    )
 
-    return zj.sweep(point, case=np.arange(len(table)), progress=False)
 
-
-def fates(table, case, starts):
+def fates(row, starts):
     """How motions of one case end."""
 
-    def point(case, phi1, phi2, omega1, omega2):
-        start = zj.State((phi1, phi2), (omega1, omega2))
-        ended = zj.settle(
-            column(jnp.asarray(table)[case.astype(int)]),
-            start,
-            windows=WINDOWS,
-            method=METHOD,
-        )
-        return {"outcome": ended.outcome}
+    def outcome(y):
+        start = zj.State((y[0], y[1]), (y[2], y[3]))
+        settled = zj.settle(column(row), start, windows=WINDOWS, method=METHOD)
+        return {"outcome": settled.outcome}
 
-    names = ("phi1", "phi2", "omega1", "omega2")
-    axes = {
-        name: xr.DataArray(x, dims="kick")
-        for name, x in zip(names, starts.T, strict=True)
-    }
-    return zj.sweep(point, case=[case], axes=axes, progress=False).outcome.values[0]
+    return swept(starts, outcome).outcome.values
 
 
 def random_kicks(row, free, energy, count, seed):
@@ -127,7 +109,7 @@ def random_kicks(row, free, energy, count, seed):
 
 def judged(group, table, ds, case, count):
     """One case's least kick against random ones."""
-    found = ds.isel(case=case)
+    found = ds.isel(place=case)
     line = {
         "case": f"{group} {case}",
         "q": float(table[case][0]),
@@ -142,10 +124,10 @@ def judged(group, table, ds, case, count):
         return line
     energy, row = float(found.energy), table[case]
     start = np.concatenate([found.angle.values, found.rate.values])
-    around = fates(table, case, np.outer([0.998, 1.002], start))
+    around = fates(row, np.outer([0.998, 1.002], start))
     starts, energies = random_kicks(row, FREE[group], energy, count, 7 + case)
-    fate = fates(table, case, starts)
-    flutter = np.isin(fate, (zj.CODE.repeats, zj.CODE.escaped))
+    fate = fates(row, starts)
+    flutter = np.isin(fate, FLUTTER)
     best = energies[flutter].min() if flutter.any() else np.inf
     return line | {
         "0.998": zj.CODE(int(around[0])).name,
@@ -157,58 +139,30 @@ def judged(group, table, ds, case, count):
     }
 
 
-def law():
-    """How E / tau^2 departs from its value at the least torque."""
-    taus = np.array([0.0005, 0.001, 0.005, 0.01, 0.02, 0.04])
-
-    def point(q, tau):
-        row = jnp.stack([q, tau, tau, tau, tau, 1.0, 1.0, *ROD, 0.0])
-        method = zj.Method(rtol=1e-9, atol=1e-9 * tau)
-        return zj.least_kick(column(row), (0.0, 60 * tau**2), method=method)
-
-    ds = zj.sweep(point, q=np.linspace(1.8, 2.6, 17), tau=taus, progress=False)
-    scaled = (ds.energy / ds.tau**2).values
-    departure = scaled[:, 1:] / scaled[:, :1] - 1
-    ratios = departure[:, 2:] / departure[:, 1:-1]
-    return {
-        "law": "departure of E / tau^2",
-        "found": int((ds.outcome == zj.CODE.found).sum()),
-        "of": int(ds.outcome.size),
-        "at_0.001": float(np.abs(departure[:, 0]).max()),
-        "at_0.01": float(np.abs(departure[:, 2]).max()),
-        "ratios_from_0.005": [[float(r.min()), float(r.max())] for r in ratios.T],
-    }
-
-
 def main():
-    parser = argparse.ArgumentParser(description="Is the least kick the least?")
-    parser.add_argument("--random", type=int, default=100_000)
-    parser.add_argument("--cases", type=int, default=20)
-    parser.add_argument("--law", action=argparse.BooleanOptionalAction, default=True)
-    parser.add_argument("--groups", nargs="*", default=list(CASES))
-    options = parser.parse_args()
+    options = arguments(__doc__, random=100_000, cases=20, groups=tuple(CASES))
     zj.configure_cpu()
+    jax.config.update("jax_enable_x64", True)  # for tables of cases
     lines = []
-    if options.law:
-        print(json.dumps(rounded(law())), flush=True)
     for group in options.groups:
-        table = numbers(CASES[group])
+        table = numbers(CASES[group][: options.cases])
         ds = least(group, table)
-        for case in range(min(len(table), options.cases)):
-            lines.append(judged(group, table, ds, case, options.random))
-            print(json.dumps(rounded(lines[-1])), flush=True)
+        for case in range(len(table)):
+            line = judged(group, table, ds, case, options.random)
+            lines.append(report("a9_least_kick", about=dict, **line))
     judged_ones = [line for line in lines if "random" in line]
-    result = {
-        "benchmark": "a9_least_kick",
-        "commit": commit(),
-        "cases": len(lines),
-        "found": len(judged_ones),
-        "random_a_case": options.random,
-        "most_percent_over_best": max(x["percent_over_best"] for x in judged_ones),
-        "rest_at_0.998": sum(x["0.998"] == "stuck" for x in judged_ones),
-        "flutter_at_1.002": sum(x["1.002"] == "repeats" for x in judged_ones),
-    }
-    print(json.dumps(rounded(result)))
+    report(
+        "a9_least_kick",
+        about=lambda: {"commit": commit()},
+        cases=len(lines),
+        found=len(judged_ones),
+        random_a_case=options.random,
+        most_percent_over_best=max(x["percent_over_best"] for x in judged_ones),
+        **{
+            "rest_at_0.998": sum(x["0.998"] == "stuck" for x in judged_ones),
+            "flutter_at_1.002": sum(x["1.002"] in NAMES for x in judged_ones),
+        },
+    )
 
 
 if __name__ == "__main__":

@@ -4,29 +4,24 @@ Each scene of `scenes.py`: 4096 columns of neighbouring loads from one start. Th
 is the largest difference of the four state values at the end from heyoka's at 1e-16,
 as median and 95th percentile over the lanes; the time that of a trajectory, without
 compilation, with all cores. Contestants take turns, tolerance by tolerance. Prints one
-JSON line a contestant and one for the comparison at equal errors; writes
-`results/b0_<scene>.json` and `.png`. About a minute a scene with the defaults.
+JSON line a scene, the comparison at equal errors; writes `results/b0_<scene>.json`,
+which has each contestant's points, and `.png`. About a minute a scene.
 
     python benchmarks/b0_work_precision.py [--scenes smooth ...] [--repeats 3]
+        [--lanes 4096] [--stiff-lanes 512]
 """
 
-import argparse
 import importlib
-import importlib.util
-import json
 import sys
 from functools import partial
 
-import colours
-import matplotlib
 import numpy as np
-from measure import commit, machine, paired, rounded, save
+import ours
+from matplotlib.figure import Figure
+from measure import LINES, arguments, paired, report, save
 from scenes import LANES, SCENES, START
 
 import ziegler_jax as zj
-
-matplotlib.use("agg")
-zj.configure_cpu()
 
 TOLERANCES = 10.0 ** -np.arange(3, 13)
 STIFF_TOLERANCES = 10.0 ** -np.arange(3, 9)
@@ -35,49 +30,39 @@ STIFF_LANES = 512  # their reference, too, is expensive
 LIMIT = 20.0  # a contestant that has spent so many seconds tries no finer tolerance
 
 
-def contestants(scene):
+def contestants(scene, lanes):
     """Names, functions (scene, q, start, span, rtol) and lanes; and who is absent."""
-    import ours
-
-    entries, absent = {}, {}
-    lanes = STIFF_LANES if scene.stiff else LANES
-    for name in (*ours.SOLVERS, *(ours.STIFF_SOLVERS if scene.stiff else ())):
-        entries[f"ziegler_jax {name}"] = partial(ours.run, solver=name), lanes
-    for module in ("vmapped", "taylor", "scalar", "per_trajectory", "cvode", "cpp"):
+    stiff, absent = scene.stiff, {}
+    solvers = (*ours.SOLVERS, *(ours.STIFF_SOLVERS if stiff else ()))
+    entries = {
+        f"ziegler_jax {n}": (partial(ours.run, solver=n), lanes) for n in solvers
+    }
+    methods = {
+        "vmapped": ("Kvaerno5",) if stiff else ("Tsit5", "Dopri8"),
+        "per_trajectory": ("LSODA", "Radau") if stiff else ("RK45", "DOP853"),
+    }
+    for module in ("vmapped", "taylor", "scalar", "per_trajectory", "cpp"):
         try:
             peer = importlib.import_module(f"peers.{module}")
         except (ImportError, OSError) as error:
             absent[module] = str(error)
             continue
         few = min(lanes, getattr(peer, "LANES", lanes))
-        if module == "vmapped":
-            stiff = scene.stiff
-            for solver in ("Kvaerno5",) if stiff else ("Tsit5", "Dopri8"):
-                run = partial(peer.run, solver=solver)
-                entries[f"diffrax vmap {solver}"] = run, min(few, 512)
-        elif module == "cvode":
-            if scene.stiff and importlib.util.find_spec("sksundae"):
-                entries[peer.NAME] = peer.run, few
-            elif scene.stiff:
-                absent[module] = "scikit-sundae is not installed"
-        elif module == "per_trajectory":
-            for method in ("LSODA", "Radau") if scene.stiff else ("RK45", "DOP853"):
-                entries[f"scipy {method}"] = partial(peer.run, method=method), few
-        else:
+        if module not in methods:
             entries[peer.NAME] = peer.run, few
+        for method in methods.get(module, ()):
+            entries[f"{peer.NAME} {method}"] = partial(peer.run, method=method), few
     return entries, absent
 
 
-def race(scene, repeats):
+def race(scene, lanes, repeats):
     """The error and the times of each contestant at each tolerance."""
-    from reference import ranges, reference
+    from reference import reference  # which needs heyoka
 
-    lanes = STIFF_LANES if scene.stiff else LANES
     loads = scene.loads(lanes)
     truth = reference(scene, loads, START)
-    entries, absent = contestants(scene)
-    results = {name: [] for name in entries}
-    spent = dict.fromkeys(entries, 0.0)
+    entries, absent = contestants(scene, lanes)
+    results, spent = {name: [] for name in entries}, dict.fromkeys(entries, 0.0)
     for tol in STIFF_TOLERANCES if scene.stiff else TOLERANCES:
         times = {}
         for turn in range(repeats):
@@ -97,29 +82,21 @@ def race(scene, repeats):
                 print(f"{name}, {tol:g}: {seconds:.3g} s", file=sys.stderr, flush=True)
                 times.setdefault(name, []).append(seconds / few)
                 if not turn:
-                    keep = truth.keep[some]
-                    apart = np.abs(states - truth.states[some]).max(axis=1)[keep]
-                    apart = np.where(np.isfinite(apart), apart, np.inf)
-                    entry = {
-                        "tolerance": float(tol),
-                        "median": float(np.median(apart)),
-                        "p95": float(np.sort(apart)[int(0.95 * (apart.size - 1))]),
-                        "lanes": few,
-                    }
-                    results[name].append(entry)
+                    apart = np.abs(states - truth.states[some])[truth.keep[some]]
+                    apart = np.nan_to_num(apart.max(axis=1), nan=np.inf)
+                    median, p95 = np.quantile(apart, (0.5, 0.95), method="lower")
+                    entry = {"median": median, "p95": p95, "lanes": few}
+                    results[name].append({"tolerance": float(tol), **entry})
         for name, seconds in times.items():
             results[name][-1]["microseconds"] = [s * 1e6 for s in seconds]
     about = {
-        "scene": scene.name,
         "span": scene.span,
         "lanes": lanes,
         "reference": "heyoka 1e-16",
         "codes_apart": truth.codes_apart,
         "left_out": int((~truth.keep).sum()),
-        "left_out_loads": ranges(loads, ~truth.keep)[:20],
         "largest_magnification_kept": float(truth.magnification[truth.keep].max()),
         "absent": absent,
-        **machine(),
     }
     return about, results
 
@@ -167,22 +144,11 @@ def compare(results):
     return table
 
 
-TITLES = {
-    "smooth": "friction smoothed by tanh",
-    "viscous": "viscous damping",
-    "frictionless": "no friction",
-    "stiff_1e-3": "friction in a layer of 1e-3",
-    "stiff_1e-4": "friction in a layer of 1e-4",
-    "stiff_1e-5": "friction in a layer of 1e-5",
-}
-
-
 def draw(about, results, path):
     """Log-log, one line a contestant: ours thick and filled, theirs thin and open."""
-    import matplotlib.pyplot as plt
-
     markers = "os^DvPX*<>"
-    figure, ax = plt.subplots(figsize=(8.3, 5.0), layout="constrained")
+    figure = Figure(figsize=(8.3, 5.0), layout="constrained")
+    ax = figure.subplots()
     mine = [n for n in results if n.startswith("ziegler_jax") and results[n]]
     theirs = [n for n in results if n not in mine and results[n]]
     codes = list(dict.fromkeys(name.split()[0] for name in theirs))
@@ -192,7 +158,7 @@ def draw(about, results, path):
         y = [max(e["median"], 1e-16) for e in entries]
         own = name in mine
         j = i if own else codes.index(name.split()[0])  # a code has one colour
-        colour = colours.LINES[j % len(colours.LINES)]
+        colour = LINES[j % len(LINES)]
         marker = markers[(i if own else i - len(mine)) % len(markers)]
         ax.plot(
             x, y, ("-" if own else ":") + marker, color=colour,
@@ -200,37 +166,30 @@ def draw(about, results, path):
             label=name if len(x) > 1 else f"{name}, at 1e-6",
         )  # fmt: skip
     clock = "processor time / cores" if about["clock"] == "cpu" else "wall time"
-    title = TITLES.get(about["scene"], about["scene"])
     ax.set(
         xscale="log",
         yscale="log",
         xlabel=rf"{clock} of a trajectory, {about['cores']} cores ($\mu$s)",
         ylabel=r"median error of the final state $(\varphi_i, \dot\varphi_i)$",
-        title=f"{title}: {about['lanes']} loads q, to t = {about['span']:g}",
+        title=f"{about['scene']}: {about['lanes']} loads q, to t = {about['span']:g}",
     )
     ax.grid(alpha=0.3)
     ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=8.5, frameon=False)
     figure.savefig(path, dpi=130)
-    plt.close(figure)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--scenes", nargs="+", default=["smooth"], choices=SCENES)
-    parser.add_argument("--repeats", type=int, default=3)
-    options = parser.parse_args()
+    options = arguments(
+        __doc__, scenes=("smooth",), lanes=LANES, stiff_lanes=STIFF_LANES, repeats=3
+    )
+    zj.configure_cpu()
     for name in options.scenes:
-        about, results = race(SCENES[name], options.repeats)
-        for contestant, entries in results.items():
-            line = {"scene": name, "contestant": contestant, "points": entries}
-            print(
-                json.dumps(rounded({"benchmark": "b0", "commit": commit(), **line})),
-                flush=True,
-            )
-        summary = {"benchmark": "b0", **about, "at_equal_error": compare(results)}
-        print(json.dumps(rounded(summary)), flush=True)
-        image = save(f"b0_{name}", {**summary, "contestants": results})
-        draw(about, results, image)
+        scene = SCENES[name]
+        lanes = options.stiff_lanes if scene.stiff else options.lanes
+        about, results = race(scene, lanes, options.repeats)
+        result = {"scene": name, **about, "at_equal_error": compare(results)}
+        line = report("b0_work_precision", **result)
+        draw(line, results, save(f"b0_{name}", {**line, "contestants": results}))
 
 
 if __name__ == "__main__":

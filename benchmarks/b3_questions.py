@@ -1,31 +1,36 @@
-"""Questions of more than one motion, and of long ones, over cells of the main map.
+"""Questions about cells of the main map: their costs, and how they end.
 
-At random cells of the main job's map: `settle` alone; `settle`, then `periodic_orbit`
-from where it ended, certified or not, stuck lanes included; `lyapunov_exponents`;
-`settle` with the exponents of what has not settled. Seconds without compiling, seconds
-to trace and compile, the share of useful steps, and how they ended. Prints one JSON
-line; writes `results/b3_questions.json`. Some three minutes.
+At random cells of the main job's map, or at all of them (`--cells 0`): `settle` by
+windows, with `StickFraction`; the same with no observer, and with another one; a fixed
+span, and a forward derivative of its end by the load; `settle` with certificates;
+`settle` by windows, then `periodic_orbit` from where it ended, certified or not, stuck
+lanes included; `lyapunov_exponents`; `settle` with the exponents of what has not
+settled. For each: seconds to trace and compile, seconds of the runs, taken in turns,
+over those of windows, steps (one with three tangents counts as four), the share of
+useful steps, and the endings. Prints one JSON line a question; some four minutes.
 
-    python benchmarks/b3_questions.py [--cells 8192] [--seed 17]
+    python benchmarks/b3_questions.py [--cells 8192] [--seed 17] [--repeats 3]
+        [--only windows certified]
 """
 
-import argparse
-import json
-
+import jax
 import jax.numpy as jnp
 import numpy as np
-from measure import machine, rounded, save
+from measure import arguments, paired, report
 
 import ziegler_jax as zj
 from ziegler_jax import __main__ as job
 
-zj.configure_cpu()
+OBSERVERS = (zj.Mean, zj.Period, zj.EnergyBalance)
 
 
 def cells(count, seed):
-    """Random ones: load, static and kinetic friction."""
+    """Random ones, or all: load, static and kinetic friction."""
     q, mu = job.grid(105_780)
     static, kinetic = np.tril_indices(mu.size)
+    if not count:
+        rows = np.tile(np.arange(static.size), q.size)
+        return np.repeat(q, static.size), mu[static[rows]], mu[kinetic[rows]]
     rng = np.random.default_rng(seed)
     rows = rng.integers(static.size, size=count)
     return q[rng.integers(q.size, size=count)], mu[static[rows]], mu[kinetic[rows]]
@@ -35,9 +40,11 @@ def questions(table):
     """Points of a sweep over the cells' numbers."""
     start = zj.State(omega=job.KICK)
 
+    def numbers(cell):
+        return [jnp.asarray(x)[cell.astype(int)] for x in table]
+
     def column(cell):
-        i = cell.astype(int)
-        q, mu_s, mu_k = (jnp.asarray(x)[i] for x in table)
+        q, mu_s, mu_k = numbers(cell)
         friction = zj.SmoothCoulomb(
             mu_s,
             mu_k,
@@ -48,58 +55,86 @@ def questions(table):
         return zj.uniform_rods(q=q, friction=friction)
 
     def settled(cell):
-        return zj.settle(column(cell), start, **job.SETTLE, certify=False)
+        return job.point(*numbers(cell), certify=False)
+
+    def watched(*observers):
+        return lambda cell: job.point(
+            *numbers(cell), certify=False, observers=observers
+        )
+
+    def span(cell, more=0.0):
+        """A fixed one, with a load that is more."""
+        q, *mu = numbers(cell)
+        options = {"windows": zj.Windows(80.0, 40.0, 1), "certify": False}
+        return job.point(q + more, *mu, **options).final.phi[1]
+
+    def derivative(cell):
+        value, slope = jax.jvp(lambda more: span(cell, more), (0.0,), (1.0,))
+        return {"value": value, "slope": slope}
 
     def closed(cell):
-        motion = settled(cell)
-        orbit = zj.periodic_orbit(
-            column(cell), motion.final, method=zj.Method(rtol=1e-8, atol=1e-8)
-        )
-        return {
-            "outcome": motion.outcome,
-            "orbit": orbit.outcome,
-            "steps": orbit.steps,
-            "amplitude": orbit.joint_amplitude[1] / motion.joint_amplitude[1],
-        }
-
-    def exponents(cell):
-        return zj.lyapunov_exponents(column(cell), start)
-
-    def judged(cell):
-        return zj.settle(column(cell), start, exponents=2)
+        method = zj.Method(rtol=1e-8, atol=1e-8)
+        orbit = zj.periodic_orbit(column(cell), settled(cell).final, method=method)
+        return {"orbit": orbit.outcome, "steps": orbit.steps}
 
     return {
-        "settle": (settled, 1.0, "outcome"),
-        "settle and periodic_orbit": (closed, 1.0, "orbit"),
-        "lyapunov_exponents": (exponents, 0.5, "outcome"),
-        "kind": (judged, 0.5, "kind"),
+        "windows": settled,
+        "no observer": watched(),
+        **{observer.__name__: watched(observer()) for observer in OBSERVERS},
+        "span": lambda cell: {"phi_2": span(cell)},
+        "derivative": derivative,
+        "certified": lambda cell: job.point(*numbers(cell)),
+        "windows and periodic_orbit": closed,
+        "lyapunov_exponents": lambda cell: zj.lyapunov_exponents(column(cell), start),
+        "kind": lambda cell: zj.settle(column(cell), start, exponents=2),
     }
 
 
+ENDINGS = {"windows and periodic_orbit": "orbit", "kind": "kind"}
+LONG = ("lyapunov_exponents", "kind")  # they are asked of half of the cells
+
+
+def about(name, runs, first):
+    """The numbers of one question, the first run compiled apart."""
+    ds = runs[-1]
+    seconds = [one.attrs["run_seconds"] for one in runs]
+    ratio, spread = paired(seconds, first) if name not in LONG else (None, None)
+    result = {
+        "cells": ds.sizes["cell"],
+        "compile_seconds": runs[0].attrs["compile_seconds"],
+        "run_seconds": float(np.median(seconds)),
+        "over_windows": ratio,
+        "over_windows_range": spread,
+        "useful_step_fraction": ds.attrs["useful_step_fraction"],
+    }
+    if "steps" in ds:
+        tangents = 3 * ds.shot_steps if "shot_steps" in ds else 0
+        result["steps_a_cell"] = float((ds.steps + tangents).mean())
+    code = ds.get(ENDINGS.get(name, "outcome"))
+    if code is not None:
+        ends = zip(*np.unique(code.values, return_counts=True), strict=True)
+        result["ended"] = {zj.CODE(int(n)).name: int(c) for n, c in ends}
+    return result
+
+
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--cells", type=int, default=8192)
-    parser.add_argument("--seed", type=int, default=17)
-    arguments = parser.parse_args()
-    table = cells(arguments.cells, arguments.seed)
-    result = {"benchmark": "b3", **machine(), "cells": arguments.cells}
-    for name, (point, share, code) in questions(table).items():
-        axis = np.arange(float(int(share * arguments.cells)))
-        ds = zj.sweep(point, cell=axis, progress=False)
-        ends = np.unique(ds[code].values.astype(int), return_counts=True)
-        pairs = zip(*ends, strict=True)
-        result[name] = {
-            "cells": axis.size,
-            "compile_seconds": ds.attrs["compile_seconds"],
-            "run_seconds": ds.attrs["run_seconds"],
-            "useful_step_fraction": ds.attrs["useful_step_fraction"],
-            "ended": {zj.CODE(int(n)).name: int(c) for n, c in pairs},
-        }
-        print(name, rounded(result[name]), flush=True)
-    both, alone = result["settle and periodic_orbit"], result["settle"]
-    result["orbit_over_settle"] = both["run_seconds"] / alone["run_seconds"]
-    print(json.dumps(rounded(result)))
-    save("b3_questions", result)
+    options = arguments(__doc__, cells=8192, seed=17, repeats=3, only=("",))
+    zj.configure_cpu()
+    table = cells(options.cells, options.seed)
+    count, runs = len(table[0]), {}
+    asked = {
+        name: point
+        for name, point in questions(table).items()
+        if name == "windows" or name.startswith(tuple(options.only))
+    }
+    for _ in range(options.repeats):
+        for name, point in asked.items():
+            axis = np.arange(float(count // 2 if name in LONG else count))
+            ds = zj.sweep(point, cell=axis, progress=False)
+            runs.setdefault(name, []).append(ds)
+    first = [ds.attrs["run_seconds"] for ds in runs["windows"]]
+    for name in asked:
+        report("b3_questions", question=name, **about(name, runs[name], first))
 
 
 if __name__ == "__main__":

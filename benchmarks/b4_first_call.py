@@ -11,7 +11,6 @@ one JSON line a scene; about three minutes.
     python benchmarks/b4_first_call.py [--processes 5] [--scenes one_window ...]
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -21,13 +20,12 @@ import time
 
 import jax
 import numpy as np
-from measure import machine, rounded
+from measure import arguments, report
 
 import ziegler_jax as zj
 from ziegler_jax.__main__ import point
 from ziegler_jax.sweep.program import lowered, own_flags, traced
 
-NAMES = ("q", "mu")
 ONE_WINDOW = zj.Windows(transient=100, length=40, max_windows=1)
 START = zj.State(omega=(0.0, 0.3))
 Q, MU = np.linspace(1.8, 3.5, 8), np.linspace(0.1, 0.4, 8)
@@ -75,7 +73,7 @@ def compiling(scene):
     zj.configure_cpu()
     loop = python_loop()
     start = time.process_time()
-    known = traced(SCENES[scene], NAMES, None)
+    known = traced(SCENES[scene], ("q", "mu"), None)
     stages = [lowered(stage, known).lowered for stage in known.stages]
     middle = time.process_time()
     with own_flags(), jax.enable_x64(True):
@@ -121,34 +119,28 @@ def alone(measure, scene, **environment):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--processes", type=int, default=5)
-    parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=SCENES)
-    parser.add_argument("--measure", choices=MEASURES, help="one, in this process")
-    options = parser.parse_args()
-    if options.measure and len(options.scenes) != 1:
-        parser.error("--measure takes one of --scenes, as it runs in this process")
-    if options.measure:
+    options = arguments(__doc__, processes=5, scenes=tuple(SCENES), measure="")
+    if options.measure:  # one, in this process
         print(json.dumps(MEASURES[options.measure](*options.scenes)))
         return
     for scene in options.scenes:
         rows = [alone("compiling", scene) for _ in range(options.processes)]
-        row = {k: float(np.median([r[k] for r in rows])) for k in rows[0]}
-        result = {
-            "benchmark": "b4_first_call",
-            "scene": scene,
-            "processor_seconds": row,
-        }
         with tempfile.TemporaryDirectory() as folder:
-            calls = [
-                alone("first_call", scene, JAX_COMPILATION_CACHE_DIR=folder)
-                for _ in range(2)
-            ]
-        empty, full = (call["first_call"] for call in calls)
-        result["first_call_seconds"] = {"cache_empty": empty, "cache_full": full}
-        if scene in SMALL:
-            result["microseconds_of_64_lanes"] = alone("small_sweep", scene)
-        print(json.dumps(rounded({**result, **machine()})), flush=True)
+            cache = {"JAX_COMPILATION_CACHE_DIR": folder}
+            calls = [alone("first_call", scene, **cache) for _ in range(2)]
+        small = alone("small_sweep", scene) if scene in SMALL else None
+        report(
+            "b4_first_call",
+            scene=scene,
+            processor_seconds={
+                k: float(np.median([r[k] for r in rows])) for k in rows[0]
+            },
+            first_call_seconds={
+                "cache_empty": calls[0]["first_call"],
+                "cache_full": calls[1]["first_call"],
+            },
+            microseconds_of_64_lanes=small,
+        )
 
 
 if __name__ == "__main__":

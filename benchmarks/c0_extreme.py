@@ -8,41 +8,34 @@ in tolerances of the largest number of the end state. It may be `EACH` tolerance
 each unit by which the motion itself magnifies a change of its start, by scipy too, and
 never more than a hundredth of that number. The truth of set-valued friction is scipy's
 where there is no friction; with mu_s = mu_k the smoothed law's at v_smooth = 1e-8; else
-its outcome alone is judged.
-Writes results/extreme.md and results/extreme.json; three minutes.
+its outcome alone is judged. Writes results/extreme.md and results/extreme.json, unless
+only some cases are asked for; three minutes.
 
-    python benchmarks/c0_extreme.py
+    python benchmarks/c0_extreme.py [--only "v_smooth"]
 """
 
 import json
 import time
-from pathlib import Path
 from typing import NamedTuple
 
-import diffrax as dfx
 import jax
 import numpy as np
-from extreme_cases import CASES, LONG, LONG_AMPLITUDE, LONG_BOUND, NOTES, USUAL
-from measure import machine, rounded
+import ours
+from extreme_cases import CASES, ENDED, NOTES, USUAL
+from measure import RESULTS, arguments, report, rounded, save
 from scenes import models
 from scipy.integrate import solve_ivp
 
 import ziegler_jax as zj
 
-RESULTS = Path(__file__).parent / "results"
-SOLVERS = {
-    "Tsit5": zj.Explicit(),
-    "Calvo7": zj.Explicit(*zj.tableaus.CALVO7),
-    "Dopri8": zj.Explicit(dfx.Dopri8.tableau),
-    "Vern9": zj.Explicit(*zj.tableaus.VERN9),
-    "Rodas5P": zj.Rosenbrock(),
-}
+SOLVERS = ours.SOLVERS | ours.STIFF_SOLVERS
 STICK_SLIP = {"Taylor8": zj.Taylor(), "StickSlip": zj.Explicit()}
 MAX_STEPS = 200_000
 FINEST = 1e-12  # what the reference is good for
 EACH = 100.0  # what an error may be, in tolerances, where a motion magnifies nothing
 SHIFT = 1e-9  # of a start, to see what the motion magnifies it to
 LIMIT_V = 1e-8  # v_smooth of the law that stands for set-valued friction
+FOLLOWED = {"escape": 1e12}  # to the end of its span
 SMOOTH_ONLY = "v_smooth", "v_stribeck"
 
 
@@ -68,8 +61,8 @@ def runner(solver, steps=MAX_STEPS, set_valued=False):
             column_of(n, set_valued),
             start,
             windows=zj.Windows(
-                transient=n["lead"],
-                length=n["span"] - n["lead"],
+                transient=0.0,
+                length=n["span"],
                 max_windows=1,
                 escape=n["escape"],
             ),
@@ -78,7 +71,7 @@ def runner(solver, steps=MAX_STEPS, set_valued=False):
             ),
             certify=False,
         )
-        return found.outcome, found.final.y, found.steps, found.joint_amplitude
+        return found.outcome, found.final.y, found.steps
 
     return run
 
@@ -132,37 +125,37 @@ def reference(n, y0):
     return end.y[:, -1]
 
 
-def judged(case, solver, code, error, bound):
+def judged(case, solver, name, error, bound):
     """Whether a row is as expected."""
-    name = zj.CODE(code).name
     if solver not in ("Rodas5P", *STICK_SLIP) and name in case.explicit:
         return True
-    if name not in case.outcomes:
-        return False
-    return error is None or error <= bound
+    return name in case.outcomes and (error is None or error <= bound)
+
+
+def timed(run, n):
+    """Where a motion ends; and how, in how many steps and seconds."""
+    started = time.perf_counter()
+    code, end, steps = jax.block_until_ready(run(n))
+    seconds, name = time.perf_counter() - started, zj.CODE(int(code)).name
+    return np.array(end), {"outcome": name, "steps": int(steps), "seconds": seconds}
 
 
 def row(case, solver, run, truth):
-    n = {"escape": 1e12, "lead": 0.0} | case.numbers
-    tol = n["tol"]
-    started = time.perf_counter()
-    code, end, steps, _ = jax.block_until_ready(run(n))
-    seconds = time.perf_counter() - started
+    n = FOLLOWED | case.numbers
+    end, found = timed(run, n)
     error = bound = None
-    if truth is not None and zj.CODE(int(code)).name in ("unsettled", "stuck"):
-        scale, tol = max(1.0, np.abs(truth.end).max()), max(tol, truth.exact)
-        error = float(np.abs(np.array(end) - truth.end).max() / scale / tol)
+    if truth is not None and found["outcome"] in ENDED:
+        scale, tol = max(1.0, np.abs(truth.end).max()), max(n["tol"], truth.exact)
+        error = float(np.abs(end - truth.end).max() / scale / tol)
         bound = truth.bound(tol)
     return {
         "case": case.name,
         "expected": " or ".join(case.outcomes),
         "bound": bound,
         "solver": solver,
-        "outcome": zj.CODE(int(code)).name,
         "error_in_tolerances": error,
-        "steps": int(steps),
-        "seconds": seconds,
-        "as_expected": judged(case, solver, int(code), error, bound),
+        "as_expected": judged(case, solver, found["outcome"], error, bound),
+        **found,
     }
 
 
@@ -174,29 +167,9 @@ def limit(n, growth, run):
         return Truth(np.array(start), 1.0)
     if n["mu_s"] != n["mu_k"]:
         return None
-    fine = {"v_smooth": LIMIT_V, "tol": 1e-11, "escape": 1e12, "lead": 0.0}
-    code, end, _, _ = run(n | fine)
-    good = zj.CODE(int(code)).name in ("unsettled", "stuck")
+    code, end, _ = run(n | FOLLOWED | {"v_smooth": LIMIT_V, "tol": 1e-11})
+    good = zj.CODE(int(code)).name in ENDED
     return Truth(np.array(end), growth, LIMIT_V) if good else None
-
-
-def long_row(solver, run):
-    n = {"escape": 1e12} | LONG.numbers
-    n["lead"] = n["span"] - 40.0
-    started = time.perf_counter()
-    code, _, steps, joint = jax.block_until_ready(run(n))
-    error = abs(float(joint[1]) - LONG_AMPLITUDE)
-    return {
-        "case": LONG.name,
-        "expected": "amplitude 0.63443",
-        "bound": LONG_BOUND / LONG.numbers["tol"],
-        "solver": solver,
-        "outcome": zj.CODE(int(code)).name,
-        "error_in_tolerances": error / LONG.numbers["tol"],
-        "steps": int(steps),
-        "seconds": time.perf_counter() - started,
-        "as_expected": zj.CODE(int(code)).name == "unsettled" and error <= LONG_BOUND,
-    }
 
 
 def written(rows, chosen):
@@ -232,38 +205,35 @@ def written(rows, chosen):
 
 
 def main():
+    options = arguments(__doc__, only="")
     jax.config.update("jax_enable_x64", True)
-    rows, chosen, truths = [], {}, {}
+    rows, chosen = [], {}
     runs = {name: runner(solver) for name, solver in SOLVERS.items()}
     for name, solver in STICK_SLIP.items():
         runs[name] = runner(solver, set_valued=True)
     narrow = runner(SOLVERS["Rodas5P"], steps=10_000_000)
-    first = {"escape": 1e12, "lead": 0.0} | USUAL
     for run in runs.values():
-        jax.block_until_ready(run(first))  # compiles
-    for case in CASES:
-        finite = all(map(np.isfinite, case.numbers.values()))
-        ends = finite and {"unsettled", "stuck"} & set(case.outcomes)
-        truths[case.name] = truth_of(case.numbers) if ends else None
+        jax.block_until_ready(run(FOLLOWED | USUAL))  # compiles
+    for case in (case for case in CASES if options.only in case.name):
+        numbers = case.numbers
+        finite = all(map(np.isfinite, numbers.values()))
+        truth = truth_of(numbers) if finite and {*ENDED} & {*case.outcomes} else None
         if finite and "invalid" not in case.outcomes:
-            stiff = zj.is_stiff(column_of(case.numbers), case.numbers["tol"])
+            stiff = zj.is_stiff(column_of(numbers), numbers["tol"])
             chosen[case.name] = "Rodas5P" if stiff else "Tsit5"
         for name, run in runs.items():
             if name in STICK_SLIP and case.name.startswith(SMOOTH_ONLY):
                 continue
-            truth = truths[case.name]
-            if name in STICK_SLIP and truth is not None and case.numbers["mu_s"] > 0:
-                truth = limit(case.numbers, truth.growth, narrow)
-            rows.append(row(case, name, run, truth))
+            against = truth
+            if name in STICK_SLIP and truth is not None and numbers["mu_s"] > 0:
+                against = limit(numbers, truth.growth, narrow)
+            rows.append(row(case, name, run, against))
             print(json.dumps(rounded(rows[-1])), flush=True)
-    for name, solver in SOLVERS.items():
-        rows.append(long_row(name, runner(solver, steps=100_000_000)))
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "extreme.md").write_text(written(rows, chosen))
     missed = [r for r in rows if not r["as_expected"]]
-    result = {"rows": len(rows), "not_as_expected": missed, **machine()}
-    (RESULTS / "extreme.json").write_text(json.dumps(rounded(result | {"all": rows})))
-    print(json.dumps(rounded({"benchmark": "c0_extreme", **result})))
+    result = report("c0_extreme", rows=len(rows), not_as_expected=missed)
+    if not options.only:
+        save("extreme", result | {"all": rows})
+        (RESULTS / "extreme.md").write_text(written(rows, chosen))
 
 
 if __name__ == "__main__":

@@ -10,33 +10,24 @@ flutter at q = 2.6, from the Jacobians of the solved pieces of one time unit. Wr
 results/c1_honesty.json and results/c1_honesty.png; about two minutes, most of them to
 compile.
 
-    python benchmarks/c1_honesty.py
+    python benchmarks/c1_honesty.py [--span 1e4]
 """
 
-import argparse
-import json
-import time
-
-import colours
 import diffrax as dfx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measure import machine, rounded, save
+import ours
+from matplotlib.figure import Figure
+from measure import LINES, arguments, report, save
 
 import ziegler_jax as zj
 
-SOLVERS = {
-    "Tsit5": zj.Explicit(),
-    "Calvo7": zj.Explicit(*zj.tableaus.CALVO7),
-    "Dopri8": zj.Explicit(dfx.Dopri8.tableau),
-    "Vern9": zj.Explicit(*zj.tableaus.VERN9),
-    "Rodas5P": zj.Rosenbrock(),
-}
+SOLVERS = ours.SOLVERS | ours.STIFF_SOLVERS
 TOLERANCES = (1e-4, 1e-6, 1e-8)
 LOADS = (1.5, 2.6)  # stable, and in flutter
 START = (0.0, 0.0, 0.0, 0.3)
-SPAN, PIECE = 1e4, 1.0
+PIECE = 1.0
 PATH = np.arange(0.0, 501.0, 10.0)  # where the pieces begin
 MOST = 50_000_000
 
@@ -56,7 +47,7 @@ def log_mass(y):
     return jnp.log(4 / 9 - (jnp.cos(y[0] - y[1]) / 2) ** 2)
 
 
-def measured(solver, paths):
+def measured(solver, paths, span):
     """What one method adds, at each tolerance."""
     tols = np.array(TOLERANCES)
 
@@ -76,9 +67,9 @@ def measured(solver, paths):
     starts = np.tile(START, (tols.size, 1))
     free = zj.uniform_rods(0.0)
     energy = jax.vmap(lambda y: zj.energy(free, tuple(y)))
-    last = ends(starts, 0.0, SPAN, tols)
+    last = ends(starts, 0.0, span, tols)
     # with the rates turned round the motion retraces itself
-    back = turn * ends(turn * ends(starts, 1.5, SPAN, tols), 1.5, SPAN, tols)
+    back = turn * ends(turn * ends(starts, 1.5, span, tols), 1.5, span, tols)
     along = jax.vmap(jax.vmap(volume, (0, None, None)), (0, 0, None))
     by_tolerance = jax.jit(jax.vmap(along, (None, None, 0)))
     rates = by_tolerance(paths, np.array(LOADS), tols)
@@ -90,71 +81,55 @@ def measured(solver, paths):
 
 
 def draw(result, path):
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    with plt.rc_context({"font.size": 10}):
-        figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), layout="constrained")
-        left, *volumes = axes
-        lines = colours.LINES[: len(SOLVERS)]
-        for name, marker, colour in zip(SOLVERS, "osD^v", lines, strict=True):
-            look = {"marker": marker, "color": colour}
-            drift = np.abs(np.array(result["energy_drift"][name]))
-            left.loglog(TOLERANCES, drift, **look, label=name)
-            for ax, q in zip(volumes, LOADS, strict=True):
-                rate = np.array(result["volume_rate"][f"{q:g}"][name])
-                ax.loglog(TOLERANCES, np.abs(rate), **look)
-                grows = np.where(rate > 0, rate, np.nan)
-                ax.loglog(TOLERANCES, grows, marker, color=colour, mfc="w")
-        left.set_ylabel(r"$|E/E_0 - 1|$ after $10^4$ time units (–)")
-        left.set_title(r"energy, $q$ = 0", fontsize=10)
-        volumes[0].set_ylabel(
-            r"$|\mathrm{d} \log V/\mathrm{d} t|$ ($\sqrt{k/(m l^2)}$)"
-        )
-        low = min(ax.get_ylim()[0] for ax in volumes)
-        high = max(ax.get_ylim()[1] for ax in volumes)
-        for ax, q in zip(volumes, LOADS, strict=True):
-            ax.set_title(f"phase volume, $q$ = {q:g}", fontsize=10)
-            ax.set_ylim(low, high)
-        for face, text in (("0.3", "shrinks"), ("w", "grows")):
-            look = {"color": "0.3", "mfc": face, "label": text}
-            volumes[0].plot([], [], "o", **look)
-        for ax in axes:
-            ax.set_xlabel("tolerance rtol = atol (–)")
-            ax.spines[["top", "right"]].set_visible(False)
-        for ax in (left, volumes[0]):
-            ax.legend(fontsize=9, frameon=False)
-        figure.savefig(path, dpi=150)
-        plt.close(figure)
+    figure = Figure(figsize=(11, 3.8), layout="constrained")
+    axes = figure.subplots(1, 3)
+    left, *volumes = axes
+    rate = r"$|\mathrm{d} \log V/\mathrm{d} t|$ ($\sqrt{k/(m l^2)}$)"
+    panels = {r"$q$ = 0: $|E/E_0 - 1|$ after the span (–)": result["energy_drift"]}
+    panels |= {f"$q$ = {q}: {rate}": x for q, x in result["volume_rate"].items()}
+    for ax, (title, numbers) in zip(axes, panels.items(), strict=True):
+        looks = zip(numbers, "osD^v", LINES, strict=False)
+        for name, marker, colour in looks:
+            number = np.array(numbers[name])
+            ax.loglog(
+                TOLERANCES, np.abs(number), f"{marker}-", color=colour, label=name
+            )
+            if ax is not left:
+                grows = np.where(number > 0, number, np.nan)
+                ax.plot(TOLERANCES, grows, marker, color=colour, mfc="w")
+        ax.set_title(title, fontsize=10)
+        ax.set_xlabel("tolerance rtol = atol (–)")
+        ax.spines[["top", "right"]].set_visible(False)
+    volumes[0].sharey(volumes[1])
+    left.legend(fontsize=9, frameon=False)
+    for face, text in (("0.3", "shrinks"), ("w", "grows")):
+        mark = {"color": "0.3", "mfc": face, "label": text}
+        volumes[1].plot([], [], "o", **mark)
+    volumes[1].legend(*[x[-2:] for x in volumes[1].get_legend_handles_labels()])
+    figure.savefig(path, dpi=150)
 
 
 def main():
-    argparse.ArgumentParser(description=__doc__.split("\n")[0]).parse_args()
+    options = arguments(__doc__, span=1e4)
     jax.config.update("jax_enable_x64", True)
     best = zj.Explicit(dfx.Dopri8.tableau)
     path = jax.jit(jax.vmap(lambda q: motion(best, START, q, PATH, 1e-12)))
     paths = np.asarray(path(np.array(LOADS)))
     result = {
-        "benchmark": "c1_honesty",
         "tolerances": list(TOLERANCES),
+        "span": options.span,
         "energy_drift": {},
         "return_error": {},
         "volume_rate": {f"{q:g}": {} for q in LOADS},
-        "cpu_seconds": {},
     }
     for name, solver in SOLVERS.items():
-        began = time.process_time()
-        drift, back, rates = measured(solver, paths)
+        drift, back, rates = measured(solver, paths, options.span)
         result["energy_drift"][name] = drift.tolist()
         result["return_error"][name] = back.tolist()
         for q, rate in zip(LOADS, rates.T, strict=True):
             result["volume_rate"][f"{q:g}"][name] = rate.tolist()
-        result["cpu_seconds"][name] = time.process_time() - began
-    result = rounded(result | machine())
+    result = report("c1_honesty", **result)
     draw(result, save("c1_honesty", result))
-    print(json.dumps(result))
 
 
 if __name__ == "__main__":

@@ -103,11 +103,4 @@ def tolerances():
     yield case("tolerance 1e-17", tol=1e-17)
 
 
-# a limit cycle whose largest |phi2 - phi1| another code gives as 0.63443 (tau = 0.026)
-LONG = case(
-    "a cycle over 1e5 time units", q=2.6, mu_s=0.026, mu_k=0.026, v_smooth=0.1,
-    span=1e5, tol=1e-6,
-)  # fmt: skip
-LONG_AMPLITUDE, LONG_BOUND = 0.63443, 2e-5
-
 CASES = [*smooth(), *loads(), *parts(), *starts(), *tolerances()]

@@ -24,7 +24,6 @@ import argparse
 import inspect
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -127,17 +126,14 @@ def table(only):
 def provenance():
     """The commit that last changed the package, versions, processor."""
     import census
-    from measure import commit
+    from measure import machine
 
-    names = ("jax", "jaxlib", "diffrax", "numpy")
-    info = Path("/proc/cpuinfo")
-    models = [x for x in info.read_text().splitlines() if "model name" in x]
+    about = machine()
+    names = ("commit", "python", "jax", "jaxlib", "diffrax", "cores")
     return {
-        "commit": commit(),
-        "python": platform.python_version(),
-        **{name: metadata.version(name) for name in names},
-        "processor": models[0].split(":")[1].strip() if models else "unknown",
-        "cores": os.cpu_count(),
+        **{name: about[name] for name in names},
+        "numpy": metadata.version("numpy"),
+        "processor": about["cpu"] or "unknown",
         "vector": census.width(),
         "obstacle": census.obstacle(),
     }

@@ -1,5 +1,6 @@
 """How the benchmarks measure: interleaved repeats, paired ratios, medians."""
 
+import argparse
 import json
 import os
 import platform
@@ -13,7 +14,10 @@ import numpy as np
 
 import ziegler_jax as zj
 
-RESULTS = Path(__file__).with_name("results")
+# Okabe and Ito's colours, which the colour-blind can tell apart
+LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+# elsewhere for runs that are no results, as those of the tests
+RESULTS = Path(os.environ.get("ZIEGLER_RESULTS", Path(__file__).with_name("results")))
 
 
 OF_THE_PROCESSOR = os.environ.get("ZIEGLER_CLOCK") == "cpu"
@@ -84,7 +88,7 @@ def rounded(x, digits=3):
     """Numbers of a result as short as they deserve; None where there is none."""
     if isinstance(x, dict):
         return {key: rounded(value, digits) for key, value in x.items()}
-    if isinstance(x, list):
+    if isinstance(x, list | tuple):
         return [rounded(value, digits) for value in x]
     if isinstance(x, float):
         return float(f"{x:.{digits}g}") if np.isfinite(x) else None
@@ -97,6 +101,35 @@ def save(name, result):
     path = RESULTS / f"{name}.json"
     path.write_text(json.dumps(rounded(result), indent=1) + "\n")
     return path.with_suffix(".png")
+
+
+def report(benchmark, digits=3, about=machine, **numbers):
+    """Print one JSON line, and what the figures belong to; returns its dict."""
+    line = rounded({"benchmark": benchmark, **numbers, **about()}, digits)
+    print(json.dumps(line), flush=True)
+    return line
+
+
+def arguments(doc, which=(), **defaults):
+    """The options of a script, by name and default; `--help` shows how it begins.
+
+    A tuple takes several values, each of the kind of its first one. `which` are the
+    parts of a script that are named without an option, all of them if none is.
+    """
+    parser = argparse.ArgumentParser(description=doc.split("\n")[0])
+    if which:
+        known = ", ".join(which)
+        parser.add_argument("which", nargs="*", default=which, help=f"of: {known}")
+    for name, value in defaults.items():
+        flag = f"--{name.replace('_', '-')}"
+        if value is False:
+            parser.add_argument(flag, action="store_true")
+            continue
+        several = isinstance(value, tuple)
+        kind = type(value[0] if several else value)
+        look = {"nargs": "+"} if several else {}
+        parser.add_argument(flag, type=kind, default=value, help=f"{value}", **look)
+    return parser.parse_args()
 
 
 def ready(tree):

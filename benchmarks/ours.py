@@ -16,9 +16,8 @@ SOLVERS = {
 STIFF_SOLVERS = {"Rodas5P": zj.Rosenbrock()}
 
 
-@functools.cache
-def point_of(scene, start, solver, **options):
-    """The scene with loads and tolerances as axes: one program serves them all."""
+def column_of(scene, q):
+    """The column of a scene under a load."""
     law, damping, friction = scene.friction, None, None
     if law is not None:
         friction = zj.SmoothCoulomb(
@@ -31,11 +30,16 @@ def point_of(scene, start, solver, **options):
         )
     if scene.damping is not None:
         damping = zj.Viscous(scene.damping, scene.damping)
+    return zj.uniform_rods(q, damping=damping, friction=friction)
+
+
+@functools.cache
+def point_of(scene, start, solver):
+    """The scene with loads and tolerances as axes: one program serves them all."""
 
     def point(q, tol, span):
-        column = zj.uniform_rods(q, damping=damping, friction=friction)
         settled = zj.settle(
-            column,
+            column_of(scene, q),
             zj.State(start[:2], start[2:]),
             windows=zj.Windows(transient=0.0, length=span, max_windows=1, escape=1e9),
             method=zj.Method(

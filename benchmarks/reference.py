@@ -36,10 +36,3 @@ def reference(scene, q, start):
     other, _ = per_trajectory.run(scene, q[few], start, scene.span, 1e-13, method)
     codes_apart = float(np.abs(other - states[few]).max())
     return Reference(states, keep, magnification, codes_apart)
-
-
-def ranges(q, chosen):
-    """The chosen lanes as ranges of neighbouring loads."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(int), [0]])))
-    pairs = edges.reshape(-1, 2)
-    return [[float(q[first]), float(q[last - 1])] for first, last in pairs]

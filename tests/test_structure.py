@@ -85,14 +85,8 @@ def test_every_entry_of_the_second_tier_is_a_test_and_no_mark_leaves_none_out():
         assert any(test.startswith(entry) for test in tests), entry
 
 
-# What tries the inside itself: what is compiled, a batch as a sweep runs it, blocks
-# small enough to kill
-OF_THE_INSIDE = {
-    "a6_certainty": {"sweep.program"},
-    "b4_first_call": {"sweep.program"},
-    "d0_soak": {"sweep.program"},
-    "s0_store": {"sweep"},
-}
+# What tries the inside itself: what is compiled
+OF_THE_INSIDE = {"b4_first_call": {"sweep.program"}}
 
 
 def test_benchmarks_figures_audit_and_studies_use_public_names():

@@ -37,6 +37,7 @@ NIGHT = [
 # Files of few tests that take long, dearest first: they are begun first, so that in the
 # end no process waits for another's last file.
 FIRST = [
+    "test_benchmarks.py",
     "test_docstring_examples.py",
     "analysis/test_section_planes.py",
     "test_examples.py",
@@ -199,6 +200,8 @@ SLOW = {
         "sweep/test_tables.py::test_a_point_that_closes_over_a_large_array_takes",
         "sweep/test_store_faults.py::test_killed_at_any_moment_it_goes_on_where_it_was",
         "sweep/test_stores_under_attack.py::test_of_two_that_begin_a_store_at_once_one",
+        "test_benchmarks.py::test_a_script_runs",
+        "test_benchmarks.py::test_every_script_of_these_folders",
         "test_cache.py::test_a_second_process_starts_without_compiling",
         "test_census.py::test_a_lanes_step_takes_no_more_instructions_than_it_did",
         "test_cpu.py::test_a_fresh_process_computes_on",

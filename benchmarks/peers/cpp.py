@@ -2,8 +2,6 @@
 
 The shared library is kept in the user's cache folder under a name that carries the
 hash of the source and of the compiler's options, so a changed source compiles anew.
-
-    python benchmarks/peers/cpp.py      # ns per lane and step, 1 thread and all
 """
 
 import ctypes
@@ -12,21 +10,44 @@ import hashlib
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-
-# beside this file where it is run as a script
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from measure import clock  # noqa: E402
+from measure import clock
 
 NAME = "C++ AVX-512"
 SOURCE = Path(__file__).with_name("lanes.cpp")
-OPTIONS = ("-std=c++17", "-Ofast", "-march=native", "-fopenmp", "-shared", "-fPIC")
+OPTIONS = ("-std=c++17", "-march=native", "-fopenmp", "-shared", "-fPIC")
+
+
+def built(source, options):
+    """A source file as a library of this processor, compiled once for each content.
+
+    **Raises:** `RuntimeError` where there is no g++, or where it cannot compile it.
+    """
+    compiler = shutil.which("g++")
+    if compiler is None:
+        raise RuntimeError("The C++ peers need g++, but no g++ is on the PATH.")
+    cpu = Path("/proc/cpuinfo")
+    lines = cpu.read_text().splitlines() if cpu.exists() else []
+    flags = [x for x in lines if x.startswith("flags")][:1]
+    key = source.read_bytes() + repr((options, flags)).encode()
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    folder = cache / "ziegler_jax"
+    target = folder / f"{source.stem}-{hashlib.sha256(key).hexdigest()[:16]}.so"
+    if not target.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            made = Path(scratch) / "library.so"
+            command = [compiler, *options, str(source), "-o", str(made)]
+            command += ["-lmvec", "-lm"]
+            done = subprocess.run(command, capture_output=True, text=True)
+            if done.returncode:
+                raise RuntimeError(f"g++ could not compile {source}: {done.stderr}")
+            made.replace(target)
+    return ctypes.CDLL(str(target))
 
 
 class Lanes(NamedTuple):
@@ -46,34 +67,10 @@ def library(plain: bool = False):
 
     **Arguments:** `plain`: with the C library's vector functions, not with tables.
 
-    **Raises:** `RuntimeError` where there is no g++, or where it cannot compile the
-    kernel for this processor (it needs AVX-512).
+    **Raises:** `RuntimeError` as `built`; the kernel needs AVX-512.
     """
-    compiler = shutil.which("g++")
-    if compiler is None:
-        raise RuntimeError("The C++ peer needs g++, but no g++ is on the PATH.")
-    cpu = Path("/proc/cpuinfo")
-    lines = cpu.read_text().splitlines() if cpu.exists() else []
-    flags = [x for x in lines if x.startswith("flags")][:1]
-    options = (*OPTIONS, "-DLIBRARY") if plain else OPTIONS
-    key = SOURCE.read_bytes() + repr((options, flags)).encode()
-    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    folder = cache / "ziegler_jax"
-    target = folder / f"lanes-{hashlib.sha256(key).hexdigest()[:16]}.so"
-    if not target.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder) as scratch:
-            built = Path(scratch) / "lanes.so"
-            command = [compiler, *options, str(SOURCE), "-o", str(built)]
-            command += ["-lmvec", "-lm"]
-            done = subprocess.run(command, capture_output=True, text=True)
-            if done.returncode:
-                raise RuntimeError(
-                    "The C++ peer needs a g++ that compiles for AVX-512, but it said: "
-                    + done.stderr.strip()
-                )
-            built.replace(target)
-    function = ctypes.CDLL(str(target)).ziegler_lanes
+    options = (*OPTIONS, "-Ofast", *(("-DLIBRARY",) if plain else ()))
+    function = built(SOURCE, options).ziegler_lanes
     array = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
     function.argtypes = [ctypes.c_long, array, ctypes.c_int, ctypes.c_int, *[array] * 3]
     function.restype = None
@@ -107,24 +104,3 @@ def run(scene, q, start, span, rtol):
     begun = clock()
     out = solve(q, threads=os.cpu_count() or 1, observe=False)
     return out.state, clock() - begun
-
-
-def main():
-    q = np.linspace(2, 4, 8192)
-    library()
-    for observe in (False, True):
-        for threads in sorted({1, os.cpu_count() or 1}):
-            best = np.inf
-            for _ in range(5):
-                start = time.perf_counter()
-                steps = solve(q, threads=threads, observe=observe).steps
-                best = min(best, time.perf_counter() - start)
-            print(
-                f"{threads} thread(s), {'observed' if observe else 'end state'}: "
-                f"{best / steps.sum() * 1e9:.1f} ns per lane and step, "
-                f"{steps.mean():.1f} steps a lane"
-            )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,26 +1,13 @@
 """Long continuations of motions in C++, with smoothed or dry friction: `judge.cpp`."""
 
 import ctypes
-import functools
-import shutil
-import subprocess
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
+from peers.cpp import OPTIONS, built
+
 SOURCE = Path(__file__).with_name("judge.cpp")
-OPTIONS = ("-std=c++17", "-O2", "-march=native", "-fopenmp", "-shared", "-fPIC")
-
-
-@functools.cache
-def _library():
-    compiler = shutil.which("g++")
-    if compiler is None:
-        raise RuntimeError("The judge needs g++, but no g++ is on the PATH.")
-    target = Path(tempfile.mkdtemp()) / "judge.so"
-    subprocess.run([compiler, *OPTIONS, str(SOURCE), "-o", str(target)], check=True)
-    return ctypes.CDLL(str(target))
 
 
 def follow(columns, states, spans, lasts, tol):
@@ -38,7 +25,7 @@ def follow(columns, states, spans, lasts, tol):
     def at(x):
         return x.ctypes.data_as(pointer)
 
-    _library().follow(
+    built(SOURCE, (*OPTIONS, "-O2")).follow(
         ctypes.c_long(len(columns)), at(columns), at(states), at(spans), at(lasts),
         ctypes.c_double(tol), at(amplitudes),
     )  # fmt: skip

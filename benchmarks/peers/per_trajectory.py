@@ -8,8 +8,7 @@ from measure import clock
 from scenes import accelerations
 from scipy.integrate import solve_ivp
 
-NAMES = ("RK45", "DOP853", "LSODA", "Radau")
-LANES = 8
+NAME, LANES = "scipy", 8
 _MATH = types.SimpleNamespace(sin=math.sin, cos=math.cos, exp=math.exp, tanh=math.tanh)
 
 

@@ -1,4 +1,7 @@
-"""diffrax as its users write it: one `jit(vmap(diffeqsolve))` of all lanes."""
+"""diffrax as its users write it: one `jit(vmap(diffeqsolve))` of all lanes.
+
+The state is an array of four numbers; with `stacked=False` a tuple of four scalars.
+"""
 
 import functools
 
@@ -9,25 +12,26 @@ import numpy as np
 from measure import clock, ready
 from scenes import accelerations
 
-NAMES = ("Tsit5", "Dopri8", "Kvaerno5")
+NAME, LANES = "diffrax vmap", 512
 
 
 @functools.cache
-def compiled(scene, solver):
-    """One program for all tolerances."""
+def compiled(scene, method="Tsit5", stacked=True):
+    """One program for all tolerances: (q, y0, span, tol) to the last states."""
 
     def field(t, y, q):
         phi1, phi2, w1, w2 = y
-        return jnp.stack([w1, w2, *accelerations(jnp, scene, q, phi1, phi2, w1, w2)])
+        rates = w1, w2, *accelerations(jnp, scene, q, phi1, phi2, w1, w2)
+        return jnp.stack(rates) if stacked else rates
 
     def solve(q, y0, span, tol):
         solution = dfx.diffeqsolve(
             dfx.ODETerm(field),
-            getattr(dfx, solver)(),
+            getattr(dfx, method)(),
             t0=0.0,
             t1=span,
             dt0=0.01,
-            y0=y0,
+            y0=jnp.stack(y0) if stacked else y0,
             args=q,
             stepsize_controller=dfx.PIDController(rtol=tol, atol=tol),
             saveat=dfx.SaveAt(t1=True),
@@ -35,16 +39,20 @@ def compiled(scene, solver):
             throw=False,
         )
         assert solution.ys is not None
-        return solution.ys[-1]
+        return jax.tree.map(lambda y: y[-1], solution.ys)
 
     return jax.jit(jax.vmap(solve, in_axes=(0, None, None, None)))
 
 
-def run(scene, q, start, span, rtol, solver="Tsit5"):
+def solve(scene, q, start, span, rtol, method="Tsit5", stacked=True):
+    """The states at `span`: (n, 4), or four arrays (n,) where they are not stacked."""
     with jax.enable_x64(True):
-        solve = compiled(scene, solver)
-        y0 = jnp.asarray(start)
-        ready(solve(q, y0, 0.05, rtol))  # compiles: one program for all spans
-        begun = clock()
-        states = ready(solve(q, y0, span, rtol))
-        return np.asarray(states), clock() - begun
+        y0 = tuple(jnp.asarray(x) for x in start)
+        return ready(compiled(scene, method, stacked)(q, y0, span, rtol))
+
+
+def run(scene, q, start, span, rtol, method="Tsit5"):
+    solve(scene, q, start, 0.05, rtol, method)  # compiles: one program for all spans
+    begun = clock()
+    states = solve(scene, q, start, span, rtol, method)
+    return np.asarray(states), clock() - begun

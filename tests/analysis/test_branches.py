@@ -328,7 +328,7 @@ def test_lines_through_a_branchs_points_pass_through_stable_cycles_of_a_sweep():
 
 
 # Loads and periods at three folds of one branch by AUTO-07p's collocation
-# (`benchmarks/peers/auto_branch.py`): smoothed friction 0.1 at 0.05, damping 0.002.
+# (`tests/reference/auto_branch.py`): smoothed friction 0.1 at 0.05, damping 0.002.
 AUTO_FOLDS = [(1.612026339, 8.2639965678), (1.6510286132, 8.2696279843)]
 AUTO_FOLDS += [(1.6247482283, 8.3501537175)]
 

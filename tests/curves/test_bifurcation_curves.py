@@ -116,7 +116,7 @@ def test_folds_move_with_a_third_parameter_as_their_derivatives_say(follow):
 
 # Folds of smoothed friction and their cusp --------------------------------------------
 
-# by AUTO-07p (`benchmarks/peers/auto_branch.py`), at 0.1 with v_smooth = 0.05
+# by AUTO-07p (`tests/reference/auto_branch.py`), at 0.1 with v_smooth = 0.05
 AUTO = 1.6510286132, 1.6247482283
 NEAR_AUTO = Near((-0.16208, 0.46753, 0.77757), 8.26963, 1.65103, 0.1)
 

@@ -232,7 +232,7 @@ def killed(arguments, seconds, path, least):
 
 
 def test_killed_at_any_moment_it_goes_on_where_it_was(tmp_path, path):
-    """Twice in the middle of 150 blocks; `benchmarks/s0_store.py` has twenty."""
+    """Twice in the middle of 150 blocks; and then to the end."""
     rng = random.Random(3)
     arguments = ["-c", KILLED, str(path), str(tmp_path / "log")]
     kills, before = 0, {}

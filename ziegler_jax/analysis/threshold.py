@@ -254,8 +254,8 @@ def flutter_onset(
     at higher loads: in scans of 400 loads of 20 of them each time), 17 `moves` (where
     `mu_k` is small flutter sets in below 0.5) and 6 `undecided`: there a motion still
     falls, or wanders beside an unstable cycle, at t = 40 000. Of the 187 last intervals
-    all lower ends come to rest by other steps, and 184 upper ones move: the others lie
-    where small chaos is born (`benchmarks/a8_onset_map.py`).
+    all lower ends come to rest by other steps, and 186 upper ones move: the other lies
+    where small chaos is born (`benchmarks/a13_certified_truth.py onsets`).
 
     **Raises:** `ValueError` for arguments that break a rule.
     """

@@ -4,7 +4,7 @@ At a few times the largest return since the last of them is looked at. A motion 
 though no cycle is certain yet, whose largest returns grow by more than 1 % three times
 in a row, or have not fallen by 1 % nine times in a row, while time grows sevenfold at
 least, and rose at some of them: one that falls steadily, however slowly, does not
-(`benchmarks/a8_onset_map.py` follows such motions on).
+(`benchmarks/a13_certified_truth.py onsets` follows such motions on).
 """
 
 from typing import NamedTuple
