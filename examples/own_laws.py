@@ -1,4 +1,4 @@
-"""A friction law, a damping law and an observer of one's own, in a sweep."""
+"""A friction law, a damping law and an observer of your own, in a sweep."""
 
 import jax.numpy as jnp
 

@@ -1,4 +1,4 @@
-"""A map of one's own column: how large its motions are, over load and friction."""
+"""A map of your own column: how large its motions are, over load and friction."""
 
 import numpy as np
 

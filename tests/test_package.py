@@ -22,7 +22,7 @@ def run(*command):
 
 
 def test_it_builds_is_small_and_says_where_it_comes_from(tmp_path):
-    for name in ("build", "twine", "hatchling", "hatch_fancy_pypi_readme"):
+    for name in ("build", "twine", "hatchling"):
         pytest.importorskip(name)
     run("build", "--no-isolation", "--outdir", str(tmp_path), ".")
     files = sorted(tmp_path.iterdir())

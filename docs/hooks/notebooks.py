@@ -30,6 +30,7 @@ log = logging.getLogger("mkdocs.hooks.notebooks")
 FIRST = """
 import importlib.metadata, os, matplotlib
 os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "true"
+os.environ["TF_CPP_MIN_LOG_LEVEL"] = "2"  # XLA's notes on the machine are no results
 if importlib.metadata.version("jaxlib").startswith("0.10."):
     os.environ["XLA_FLAGS"] = "--xla_cpu_use_fusion_emitters=false"
 matplotlib.rcParams["figure.dpi"] = 110

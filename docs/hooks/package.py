@@ -60,9 +60,20 @@ def codes(name: str) -> str:
     """A question's codes as a table."""
     rows = ["| code | name | meaning |", "|---|---|---|"]
     for code in getattr(results, name):
-        sentence = code.sentence.replace("|", r"\|")
+        sentence = in_cell(code.sentence)
         rows.append(f"| {int(code)} | `{code.name}` | {sentence} |")
     return "\n".join(rows)
+
+
+def in_cell(text: str) -> str:
+    """A sentence whose bars do not end the cell of a table."""
+
+    def in_formula(found: re.Match) -> str:
+        latex = found[1].replace(r"\|", r"\Vert ").replace("|", r"\vert ")
+        return f"${latex.strip()}$"
+
+    # in a formula an escaped bar would be a double one
+    return re.sub(r"\$([^$]+)\$", in_formula, text).replace("|", r"\|")
 
 
 def names() -> str:
@@ -70,7 +81,7 @@ def names() -> str:
     rows = ["| name | what |", "|---|---|"]
     for name in zj.__all__:
         text = inspect.getdoc(getattr(zj, name)) or ""
-        first = " ".join(text.split("\n\n")[0].split()).replace("|", r"\|")
+        first = in_cell(" ".join(text.split("\n\n")[0].split()))
         rows.append(f"| [`{name}`][{identifier(name)}] | {first} |")
     return "\n".join(rows)
 

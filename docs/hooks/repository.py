@@ -2,12 +2,15 @@
 
 A line `<!-- from README.md # Speed -->` in a page stands for that section of that file
 (without `#`: for the whole file, without its title; `# ^`: for what comes before the
-first section), its links turned to where the page lies.
+first section), its links turned to where the page lies; what the site does not have is
+linked to in the repository. `<!-- first calls -->` stands for a table of them.
 """
 
 import ast
+import json
 import posixpath
 import re
+import tomllib
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -26,6 +29,7 @@ WHOLE = [
 ]
 PICTURES = [
     "audit/*.png",
+    "figures/*.svg",
     "figures/*.png",
     "benchmarks/results/*.png",
     "examples/studies/*.png",
@@ -34,11 +38,43 @@ OPENED = {  # what is a folder in the repository, or a file beside it
     "examples": "learn/examples.md",
     "examples/studies": "examples/studies/README.md",
     "figures": "figures/index.md",
-    "CITATION.cff": "CITATION.cff",
+}
+UNSEARCHED = ("benchmarks/", "audit/")
+# what no group names is in a last one; a name without a picture is passed over
+GROUPS = {
+    "Maps": "first_map bifurcation_map bifurcation_map_both boundaries verdict_map "
+    "rods",
+    "Friction laws": "regularisation_error",
+    "Thresholds: which kick, which load": "critical_kick least_kick basin",
+    "Load up and down": "hysteresis_branch ramp",
+    "Cycles and their bifurcations": "cycle_fold bifurcation_curves",
+    "Motions": "column time_history poincare_section",
+    "The linear column": "root_locus stability_map paradox best_damping "
+    "whitney_umbrella",
+}
+SCENES = {
+    "one_window": "`settle` with `certify=False` and one window",
+    "certified_map": "`settle` with a certificate, smoothed friction",
+    "verdict_map": "the same with `exponents=2`",
+    "joint_reactions": "`settle`, dry friction on the joints' reactions",
 }
 FROM = re.compile(r"^<!-- from (\S+?)(?: # (.+?))? -->$", re.M)
-LINK = re.compile(r"(\]\()(?!https?://|#|mailto:)([^)#\s]+)")
+LINK = re.compile(r"(\]\()(?!https?://|#|mailto:)([^)\s]+)")
 FENCE = re.compile(r"^```.*?^```$", re.M | re.S)
+
+
+def address() -> str:
+    """Where the repository is, by pyproject.toml."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    return settings["tool"]["hatch"]["metadata"]["hooks"]["custom"]["repository"]
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Link to the repository at the foot of each page."""
+    # not `repo_url`, for which the theme asks some hosts for numbers of the repository
+    icon = "fontawesome/brands/git-alt"
+    config.extra["social"] = [{"icon": icon, "link": address(), "name": "Repository"}]
+    return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -60,12 +96,15 @@ def on_page_markdown(
     markdown: str, page: Page, config: MkDocsConfig, files: Files
 ) -> str:
     """Put the sections of other files in their places."""
-    del config, files
+    del config
     uri = page.file.src_uri
-    return FROM.sub(lambda found: section(*found.groups(), uri), markdown)
+    if uri.startswith(UNSEARCHED):  # tables of numbers, in which every word stands
+        page.meta["search"] = {"exclude": True}
+    markdown = markdown.replace("<!-- first calls -->", first_calls())
+    return FROM.sub(lambda found: section(*found.groups(), uri, files), markdown)
 
 
-def section(source: str, heading: str | None, uri: str) -> str:
+def section(source: str, heading: str | None, uri: str, files: Files) -> str:
     """A part of a file, its links as seen from the page."""
     text = (ROOT / source).read_text()
     blank = FENCE.sub(lambda found: " " * len(found[0]), text)  # no headings in code
@@ -83,8 +122,17 @@ def section(source: str, heading: str | None, uri: str) -> str:
 
     def turned(link: re.Match) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(source), link[2]))
-        target = OPENED.get(target, target)
-        return link[1] + posixpath.relpath(target, posixpath.dirname(uri) or ".")
+        file, mark, anchor = target.partition("#")
+        page = OPENED.get(file, file.removeprefix("docs/"))
+        if page.startswith("learn/"):  # a notebook's script becomes a page
+            page = page.removesuffix(".py").removesuffix(".md") + ".md"
+        if files.get_file_from_path(page) is None and (ROOT / file).exists():
+            return f"{link[1]}{address()}/blob/main/{target}"
+        return (
+            link[1]
+            + posixpath.relpath(page, posixpath.dirname(uri) or ".")
+            + (mark + anchor)
+        )
 
     return LINK.sub(turned, text[start:end]).strip()
 
@@ -96,17 +144,45 @@ def about(path: Path) -> str:
 
 
 def gallery() -> str:
-    """Every picture of `figures`, under it what its script says."""
-    lines = [
-        "# Figures",
-        "",
-        "Each is written by the script of its name in `figures/`, in the repository.",
-        "",
-    ]
-    for path in sorted((ROOT / "figures").glob("*.png")):
-        words = about(path.with_suffix(".py"))
-        lines += [f"![{words}]({path.name})", "", f"`{path.stem}.py`: {words}", ""]
+    """Every picture of `figures` that has a script, with what that says first."""
+    pictures = {p.stem: p.name for p in sorted((ROOT / "figures").glob("*.[ps][nv]g"))}
+    scripts = {name for name in pictures if (ROOT / "figures" / f"{name}.py").exists()}
+    groups = {title: names.split() for title, names in GROUPS.items()}
+    groups["More"] = sorted(scripts - {n for names in groups.values() for n in names})
+    lines = ["# Gallery", "", "A picture opens in full; under it is its script.", ""]
+    for title, names in groups.items():
+        shown = [name for name in names if name in scripts]
+        lines += [f"## {title}", "", '<div class="gallery" markdown>', ""] * bool(shown)
+        for name in shown:
+            words = about(ROOT / "figures" / f"{name}.py")
+            script = f"{address()}/blob/main/figures/{name}.py"
+            lines += [
+                '<div class="card" markdown>',
+                f"[![{words}]({pictures[name]}){{ loading=lazy }}]({pictures[name]})",
+                "",
+                f"{words} [`{name}.py`]({script})",
+                "</div>",
+                "",
+            ]
+        lines += ["</div>", ""] * bool(shown)
     return "\n".join(lines)
+
+
+def first_calls() -> str:
+    """What a first call costs, as `benchmarks/b4_first_call.py` has measured it."""
+    results = ROOT / "benchmarks" / "results" / "b4_first_call.jsonl"
+    measured = [json.loads(line) for line in results.read_text().splitlines()]
+    rows = ["| a first call of `sweep` | s | in the next process, cached |"]
+    rows += ["|---|---|---|"]
+    for one in measured:
+        empty, full = (
+            f"{one['first_call_seconds'][f'cache_{word}']:.1f}"
+            for word in ("empty", "full")
+        )
+        rows.append(f"| {SCENES[one['scene']]} | {empty} | {full} |")
+    last = measured[-1]
+    machine = f"{last['cpu']}, {last['cores']} cores, jax {last['jax']}"
+    return "\n".join([*rows, "", f"Four points each, on {machine}."])
 
 
 def examples() -> str:

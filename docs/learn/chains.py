@@ -2,8 +2,8 @@
 # # From Ziegler to Beck: more rods
 #
 # A column of two rods is the smallest that flutters. A `Chain` has up to sixteen, with
-# rest angles, a tip mass, gravity and more. Here are Beck's column in rods, what
-# friction makes of it, and one that is bent and heavy.
+# rest angles, a tip mass, gravity and more. This page computes Beck's column in rods,
+# the effect of friction on it, and a bent and heavy chain.
 
 # %%
 import jax
@@ -33,8 +33,8 @@ ax.legend()
 # %% [markdown]
 # ## Small damping
 #
-# As of two rods, damping however small takes the load down, here to about half; which
-# joint is damped decides by how much. Derivatives are there as for two rods.
+# As for two rods, damping however small lowers the load, for this chain to about half;
+# the amount depends on the share of each joint. Derivatives exist as for two rods.
 
 # %%
 damped = zj.beck(4, damping=zj.Viscous(0.01, 0.01, 0.01, 0.01))
@@ -46,9 +46,10 @@ table.elasticity.to_series()
 # %% [markdown]
 # ## Friction in the joints
 #
-# A kick of the last rod, at each load and friction of a small map of three rods. What
-# is coloured flutters on a certified cycle, what is plain has come to rest; hatched
-# motions still near their cycle as the time is over, which is slow at small friction.
+# The last rod of a chain of three is kicked, at each load and friction of a small map.
+# Coloured cells flutter on a certified cycle, plain ones have come to rest. Hatched
+# motions still approach their cycle at the end of the time: at small friction this is
+# slow.
 
 # %%
 windows = zj.Windows(transient=20.0, length=8.0, max_windows=10)
@@ -69,9 +70,8 @@ ax.set(xlabel=r"friction $\tau$ ($EI/L$)", ylabel=r"load $P L^2/(EI)$")
 # %% [markdown]
 # ## Bent and heavy
 #
-# Rest angles bend the column, gravity pulls on it. It has an equilibrium off the
-# vertical, about which the linear questions speak, and swings about it where it
-# flutters.
+# Rest angles bend the column, gravity pulls on it. Its equilibrium is off the vertical:
+# the linear functions treat motions about it, and flutter swings about it.
 
 # %%
 bent = zj.beck(3, 14.0, friction=cell(14.0, 0.03)[0].friction,

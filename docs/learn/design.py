@@ -1,9 +1,10 @@
 # %% [markdown]
-# # Critical loads, gradients and design
+# # Critical loads and regimes
 #
 # Without friction the question of stability is linear, and its answers are exact: the
-# critical load, its derivatives in every number of the column, and the parameters that
-# raise it most.
+# critical load, what damping does to it, the loads of uncertain columns, the regime
+# over a plane. Its gradient, and the parameters that raise it most, have [a page of
+# their own](optimise.md).
 
 # %%
 import jax
@@ -55,54 +56,6 @@ ax.set(xscale="log", xlabel="c2 / c1", ylabel="critical load")
 ax.legend()
 
 # %% [markdown]
-# ## Gradients
-#
-# `jax.grad` passes through `critical_load`, though the eigenvalues themselves have an
-# infinite slope there: what is differentiated is the boundary, not an eigenvalue.
-
-
-# %%
-def q_cr(x):
-    m2, kappa, c1 = x
-    column = zj.uniform_rods(m2=m2, kappa=kappa, damping=zj.Viscous(c1, 0.02))
-    return zj.critical_load(column).q_cr
-
-
-x = jnp.array([1.0, 1.0, 0.02])
-gradient = jax.grad(q_cr)(x)
-step = 1e-5 * jnp.eye(3)
-differences = jnp.stack([(q_cr(x + s) - q_cr(x - s)) / 2e-5 for s in step])
-print("gradient    ", gradient)
-print("differences ", differences)
-print("second derivatives\n", jax.hessian(q_cr)(x))
-
-# %% [markdown]
-# `sensitivity` makes a table of them. The elasticity is the per cent of load that one
-# per cent of the parameter brings.
-
-# %%
-table = zj.sensitivity(zj.uniform_rods(damping=zj.Viscous(0.05, 0.02)))
-print(table.to_dataframe())
-
-# %% [markdown]
-# ## The best column
-#
-# `stabilise` raises the load within bounds, by a quasi-Newton method on exact
-# gradients. A step after which the column would lose its stability in another way first
-# is refused.
-
-# %%
-damped = zj.uniform_rods(damping=zj.Viscous(0.05, 0.05))
-bounds = {"kappa": (0.5, 2.0), "damping.c1": (0.01, 0.3), "damping.c2": (0.01, 0.3)}
-best = zj.stabilise(damped, bounds)
-print("from", zj.critical_load(damped).q_cr, "to", best.load.q_cr)
-print(best.parameters)
-print("converged:", best.converged)
-
-# %% [markdown]
-# An optimiser of your own is as good: `jax.value_and_grad(q_cr)` is what it needs, and
-# [one of the short scripts](examples.md) does that with scipy.
-#
 # ## Uncertain parameters
 #
 # Parameters that share a dimension vary together: a sample is one point. A hundred

@@ -22,9 +22,9 @@ print("the unit of time is", DEVICE.time, "s, that of force", DEVICE.force, "N")
 # %% [markdown]
 # ## The column
 #
-# Write it in kilograms, metres, newtons and seconds; `scaled` gives the same column in
-# its own units, with all that it holds. `l1`, the length of rod 1, says that a column
-# is in SI units: then it is given all of its masses and lengths.
+# Write the column in kilograms, metres, newtons and seconds; `scaled` converts it, with
+# all its parts, to the units of the package. `l1`, the length of rod 1, marks a column
+# in SI units, which must name all of its masses and lengths.
 
 # %%
 RODS = {"m1": 0.1, "m2": 0.1, "l1": 0.2, "l2": 0.2}
@@ -61,7 +61,7 @@ motion = zj.trajectory(column(6.0), start, seconds / DEVICE.time)
 ax = zj.plot.time_history(DEVICE.restore(motion))
 
 # %% [markdown]
-# ## What it ends in
+# ## How it ends
 
 # %%
 windows = DEVICE.scaled(zj.Windows(transient=10.0, length=5.0))  # seconds
@@ -92,11 +92,11 @@ ds = DEVICE.restore(ds)
 ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="F", y="kick")
 
 # %% [markdown]
-# On the left every knock ends at rest, and the knock that it takes falls as the force
-# grows. Dotted cells are `unsettled`: they go on moving, but not yet on a cycle. An
-# axis can bring its own name and unit, as the knock does here.
+# On the left the column comes to rest after every knock. The knock that starts flutter
+# falls as the force grows. Dotted cells are `unsettled`: they still move, but not on a
+# certified cycle. An axis may have its own name and unit, as the knock has.
 #
-# ## From which force on, exactly
+# ## The onset in newtons
 
 # %%
 search = zj.Search(scan=6, halvings=6)
@@ -106,12 +106,12 @@ print(
 )
 
 # %% [markdown]
-# `flutter_onset` varies the argument of the function that you give it, here a force in
-# newtons: so its threshold is in newtons.
+# `flutter_onset` varies the argument of your function. The argument of `column` is a
+# force in newtons, so the threshold is in newtons.
 #
-# ## What if the pins were rougher?
+# ## Rougher pins
 #
-# The friction of a device is the number that one knows least. Vary it.
+# The friction of a device is usually its least certain number. Vary it.
 
 
 # %%

@@ -2,7 +2,7 @@
 # # Long sweeps, stores and Dask
 #
 # A map of a million points runs for hours, on a machine that may be switched off, or on
-# a cluster. A sweep with a *store* keeps every finished block, goes on where it was,
+# a cluster. A sweep with a *store* writes every finished block, continues after a stop,
 # and ends in the same numbers to the last bit.
 
 # %%
@@ -11,7 +11,7 @@ from distributed import Client, LocalCluster
 
 import ziegler_jax as zj
 
-print(zj.configure_cache("programs"))  # compiled programs, for later processes
+zj.configure_cache("programs")  # keeps compiled programs for later processes
 
 
 def point(q, kappa):
@@ -29,10 +29,10 @@ q, low, high = (
 # ## A store
 #
 # `store` is a folder. Stop the sweep whenever you like: the same call with the same
-# store computes what is missing and nothing else. It keeps a sixteenth of the
-# points at a time (about 256 at least, 16 000 at most), as soon as they are whole. The
-# logger `ziegler_jax.sweep` says of each where it lies, what it cost and how its points
-# ended: `logging.basicConfig(filename="low.log", level="INFO")` keeps that.
+# store computes the missing points only. A block is a sixteenth of the points (about
+# 256 at least, 16 000 at most), and is written as soon as it is finished. The logger
+# `ziegler_jax.sweep` has the place, cost and outcomes of each block:
+# `logging.basicConfig(filename="low.log", level="INFO")` writes them to a file.
 
 # %%
 ds = zj.sweep(point, q=q, kappa=low, store="low.zarr")
@@ -43,8 +43,8 @@ again = zj.sweep(point, q=q, kappa=low, store="low.zarr")  # nothing is left to 
 assert again.growth.equals(ds.growth)
 
 # %% [markdown]
-# A store belongs to its scene. A sweep of another scene, other axes or other tolerances
-# is refused, not mixed in:
+# A store belongs to its point. It refuses a sweep of another point, other axes or other
+# tolerances:
 
 
 # %%
@@ -60,9 +60,9 @@ except ValueError as error:
 
 # %% [markdown]
 # `zj.Store("low.zarr", overwrite=True)` replaces what is there. `open_sweep` reads a
-# store at any time, also while it is being written, from another process; every chunk
-# has a checksum, so that a damaged one raises and never gives a number. It runs nothing
-# that is in the folder: [what opening a store does](../reference/stores.md).
+# store at any time, also while it is being written, from another process. Every chunk
+# has a checksum: a damaged one raises an error and never gives a number. No code from
+# the folder runs: [stores](../reference/stores.md).
 
 # %%
 zj.open_sweep("low.zarr").growth
@@ -70,18 +70,18 @@ zj.open_sweep("low.zarr").growth
 # %% [markdown]
 # ## Longer axes
 #
-# A map becomes larger by merging: overlapping points must agree to the last bit.
+# `merge` joins maps: overlapping points must agree to the last bit.
 
 # %%
 second = zj.sweep(point, q=q, kappa=high)
-whole = zj.merge(zj.open_sweep("low.zarr"), second)
-ax = whole.pipe(zj.plot.map, "regime", x="q", y="kappa")
+longer = zj.merge(zj.open_sweep("low.zarr"), second)
+ax = longer.pipe(zj.plot.map, "regime", x="q", y="kappa")
 
 # %% [markdown]
 # ## Only some points
 #
-# `where` chooses points by their values: the rest stays NaN, and costs nothing. With
-# that, a coarse map can come first, and fine parts where it is worth it.
+# `where` selects points by their values: the others stay NaN and are not computed. So a
+# coarse map can come first, and finer ones only where they are needed.
 
 
 # %%
@@ -101,10 +101,10 @@ coarse = zj.sweep(
 ax = coarse.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 
 # %% [markdown]
-# ## What it cost, and whether it was computed right
+# ## Cost and correctness
 #
-# The attributes say. One batch in 256 is computed twice and must give the same bits: a
-# processor that computes wrong would be seen. (This map is too small for one.)
+# The attributes have the cost. One batch in 256 is computed twice and must give the
+# same bits, which detects a faulty processor. (This map is too small for such a batch.)
 
 # %%
 for name in (
@@ -116,9 +116,10 @@ for name in (
     print(name, "=", coarse.attrs[name])
 
 # %% [markdown]
-# How wrong is the map? `compare` computes points of it by several methods: the usual
-# one and, as the reference, one with a hundred times finer tolerance. The point takes
-# the tolerance as an argument. Each cell has a difference, the sample its quantiles.
+# `compare` measures the error of the map: it computes a sample of its points by several
+# methods, the usual one and, as the reference, one with a hundred times finer
+# tolerance. The point takes the tolerance as an argument. The result has the difference
+# of each point and its quantiles over the sample.
 
 # %%
 plane = {"q": np.linspace(1.5, 2.5, 15), "mu": np.linspace(0.05, 0.2, 8)}
@@ -131,9 +132,9 @@ print("differences", usual.joint_amplitude_difference_quantiles.values)
 # %% [markdown]
 # ## A cluster
 #
-# With a Dask `client` blocks become tasks of its workers, on this machine or on many;
-# the store must be where all of them can write. Numbers are the same as without, to the
-# last bit.
+# With a Dask `client` blocks become tasks of its workers, on one machine or on many.
+# All workers must be able to write to the store. Numbers are the same as without a
+# cluster, to the last bit.
 
 # %%
 with (
@@ -145,16 +146,15 @@ assert far.growth.equals(ds.growth)
 print("the cluster's numbers are the same")
 
 # %% [markdown]
-# In a script, not a notebook, what starts the cluster belongs into a function behind
-# the usual test of `__name__`, as in [this one](examples.md#dask_clusterpy): workers
-# import the script.
+# In a script, start the cluster in a function behind the usual test of `__name__`, as
+# in [this one](examples.md#dask_clusterpy): workers import the script.
 #
 # ## A batch system
 #
-# The tasks of a job array need no Dask: each computes a part of an axis into a store
-# of its own, and their union is the map. A task that was stopped is submitted once more
-# and goes on. Here three parts follow each other; under Slurm the number of the task is
-# `int(os.environ["SLURM_ARRAY_TASK_ID"])`.
+# The tasks of a job array need no Dask: each computes a part of an axis into its own
+# store, and their union is the map. A task that was stopped is submitted again and
+# continues. In this notebook three parts run one after the other; under Slurm the
+# number of the task is `int(os.environ["SLURM_ARRAY_TASK_ID"])`.
 
 # %%
 for task in range(3):
@@ -170,11 +170,10 @@ assert zj.merge(*parts).growth.equals(ds.growth)
 print("their union is the same map")
 
 # %% [markdown]
-# ## When it is killed
+# ## Killed sweeps
 #
-# Nothing is lost but the blocks that were not finished. Ctrl-C ends a sweep as soon as
-# the present batch is done; what was finished stays. To see how far a run is from
-# another terminal:
+# A killed sweep loses its unfinished blocks only. Ctrl-C ends a sweep as soon as the
+# present batch is done; finished blocks stay. Another terminal shows the progress:
 
 # %%
 watch = zj.open_sweep("kick.zarr")

@@ -1,10 +1,9 @@
 # %% [markdown]
 # # Onset, hysteresis and the unstable branch
 #
-# With dry friction the column at rest is held at every load. Flutter needs a kick, and
-# there is a load below which no kick makes it. This page asks how large a kick must be,
-# lets the load go up and down, and finds what lies between rest and flutter: an
-# unstable cycle.
+# Dry friction holds the column at rest at every load. Flutter needs a kick, and below
+# some load no kick starts it. This page computes how large a kick must be, takes the
+# load up and down, and finds the unstable cycle between rest and flutter.
 
 # %%
 import jax
@@ -25,8 +24,8 @@ def column(q):
 # %% [markdown]
 # ## Rest is a set
 #
-# At rest both joints stick wherever the torques that hold them stay within $\tau_s$: a
-# region of angles, as large at every load as the friction makes it.
+# At rest both joints stick wherever the torques that hold them stay within $\tau_s$.
+# This is a region of angles, whose area is the same at every load.
 
 # %%
 resting = zj.sticking_set(column(2.0))
@@ -39,10 +38,10 @@ print("area", resting.area, "corners", resting.corners)
 # %% [markdown]
 # ## The kick that starts flutter
 #
-# Along a direction of the start, here the rate of rod 2, how large must a kick be?
-# `critical_kick` scans a bracket and halves the first interval in which the verdict
-# changes. It judges a motion by rest or by a certified cycle, so that a motion that
-# lingers decides nothing. In a sweep it is a curve over the load.
+# How large must a kick be, as a rate of rod 2? `critical_kick` scans a bracket and
+# halves the first interval in which the verdict changes. It judges a motion by rest or
+# by a certified cycle, never while the motion lingers. In a sweep it is a curve over
+# the load.
 
 
 # %%
@@ -59,21 +58,21 @@ for q, code in zip(least.q.values, least.outcome.values, strict=True):
     print(f"q = {q:.1f}:", zj.CODE(int(code)).name)
 
 # %% [markdown]
-# Below the curve a kick ends at rest, above it flutter sets in. Read the outcome first:
-# `found` means one change along the scanned bracket, `repeated` that rest comes back
-# above it, `undecided` that a motion gave no verdict in time. All codes are in the
-# [reference](../reference/results.md).
+# Below the curve the column comes to rest after a kick, above it the column flutters.
+# Read the outcome first: `found` means one change along the scanned bracket, `repeated`
+# that rest comes back above it, `undecided` that a motion had no verdict in time. All
+# codes are in the [reference](../reference/results.md).
 #
-# The same border the other way round, the load from which a given kick starts flutter,
-# is `flutter_onset` ([an example](device.md#from-which-force-on-exactly)); the least
-# kick over *all* directions, and what stands on the border, is `least_kick`.
+# The same border the other way round, the load from which one kick starts flutter,
+# is `flutter_onset` ([an example](device.md#the-onset-in-newtons)); the least kick over
+# *all* directions, and the state on the border, is `least_kick`.
 #
 # ## Hysteresis
 #
-# Let the load go up in steps and down again, each motion going on from where the last
-# one ended, with a small kick at every load. On the way up the column rests until the
-# kick is enough; on the way down flutter stays far below that load. Smoothed friction
-# with some damping keeps this page quick.
+# `sweep_up_down` raises the load in steps and lowers it again. Each motion starts from
+# the end of the last one, with a small kick. On the way up the column rests until the
+# kick is enough; on the way down flutter persists far below that load. Smoothed
+# friction with some damping makes this page quick to run.
 
 
 # %%
@@ -101,8 +100,8 @@ branch = zj.continue_cycle(smooth, orbit, 1.62, arc=arc)
 ax = zj.plot.up_down(both, branch=branch)
 
 # %% [markdown]
-# Triangles point the way the load went; the line is solid where the cycle attracts and
-# dashed where it repels. The branch lists what happens on its way; here that is the
+# Triangles show the direction of the load; the line is solid where the cycle attracts
+# and dashed where it repels. The branch has a list of its special points: here the
 # fold.
 
 # %%
@@ -114,9 +113,9 @@ print(
 )
 
 # %% [markdown]
-# Two multipliers are 1 at the fold: that of the time along the cycle, and that of the
+# Two multipliers are 1 at the fold: the trivial one along the cycle, and the one of the
 # two cycles which meet. Below this load the smoothed column has no flutter cycle on
-# this branch, however hard it is kicked.
+# this branch, after any kick.
 #
 # `bifurcation` goes straight to the fold, and its number has derivatives: `jax.grad` of
 # it in the friction, the damping or the masses says how the fold moves.

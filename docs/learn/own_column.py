@@ -2,8 +2,8 @@
 # # Your own column and map
 #
 # A column is a value, every question about it is a function, and `sweep` computes any
-# such function over named axes. This page builds a column, follows one motion, asks
-# what it ends in, and then asks the same of a few hundred columns at once.
+# such function over named axes. This page builds a column, follows one motion to its
+# end, and then does the same for a few hundred columns at once.
 
 # %%
 import jax
@@ -11,7 +11,7 @@ import numpy as np
 
 import ziegler_jax as zj
 
-print(zj.configure_cpu())  # before JAX computes anything
+zj.configure_cpu()  # before JAX computes anything
 jax.config.update("jax_enable_x64", True)  # for what is not in a sweep
 
 # %% [markdown]
@@ -32,9 +32,9 @@ for column in (zj.uniform_rods(), zj.point_masses(2, 1)):
     )
 
 # %% [markdown]
-# Any other column is its inertia: at small angles the mass matrix is [[a, b], [b, d]].
-# Here is one with a heavy knee and a stiffer spring at the base. `m2` and `s1` are only
-# needed if friction rests on the joints' reactions.
+# `Column` takes any inertia: at small angles the mass matrix is [[a, b], [b, d]]. This
+# one has a heavy knee and a stiffer spring at the base. `m2` and `s1` are needed only
+# where friction acts on the joints' reactions.
 
 # %%
 own = zj.Column(q=1.8, a=1.9, b=0.5, d=1 / 3, kappa=1.5, friction=friction)
@@ -44,8 +44,8 @@ own
 # ## One motion
 #
 # `State` is a start: angles and rates of both rods. `trajectory` gives the motion at
-# the times that you name. Here a kick grows: left the angles over time, right the phase
-# plane.
+# the times that you name. This kick grows: the left picture shows angles over time, the
+# right one the phase plane.
 
 # %%
 kick = zj.State(omega=(0, 0.3))
@@ -53,17 +53,17 @@ motion = zj.trajectory(rods, kick, np.linspace(0, 60, 1201))
 ax = zj.plot.time_history(motion)
 
 # %% [markdown]
-# ## What it ends in
+# ## How it ends
 #
-# `settle` follows the motion until that is known. Results print themselves, with units
-# and the meaning of their codes: here the column has swung itself up to a cycle.
+# `settle` follows the motion until its end is known. Results print themselves, with
+# units and the meaning of their codes: this column has swung up to a cycle.
 
 # %%
 zj.settle(rods, kick)
 
 # %% [markdown]
-# A smaller kick ends stuck. Rest and flutter coexist, and the kick decides: keep this
-# in mind for every map.
+# After a smaller kick the column sticks. Rest and flutter coexist, and the kick
+# decides: every map is a map for its kick.
 
 # %%
 zj.settle(rods, zj.State(omega=(0, 0.02)))
@@ -72,10 +72,9 @@ zj.settle(rods, zj.State(omega=(0, 0.02)))
 # ## A map
 #
 # A *cell* is a function of named numbers that gives a column and its start; a *point*
-# asks something of them. `sweep` computes a point for all combinations of
-# the axes, in batches on all cores, always in 64 bits. The bar says how many points are
-# done; before it, seconds go into compiling the point: some for a motion, tens for
-# thresholds, verdicts and least kicks. Where no bar is shown, they pass silently.
+# computes a result from them. `sweep` computes a point for all combinations of the
+# axes, in batches on all cores, always in 64 bits. First it compiles the point, which
+# takes [seconds](index.md#the-first-call-compiles); then a bar counts the points.
 # `zj.configure_cache()` keeps compiled programs for the next process.
 
 
@@ -93,16 +92,16 @@ def point(q, mu):
 ds = zj.sweep(point, q=np.linspace(1, 3, 31), mu=np.linspace(0.02, 0.3, 15))
 
 # %% [markdown]
-# What comes back is an `xarray.Dataset`. `sel` picks by value, `pipe` hands the dataset
-# to what draws it. The flat colour is where the column came to rest.
+# The result is an `xarray.Dataset`. `sel` picks by value, `pipe` hands the dataset to a
+# function that draws it. The flat colour marks columns that came to rest.
 
 # %%
 ax = ds.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 
 # %% [markdown]
-# `outcome` says of each point how its motion ended. Codes have names, and names have
-# sentences; what failed is NaN, never a number that looks right. What is `unsettled`
-# still moved after the longest time: here, with little friction, motions decay slowly.
+# `outcome` says how the motion of each point ended. Each code has a name and a
+# sentence. A point that failed is NaN. An `unsettled` motion still moved after the
+# longest time: with little friction, motions decay slowly.
 
 # %%
 codes, counts = np.unique(ds.outcome, return_counts=True)
@@ -112,7 +111,8 @@ for code, count in zip(codes, counts, strict=True):
 # %% [markdown]
 # ## From a cell back to its motion
 #
-# Ask the cell another question: here, where its motion passes $\phi_1 = 0$.
+# The cell takes any other function: `poincare` computes where its motion passes
+# $\phi_1 = 0$.
 
 # %%
 section = zj.poincare(*cell(2.2, 0.2), points=5, transient=400)
@@ -124,8 +124,8 @@ print("successive phi2 on the section:", section.phi[:, 1])
 # ## A sharp boundary
 #
 # A grid shows a boundary as stairs. `refine` computes more points where neighbours
-# differ, and joins the changes to lines. Here the label is `outcome`: lines part rest,
-# cycles and what stayed undecided.
+# differ, and joins the changes to lines. With the label `outcome`, lines separate rest,
+# cycles and undecided motions.
 
 # %%
 sharp = zj.refine(point, ds, "outcome", width=(2e-3, 0.02), levels=1, audit=50)
@@ -133,10 +133,10 @@ ax = sharp.sel(joint=2).pipe(zj.plot.map, "joint_amplitude", x="q", y="mu")
 print("the share of the map that may be missed is below", sharp.refine_missed_area)
 
 # %% [markdown]
-# ## What to keep
+# ## The record
 #
-# The dataset's attributes hold the scene's source, the numbers that it read, tolerances
-# and versions. `sweep(..., store="map.zarr")` keeps it all in a folder: [Long
+# The attributes of the dataset are the source of the point, its tolerances and the
+# versions. `sweep(..., store="map.zarr")` writes all of it to a folder: [Long
 # sweeps](long_sweeps.md).
 
 # %%

@@ -2,8 +2,7 @@
 # # Your own friction, damping and observer
 #
 # A law is a small class: its numbers are its fields, and one method is its equation.
-# The rest, such as sweeps, certificates, derivatives and stores, takes it like the
-# package's own.
+# Sweeps, certificates, derivatives and stores treat it like a law of the package.
 
 # %%
 import warnings
@@ -23,9 +22,8 @@ jax.config.update("jax_enable_x64", True)
 #
 # A friction law of the joints' rates derives from `AbstractRateFriction` and gives
 # three things: `levers`, the torque of each joint per unit of normal load; `load_law`,
-# what the joints rest on; `rate_cut`, the rate below which a joint counts as at rest.
-# `rules` are checked for you: a lane whose numbers break one ends with the code
-# `invalid`.
+# the normal load; `rate_cut`, the rate below which a joint counts as at rest. The
+# package checks `rules`: a point whose numbers break one ends with the code `invalid`.
 #
 # This one saturates like a root instead of a hyperbolic tangent, $\mu u/\sqrt{u^2 +
 # v^2}$.
@@ -50,7 +48,7 @@ class Root(zj.AbstractRateFriction):
 
 
 # %% [markdown]
-# Look at a law before you use it: the torque over the rate, beside the package's own.
+# Plot a law before you use it: the torque over the rate, beside a law of the package.
 
 # %%
 u = np.linspace(-0.2, 0.2, 401)
@@ -79,8 +77,8 @@ class Quadratic(zj.AbstractDamping):
 
 
 # %% [markdown]
-# At rest it has no damping, so the linear column does not know it. q_cr is that of the
-# bare column.
+# At rest this law has no damping, so it does not enter the linear column. q_cr is that
+# of the column without damping.
 
 # %%
 print(zj.critical_load(zj.uniform_rods(damping=Quadratic(0.05))).q_cr)
@@ -112,10 +110,10 @@ class PeakRate(zj.AbstractObserver):
 
 
 # %% [markdown]
-# What is to be integrated along the motion is named by `integrand`; each step then
-# brings its integrals, of the method's own order, as `step.integrals`. Here the power
-# lost in each joint's friction, torque times rate. `system` is what runs: the column's
-# numbers, worked out once.
+# `integrand` names functions to integrate along the motion; each step then has their
+# integrals, of the order of the method, as `step.integrals`. This observer integrates
+# the power lost by friction in each joint, torque times rate. `system` has the numbers
+# of the column, computed once.
 
 
 # %%
@@ -138,7 +136,7 @@ class Losses(zj.AbstractObserver):
 
 
 # %% [markdown]
-# There are also `system.power(y)`, `system.energy(y)` and `system.field(t, y)`.
+# It also has `system.power(y)`, `system.energy(y)` and `system.field(t, y)`.
 #
 # ## All of it in a map
 
@@ -158,10 +156,10 @@ ax = ds.sel(joint=2).pipe(zj.plot.map, "peak_rate", x="q", y="mu")
 # %% [markdown]
 # ## Is the law right?
 #
-# Check a law by a balance that does not know how it was written. `EnergyBalance`
-# integrates the powers along the motion: what the load feeds in must be what damping
-# and friction take out, to the integration's own error. And both joints' losses must be
-# what it says of friction.
+# Check a law by a balance that is independent of its code. `EnergyBalance` integrates
+# the powers along the motion: the work of the load must equal the losses by damping and
+# friction, to the error of the integration. And the losses of both joints must add up
+# to its power of friction.
 
 # %%
 cycles = ds.where(ds.outcome == zj.CODE.repeats)
@@ -174,12 +172,11 @@ assert imbalance < 1e-3 and apart < 1e-12
 # %% [markdown]
 # ## Two things to know
 #
-# Keep a law's numbers as its own fields. A number that a law reads from somewhere else,
-# a global say, is remembered by JAX as it was when first traced: within one point, and
-# outside of `sweep` for good.
+# Write a law's numbers as its own fields. JAX remembers a global that a law reads as it
+# was when first traced: within one point, and outside of `sweep` for good.
 #
-# A number that breaks one of the law's `rules` gives no number that looks right: the
-# outcome is `invalid`. A sweep warns of such points at its end; here it is expected.
+# A number that breaks one of the `rules` gives the outcome `invalid` and NaN. A sweep
+# warns of such points at its end; this warning is expected here.
 
 # %%
 with warnings.catch_warnings():

@@ -115,7 +115,7 @@ class BranchPoint(NamedTuple):
 
 
 class AbstractContinuation(abc.ABC):
-    """What a walk asks of its problem: a curve R(x) = 0, its tests, and its ends.
+    """The problem of a walk: a curve R(x) = 0, its tests, and its ends.
 
     `arc`, `method`; `first`: where it starts, scaled, and `failure`: a `CODE`
     where it cannot; `scale`: of the unknowns; `along`: the place of the one along which
@@ -187,7 +187,7 @@ class AbstractContinuation(abc.ABC):
 
 
 class Continuation(AbstractContinuation):
-    r"""What a continuation needs: the problem, its scales, and where it starts.
+    r"""A continuation's problem, its scales, and where it starts.
 
     Its motions last one period (`sign` = 1), or half of one, to the mirror image (-1):
     where the first cycle is its own. With the multipliers $\nu$ of the half map those
@@ -416,7 +416,7 @@ def _matrix(shot: Shot) -> Float[Array, "s m"]:
 def other_multipliers(
     section: SectionPlane, moved: Float[Array, "s s"], matrix: Float[Array, "s m"]
 ) -> Complex[Array, " k"]:
-    """Those other than 1, (2n - 1,): of the return to the section.
+    """Multipliers of the return to the section, without the trivial 1, (2n - 1,).
 
     Of the derivative of the motion over the period what goes along the motion is taken
     away, so that it ends on the section again.

@@ -39,7 +39,7 @@ class Edge(NamedTuple):
 def edge_state(
     column: Column, middle: Middle, size: Float[Array, ""], known: Bool[Array, ""]
 ) -> Edge:
-    """What a motion on a threshold draws near, from where it is nearest."""
+    """The edge state near a motion on a threshold, from its nearest point."""
     known = known & middle.reached
     y = jnp.where(known, fixed(middle.y), jnp.nan)
     orbit = periodic_orbit(column, State((y[0], y[1]), (y[2], y[3])))

@@ -35,7 +35,7 @@ TAKEN = ("branch", *DIMENSIONS)  # dimensions of the results
 
 
 class UpDownSweep(AbstractDescribed):
-    """What a column settles to at each load on the way up and on the way down.
+    """The settled motions at each load on the way up and on the way down.
 
     An attribute for each quantity of `Settled.variables()`, e.g. `joint_amplitude`
     (2, n, 2) and `outcome` (2, n): branch, value, then the quantity's own dimensions.
@@ -75,8 +75,8 @@ def sweep_up_down(
     r"""Raise the load step by step and lower it again, the last state carried on.
 
     At each value the motion goes on from where the last one ended, plus `kick`, until
-    it settles. Where rest and a cycle coexist the way up shows the one, the way down
-    the other.
+    it settles. Where rest and a cycle coexist, the way up shows rest and the way down
+    the cycle.
 
     ```python
     def point(mu_s, mu_k):
@@ -95,13 +95,13 @@ def sweep_up_down(
 
     - `make_column`: a function of one number, the load or any other; its argument's
         name is the axis of a sweep's dataset.
-    - `values`: that number's, increasing, shape (n,), at least two.
+    - `values`: of that number, increasing, shape (n,), at least two.
     - `kick`: the disturbance, added to the state at every value. Without one a column
         that rests stays at rest: with set-valued friction at any load.
     - `start`: the first state, and the one after a motion without numbers (`escaped`
         and the like); None is the upright column.
-    - `windows`, `observers`, `method`, `certify`: of each motion, as in `settle`. One
-        that draws near a certified cycle is followed no further: the next begins there.
+    - `windows`, `observers`, `method`, `certify`: of each motion, as in `settle`. A
+        motion ends when it is near a certified cycle: the next one begins there.
 
     **Returns:** `UpDownSweep`.
 
@@ -176,7 +176,7 @@ def sweep_up_down(
 
 
 def _name_of_the_number(make_column: Callable[[Scalar], AbstractChain]) -> str:
-    """What the function calls its argument."""
+    """The name of the function's argument."""
     try:
         (first, *_) = inspect.signature(make_column).parameters.values()
     except (TypeError, ValueError):  # of a function that is not Python's own

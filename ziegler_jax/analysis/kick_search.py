@@ -10,14 +10,14 @@ threshold so far, and descends from each that flutters:
     One that flutters there has a lower threshold and takes its place, and its own
     interval is looked for downwards. If none does, h is halved.
 
-What comes to the ray of the best, or cannot come below it, is given up. At last the
-best is descended from with finer steps. Up to here a motion whose angle comes beyond
-`SCREEN` times the size of its start is taken to flutter, without a certificate. The
+A descent that reaches the ray of the best, or cannot get below it, is given up. A last
+descent starts at the best, with finer steps. So far a motion whose angle exceeds
+`SCREEN` times the size of its start counts as flutter, without a certificate. The
 motion at the upper end of the last interval is then followed until it has one; should
 it come to rest after all, the search begins again without that screen.
 
-A verdict is a single bit, so that jumps and edges of the threshold, as sticking makes
-them, are no matter; the error in the energy is of the second order in the last h.
+A verdict is a single bit, so jumps and edges of the threshold, which sticking causes,
+do no harm; the error in the energy is of the second order in the last h.
 """
 
 from collections.abc import Callable
@@ -141,7 +141,7 @@ class Descent(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What is the same all along a search."""
+    """The fixed part of a search."""
 
     least: Float[Array, ""]  # sizes
     largest: Float[Array, ""]

@@ -223,13 +223,13 @@ def least_kick(
 
     **Arguments:**
 
-    - `column`: the scene.
-    - `bracket`: the least and the largest energy (in k) that is tried, of the norm
-        where that is another.
+    - `column`: a column of two rods.
+    - `bracket`: the least and the largest energy (in k) that is tried; with another
+        `norm`, its values.
     - `directions`: see `Directions`.
-    - `norm`: what is least, a function of the column and the four numbers of the start,
-        as `energy` is (kinetic and elastic, in k): positive, and of the second order in
-        them, e.g. `lambda column, y: y[2] ** 2 + y[3] ** 2`.
+    - `norm`: the quantity to minimise, a function of the column and the four numbers of
+        the start, as `energy` (kinetic and elastic, in k): positive, and of the second
+        order in them, e.g. `lambda column, y: y[2] ** 2 + y[3] ** 2`.
     - `windows`: of each motion, as in `settle`. Most of the time goes into certificates
         of flutter; where a motion beyond an angle is known to flutter, `escape` saves
         them.
@@ -250,8 +250,8 @@ def least_kick(
     the column: at a minimum those along its ray (J. M. Danskin, 1967), see
     `threshold`. They are NaN unless the outcome is `found`, where `misalignment`
     is above 0.05, an edge of the manifold that may move along, and where tangents
-    disagree. Those of the edge state are its own, see `periodic_orbit`. Those of the
-    width, the ray and the misalignment are NaN: they would need second variations.
+    disagree. The edge state has the derivatives of `periodic_orbit`. Width, ray and
+    misalignment have NaN: their derivatives would need second variations.
 
     **Raises:** `ValueError` for arguments that break a rule.
 
@@ -278,7 +278,7 @@ def least_kick(
 
 
 class _Problem:
-    """What is searched for, and how."""
+    """The question of a search, and its options."""
 
     def __init__(
         self,
@@ -336,7 +336,7 @@ class _Problem:
     def result(
         self, search: Descent, steps: Int[Array, ""], motion: CertifiedMotion
     ) -> LeastKick:
-        """What it amounts to."""
+        """The result of a search."""
         best, still = fixed(search.best), fixed(self.column)
         sure = search.outcome == CODE.found
         named = sure | (search.outcome == CODE.undecided)

@@ -40,7 +40,7 @@ NO_DERIVATIVE = (
 
 
 class Exponents(AbstractMotionResult[State]):
-    """Lyapunov exponents of one lane, with standard errors.
+    """Lyapunov exponents of a motion, with standard errors.
 
     `exponents`, `errors`: shape (count,), from the largest on; in the order of
     Gram-Schmidt, so that equal ones may be exchanged within their errors. Minus
@@ -76,15 +76,15 @@ def lyapunov_exponents(
     $$\lambda = \bar r, \qquad
     \mathrm{error} = \sqrt{\frac{\sum_b (r_b - \bar r)^2}{B(B-1)}}.$$
 
-    The error is that of spans that know little of each other: their `length` should be
-    many periods, and longer than the motion remembers. It does not see what the ends of
-    the whole time T contribute, of order $1/T$, nor that an exponent which is zero
-    because growth is not exponential is still of the size $\ln T / T$.
+    The error assumes independent spans: their `length` should be many periods, and
+    longer than correlations last. It does not include the contribution of the ends of
+    the time T, of order $1/T$. Nor does it see that an exponent which is zero because
+    growth is not exponential is still of the size $\ln T / T$.
 
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 
-    - `column`, `start`: the scene.
-    - `count`: how many exponents, 1 to 2 a rod. Each costs.
+    - `column`, `start`: the column or chain, and the state in which its motion starts.
+    - `count`: the number of exponents, 1 to 2 a rod.
     - `spans`: as above, see `Spans`.
     - `method`: an explicit one, or Taylor's with set-valued friction; its tolerances
         are those of the motion's steps, which the tangents share.
@@ -93,7 +93,7 @@ def lyapunov_exponents(
     failure with NaN.
 
     **Raises:** `ValueError` for arguments that break a rule, in a 32-bit session, and
-    where a derivative is taken: averages over long motions have none to rely on.
+    where a derivative is taken: averages over long motions have no reliable one.
     """
     check_scene(column, start)
     scene = column, start, spans, method
@@ -119,7 +119,7 @@ def lyapunov_exponents(
 
 
 class GrowthOptions(TypedDict):
-    """What folds over spans of growth have in common."""
+    """The options that folds over spans of growth share."""
 
     solver: Explicit | Taylor
     rtol: Scalar
@@ -130,7 +130,7 @@ class GrowthOptions(TypedDict):
 
 
 def growth_options(method: Method, spans: Spans) -> GrowthOptions:
-    """What folds over spans of growth have in common."""
+    """The options that folds over spans of growth share."""
     return {
         "solver": method.variational,
         "rtol": method.tolerances[0],

@@ -59,7 +59,7 @@ class Attempt(NamedTuple):
 
 
 class Refinement(NamedTuple):
-    """What an attempt has done for the special point that is sought."""
+    """The state of the refinement of a special point."""
 
     low: End  # its bracket
     high: End

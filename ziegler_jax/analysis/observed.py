@@ -1,4 +1,4 @@
-r"""What observers see of a cycle: a motion from its start over exactly one turn.
+r"""Observed numbers of a cycle: a motion from its start over exactly one turn.
 
 A number g of the turn depends on the start, the period and the scene, which the motion
 is followed with once more,

@@ -70,11 +70,11 @@ MOST_TRIES = 20  # of Newton's method
 class PeriodicOrbit(AbstractDescribed):
     r"""A periodic orbit, or the reason why there is none.
 
-    `state`: where it passes the section; `rod_amplitude`, `joint_amplitude` (n,): the
-    largest angles of n rods and joints; `monodromy` (2n, 2n); `residual`: by how much
-    the orbit does not close; `steps` of all motions; `outcome`, a `CODE`. Unless that
-    is `found`, all numbers of the orbit and their derivatives are NaN. What was asked
-    of `observers` are attributes, too.
+    `state`: its state on the section; `rod_amplitude`, `joint_amplitude` (n,): the
+    largest angles of n rods and joints; `monodromy` (2n, 2n); `residual`: the remainder
+    by which the orbit does not close; `steps` of all motions; `outcome`, a `CODE`.
+    Unless that is `found`, all numbers of the orbit and their derivatives are NaN.
+    Observed variables are attributes, too.
     """
 
     state: State
@@ -160,9 +160,8 @@ def periodic_orbit(
     - `section`: the plane on which the orbit begins; its period and its multipliers
         depend on none. A chain that is bent or pushed aside may never pass the default,
         phi1 = 0: give a level that it passes.
-    - `observers`: what to watch over exactly one turn of the orbit beside its
-        amplitude, e.g. `(EnergyBalance(),)`; what they give are attributes, as of
-        `settle`.
+    - `observers`: observers of exactly one turn of the orbit beside its amplitude, e.g.
+        `(EnergyBalance(),)`; their variables are attributes, as of `settle`.
     - `method`: an explicit one. Its step budget is that of the whole search, the first
         return, all periods that Newton's method tries (20 at most) and that which is
         observed; where it is spent the search ends as `not_integrated`. Derivatives

@@ -69,14 +69,14 @@ def poincare(
     Each is found on the step's Hermite interpolants, quintics of the angles and their
     slopes, quartics, of the rates, $O(h^6)$ and $O(h^5)$ from the motion: with Tsit5 at
     1e-9 angles are within 1e-9, rates 4e-7, times 7e-9 (q = 2.6, $\tau$ = 0.026,
-    v_smooth = 0.1). No better than the steps: at 1e-4 one that spans the layer of
-    smoothed friction is off by some 3 % in a rate, and so are its passages.
+    v_smooth = 0.1). Passages are as good as the steps: at 1e-4 a step that spans the
+    layer of smoothed friction has an error of some 3 % in a rate.
 
     **Arguments:** (times in $\sqrt{m l^2/k}$)
 
-    - `column`, `start`: the scene.
+    - `column`, `start`: the column or chain, and the state in which its motion starts.
     - `section`: the plane, e.g. $\phi_1 = 0$ rising.
-    - `points`: how many passages.
+    - `points`: the number of passages.
     - `transient`: passages before it do not count.
     - `max_time`: after the transient; passages after it do not count.
     - `escape`: a rod's angle in rad beyond which the motion ends as `escaped`.
@@ -84,7 +84,7 @@ def poincare(
 
     **Returns:** `PoincareSection`.
 
-    **Derivatives:** forward, those of the steps and of where they pass the plane.
+    **Derivatives:** forward, of the steps and of their passage through the plane.
     Second ones are refused (`ValueError`) with set-valued friction.
 
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit
@@ -147,7 +147,7 @@ class SectionLog(AbstractSpans[SectionState]):
         return super().valid() & good & keeps("positive", self.span - self.first)
 
     def begin(self, system, t0, y0):
-        """No point yet."""
+        """The section before its first point."""
         del system, t0
         dtype = jnp.result_type(y0[0])
         return SectionState(

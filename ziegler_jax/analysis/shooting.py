@@ -43,7 +43,7 @@ class Passages(AbstractFold[Passed]):
     returns: int
 
     def init(self, system, t0, y0):
-        """No passage yet: their number, when the first was, when and where the last."""
+        """No passages: number, time of the first, time and place of the last."""
         del system
         zero = 0.0 * y0[0]
         return zero, t0 + zero, t0 + zero, y0
@@ -86,11 +86,11 @@ def first_return(
 
 
 class Counted(Protocol):
-    """What Newton's method tried last."""
+    """The last trial of Newton's method."""
 
     @property
     def steps(self) -> Int[Array, ""]:
-        """Those of its motions."""
+        """The steps of its motions."""
         ...
 
 
@@ -169,7 +169,7 @@ class Shot(NamedTuple):
 
     @property
     def steps(self) -> Int[Array, ""]:
-        """Those of its motion."""
+        """The steps of its motion."""
         return self.flow.steps
 
 
@@ -187,7 +187,7 @@ def shot_motion(
 
 
 def shot_of(section: SectionPlane, z: Unknowns, flow: Flow) -> Shot:
-    """What such a motion leaves to close."""
+    """The remainder by which such a motion fails to close."""
     residual = jnp.where(flow.arrived, flow.y - start_of(section, z), jnp.nan)
     return Shot(residual, closing(section, flow.moved, flow.slope), flow)
 

@@ -1,8 +1,8 @@
-r"""Thresholds: where along a line of scenes the column stops coming to rest.
+r"""Thresholds: where along a line of loads or kicks the column stops coming to rest.
 
 With dry friction there is no infinitesimal onset. Rest and a flutter cycle coexist, a
 kick below a threshold sticks and one above it flutters, and onset is that threshold:
-along any line of scenes (`threshold`), of the kick at a given load (`critical_kick`),
+along any line (`threshold`), of the kick at a given load (`critical_kick`),
 of the load, or another number, at a given kick (`flutter_onset`). It is the crossing of
 the stable manifold of an unstable cycle, near which motions linger: a verdict takes
 thousands of time units there.
@@ -60,11 +60,11 @@ RESTS, MOVES, NONE = -1.0, 1.0, 0.0
 class Search(eqx.Module):
     """How a threshold is searched for in its bracket.
 
-    **Arguments:** `scan`: in how many intervals the bracket is scanned first; a pair of
-    changes within one goes unnoticed; `halvings`: how often the first interval with a
-    change is halved.
+    **Arguments:** `scan`: the number of intervals in which the bracket is scanned first
+    (two changes within one go unnoticed); `halvings`: how often the first interval with
+    a change is halved.
 
-    **Raises:** `ValueError` for what is no whole number of at least 1.
+    **Raises:** `ValueError` for a number that is not an integer of at least 1.
     """
 
     scan: int = eqx.field(static=True)
@@ -77,15 +77,15 @@ class Search(eqx.Module):
 
 
 class Threshold(AbstractResult):
-    """Where the verdict first changes along the bracket.
+    """The threshold along the bracket, and how it was found.
 
     `threshold`: the middle of the last interval, `width`: its width. No motion is
-    judged while it lingers beside an unstable cycle, so that this interval holds the
-    threshold. `rises`: 1 where there is rest below and motion above, -1 where it is the
-    other way round; `changes`: how often the verdict changes along the scan, more than
-    once where the outcome is `repeated`; `undecided`: how many motions had no verdict,
-    and `obstacle`: how the first of these ended, a `CODE` (none where there is
-    no such motion); `steps`: of all motions; `outcome`: a `CODE`.
+    judged while it lingers beside an unstable cycle, so this interval contains the
+    threshold. `rises`: 1 for rest below and motion above, -1 for the reverse;
+    `changes`: the number of changes of the verdict along the scan, more than one where
+    the outcome is `repeated`; `undecided`: the number of motions without a verdict,
+    `obstacle`: how the first of these ended, a `CODE` (none without such a motion);
+    `steps`: of all motions; `outcome`: a `CODE`.
     """
 
     threshold: Float[
@@ -130,9 +130,9 @@ def threshold(
     windows: Windows = Windows(),
     method: Method = Method(),
 ) -> Threshold:
-    r"""Where along a line of scenes the column stops coming to rest.
+    r"""The place along a line at which the column stops coming to rest.
 
-    The line may be any: of loads, of kicks, of both together, of a damping or a size.
+    The line may be of loads, of kicks, of both together, of a damping or a size.
 
     ```python
     def point(angle, tau):
@@ -154,7 +154,7 @@ def threshold(
 
     **Returns:** `Threshold`: `threshold`, `width` (of the last interval), `outcome` and
     more. A motion without a verdict inside the halved interval ends the search there,
-    as `undecided`: its width is then what is known.
+    as `undecided`, with the width of that interval.
 
     **Derivatives:** of `threshold`, forward and reverse, first order, in every number
     of the columns and starts; not in the bracket and the options, on which a threshold
@@ -199,7 +199,7 @@ def critical_kick(
 
     **Arguments:**
 
-    - `column`: the scene.
+    - `column`: the column or chain.
     - `direction`: a state; the kick is its multiple, in its units.
     - `bracket`: the least and the largest multiple.
     - `search`, `windows`, `method`: as `threshold`.
@@ -271,7 +271,7 @@ def flutter_onset(
 
 
 class _Question(NamedTuple):
-    """What is searched for, and how."""
+    """The question of a search, and its options."""
 
     name: str  # by which it was called
     meaning: str  # of the threshold
@@ -298,7 +298,7 @@ class _Question(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """What the motions so far have told."""
+    """The verdicts of the motions so far."""
 
     x: Float[Array, ""]  # where the next motion starts
     tried: Int[Array, ""]  # how many motions there were
@@ -386,7 +386,7 @@ def bracket_of(bracket: Two, rule: str = "finite") -> list[Float[Array, ""]]:
 
 
 def verdict_of(outcome: Int[Array, ""], moves: Flag) -> Float[Array, ""]:
-    """What a motion that has ended says: `RESTS`, `MOVES` or `NONE`."""
+    """The verdict of a motion that has ended: `RESTS`, `MOVES` or `NONE`."""
     rests = (outcome == CODE.stuck) | (outcome == CODE.rest)
     return jnp.where(rests, RESTS, jnp.where(moves, MOVES, NONE))
 

@@ -69,7 +69,7 @@ def about(system: System, angles: Vector) -> Matrices:
 
 
 def _own(system: System, angles: Vector, rates: Vector) -> Vector:
-    """The torques of forces of one's own."""
+    """The torques of forces of your own."""
     torques = system.own.torques(tuple(angles), tuple(rates))
     assert torques is not None
     return jnp.stack(floats(torques))
@@ -175,7 +175,7 @@ def equilibrium(system: System) -> tuple[Vector, Flag]:
 
 
 class ShareOf(AbstractForce):
-    """A share of a force of one's own, as an equilibrium is followed from none on."""
+    """A share of a force of your own, as an equilibrium is followed from none on."""
 
     force: AbstractForce
     share: Scalar

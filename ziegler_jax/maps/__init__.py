@@ -1,1 +1,1 @@
-"""What is made of maps: boundaries with a width, unions."""
+"""Boundaries of maps with a width, and unions of maps."""

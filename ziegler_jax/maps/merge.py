@@ -1,4 +1,4 @@
-"""Sweeps of one scene, made one."""
+"""The union of several sweeps of one point."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NEAR = 1e-9  # of the smaller gap beside two values of an axis that are taken fo
 
 
 def merge(*sweeps: xr.Dataset, versions: Literal["same", "any"] = "same") -> xr.Dataset:
-    """The union of sweeps of one scene: longer axes, finer ones, missing points.
+    """The union of sweeps of one point: longer axes, finer ones, missing points.
 
     ```python
     def point(q):
@@ -37,12 +37,13 @@ def merge(*sweeps: xr.Dataset, versions: Literal["same", "any"] = "same") -> xr.
     ds = zj.merge(one, other)  # q = 0.5, 1, 1.5, 2, 3
     ```
 
-    Sweeps are of one scene if their `scene_digest` is one: that of what JAX traced,
-    with all numbers in it. Units and lists of codes are in no digest: they must be the
-    same as well (`units`, `si_unit`, `flag_values`, `flag_meanings`).
+    Sweeps must have the same `scene_digest`, a hash of the traced equations with all
+    numbers in them, and the same units and lists of codes, which are not part of it
+    (`units`, `si_unit`, `flag_values`, `flag_meanings`).
 
-    A number that several hold must be the same in all, to the last bit; where one holds
-    NaN that of the other counts, and what none holds is NaN, its codes `not_computed`.
+    Numbers that several sweeps have must be equal to the last bit. Where one has NaN
+    the number of the other counts; a point that none has is NaN, with the code
+    `not_computed`.
 
     Two values $a$, $b$ of an axis, in two sweeps, are one if
     $|a - b| < 10^{-9} g$, where $g$ is the smallest gap beside them, to the next value
@@ -54,21 +55,21 @@ def merge(*sweeps: xr.Dataset, versions: Literal["same", "any"] = "same") -> xr.
 
     **Arguments:**
 
-    - `sweeps`: of the same scene and options, over axes of the same names,
-        whatever their values. (Samples have no axis: join them by `xr.concat` along
+    - `sweeps`: of the same point and options, over axes of the same names, with any
+        values. (Samples have no axis: join them by `xr.concat` along
         their dimension.)
     - `versions`: `"any"` consents to sweeps of several versions of this package, JAX,
-        jaxlib or diffrax. A digest changes with these, so that it is then upon you that
-        the scene is one; any two of the same versions must still have one digest, and
-        numbers that meet must still be the same.
+        jaxlib or diffrax. A digest changes with these: you vouch that the point is the
+        same. Two sweeps of the same versions must still have the same digest, and
+        common numbers must still be equal.
 
     **Returns:** a dataset over the unions of the axes, rising. Of the attributes,
-    points and seconds are sums; several versions and their digests stand behind each
-    other; what people read of a scene (its source) is the first one's; what else
-    belongs to a run (threads, batches) is left out.
+    points and seconds are sums; several versions and their digests are listed one after
+    the other; the source of the point is that of the first sweep; other attributes of a
+    run (threads, batches) are left out.
 
     **Raises:** `ValueError` that names what differs: a variable, an attribute, a point;
-    and for a scene that no digest knows, that of a point with host callbacks.
+    and for a point with host callbacks, which has no digest.
     """
     choice("versions", versions, ("same", "any"))
     if not sweeps:

@@ -32,7 +32,7 @@ def refine(
     max_points: int = 20_000,
     progress: bool | None = None,
 ) -> xr.Dataset:
-    r"""The boundaries of a map, from a coarse sweep of the same scene.
+    r"""The boundaries of a map, from a coarse sweep of the same point.
 
     ```python
     def point(q, c):
@@ -47,29 +47,29 @@ def refine(
     Cells of the coarse map whose corners have unlike labels are halved both ways,
     `levels` times; so is a cell at whose border a finer neighbour finds another label.
     Then every edge with unlike ends is halved to the `width`, all edges at once, and
-    the changes are joined to lines. At last random points of the cells that stayed
-    whole are computed: where one has another label its cell is halved as well, and how
-    many have bounds the area that is missed (Clopper and Pearson's, at 95 %, before
-    that mending). Where two labels are mixed throughout, halving brings no line: the
-    cells between these two are left, wherever they lie, the uncertainty exponent says
-    why, and `refine_complete` is 0.
+    the changes are joined to lines. Last, random points of the cells that were not
+    halved are computed. A cell in which one has another label is halved as well, and
+    the number of these bounds the missed area (by Clopper and Pearson, at 95 %, before
+    that correction). Where two labels are mixed throughout, halving gives no line: the
+    cells between these two are left out, the uncertainty exponent says why, and
+    `refine_complete` is 0.
 
     **Arguments:**
 
-    - `point`: the scene of `coarse`, a function of its two axes; or a `Program` of
-        it, which is not traced again and has lanes of its own (threads, batches).
+    - `point`: the point of `coarse`, a function of its two axes; or a `Program` of it,
+        which is not traced again and has its own threads and batches.
     - `coarse`: a sweep over two axes, in memory or opened from a store; points that
         `where` left out stay out.
-    - `label`: the variable whose changes are followed, one of codes or whole numbers;
+    - `label`: the variable whose changes are followed, of codes or integers;
         or several, e.g. `("outcome", "returns")`.
     - `width`: of the interval on a cell's edge in which the label changes, as a share
         of the axis's range; a band of undecided points between two labels may be wider.
-        Where one of both labels is that nothing is known (`unsettled`, `undecided`,
-        `slow` and the like, a failure) it is 1e-3, or `width` if larger: such borders
-        move with the horizon. A pair states both widths.
+        Where one of the two labels is undecided (`unsettled`, `undecided`, `slow` and
+        the like, a failure) it is 1e-3, or `width` if larger: such borders move with
+        the horizon. A pair states both widths.
     - `levels`: how often a cell is halved, both ways, on the way to a boundary.
-    - `audit`: so many random points of cells that were not halved. If none of k has
-        another label than its cell, less than 3/k of their area has, at 95 %.
+    - `audit`: the number of random points in cells that were not halved. If none of k
+        has another label than its cell, less than 3/k of their area has, at 95 %.
     - `max_points`: points that are computed at most.
     - `progress`: a bar of points; None shows it on a terminal only.
 
@@ -88,12 +88,12 @@ def refine(
 
     Attributes `refine_...` hold the options, how many points were computed, whether all
     was followed to its end within them (`refine_complete`), the audit's points and how
-    many had another label, the share of the map in cells that stayed whole, and
+    many had another label, the share of the map in cells that were not halved, and
     `refine_missed_area`, the bound of the share of the map with another label in these.
 
     **Raises:** `ValueError` for a dataset that is no sweep over two axes, or not of
-    this `point`; for labels that are no whole numbers; for widths and counts that
-    break a rule.
+    this `point`; for labels that are not integers; for widths and counts that break
+    a rule.
     """
     widths = _widths(width)
     for name, count in (("levels", levels), ("audit", audit)):

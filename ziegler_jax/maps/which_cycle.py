@@ -42,20 +42,20 @@ def label_cycles(
     its mirror image have the same, and one label. So have two cycles that are joined
     within the map around a cusp, where their folds meet. At a flip the period doubles:
     there another label begins. Of 7007 certified cells of a map of load and kick, in
-    which two cycles attract, none was labelled otherwise than by hand
+    which two cycles attract, all had the label given by hand
     (`tests/maps/test_which_cycle.py`).
 
     **Arguments:**
 
     - `dataset`: a sweep of `settle` with certificates, over axes that rise or fall.
-    - `jump`: what $d$ is at least between two cycles. It must be more than that by
-        which a cycle's own changes from cell to cell differ, largest beside its fold:
-        smaller ones part it. And it must be less than the distance of two cycles, else
-        they are one. A finer grid leaves more between.
-    - `reach`: how many cells along an axis a pair may lie apart; what lies between may
-        be at rest, undecided or another cycle.
+    - `jump`: the least $d$ between two cycles. It must exceed the differences between
+        successive changes of one cycle, which are largest beside its fold; else one
+        cycle gets several labels. It must be less than the distance of two cycles; else
+        they get one label. A finer grid leaves more room between the two.
+    - `reach`: the number of cells along an axis over which a pair is compared; cells
+        between them may be at rest, undecided or on another cycle.
 
-    **Returns:** the dataset with `cycle_label`, whole numbers: 0 where no cycle is
+    **Returns:** the dataset with `cycle_label`, integers: 0 where no cycle is
     certified, 1 for the cycle of the most cells, and so on.
 
     **Raises:** `ValueError` for a dataset without these numbers, with samples in place

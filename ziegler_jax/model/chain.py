@@ -45,12 +45,12 @@ class Follower(eqx.Module):
 
 
 def joint_angles(phi: Sequence[Scalar]) -> Numbers:
-    """What turns each joint: of the rods' angles, rates or accelerations."""
+    """The turn of each joint, from the rods' angles, rates or accelerations."""
     return phi[0], *(b - a for a, b in zip(phi, phi[1:], strict=False))
 
 
 def on_rods(torques: Sequence[Scalar]) -> Numbers:
-    """What torques of the joints take from each rod, T_i - T_(i+1)."""
+    """The torque that the joints take from each rod, T_i - T_(i+1)."""
     pairs = zip(torques, torques[1:], strict=False)
     return *(a - b for a, b in pairs), torques[-1]
 
@@ -232,7 +232,7 @@ def moved(mass: Rows, x: Sequence[Scalar]) -> Numbers:
 def holding_torques(
     mass: Rows, right: Sequence[Scalar], x: Sequence[Scalar]
 ) -> Numbers:
-    """What the forces leave over the accelerations, summed from the tip to each joint.
+    """The remainder of forces over accelerations, summed from the tip to each joint.
 
     That is the torque that holds a joint which sticks, and the whole torque in one that
     slips.

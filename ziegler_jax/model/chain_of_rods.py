@@ -69,7 +69,7 @@ class AbstractChain(AbstractRuled):
 
     @abc.abstractmethod
     def system(self) -> System:
-        """What runs: its numbers, with all worked out that a motion does not change."""
+        """The system that runs: all numbers computed that a motion does not change."""
 
     @property
     @abc.abstractmethod
@@ -90,7 +90,7 @@ class AbstractChain(AbstractRuled):
 
     @property
     def own(self) -> OwnForces:
-        """Forces of one's own, and what is added to q in time."""
+        """Forces of your own, and what is added to q in time."""
         forces = in_a_row(self.forces)
         return OwnForces(
             tuple(f for f in forces if isinstance(f, AbstractForce)),
@@ -214,13 +214,13 @@ class Chain(AbstractChain):
     - `inertias`: $I_i$ about that, nonnegative; None: $m_i l_i^2/12$, uniform rods.
     - `tip_mass`, `tip_inertia`: $m_t$, $I_t$ at the tip.
     - `rest_angles`: $\theta_i^0$ at which the springs are at rest, an imperfection.
-    - `damping`: None, `Viscous(c1, ..., cn)` or a law of one's own.
+    - `damping`: None, `Viscous(c1, ..., cn)` or a law of your own.
     - `air`: drag on the rods' points, $-e_i v$ a unit of length; one number or one a
         rod, nonnegative.
     - `friction`: None or a friction law; not on `JointReaction()`, and set-valued up to
         four rods.
     - `forces`: the pattern that q multiplies, `FollowerForces`; without one $q$ acts
-        along the last rod, on its end. Forces of one's own (`AbstractForce`) and loads
+        along the last rod, on its end. Forces of your own (`AbstractForce`) and loads
         that depend on time (`LoadHistory`, `AbstractLoadHistory`) stand here, too, one
         or several in a tuple.
     - `dead_load`, `gravity`: `DeadLoad(p, direction)`, `Gravity(g, direction)`.
@@ -398,7 +398,7 @@ class Chain(AbstractChain):
         return tuple(rows), tuple(firsts)
 
     def system(self) -> System:
-        """What runs: its numbers, with all worked out that a motion does not change."""
+        """The system that runs: all numbers computed that a motion does not change."""
         refuse_forked()
         n, lengths = self.joints, self.lengths
         moments, firsts = self._moments()

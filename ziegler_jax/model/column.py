@@ -49,15 +49,15 @@ class Column(AbstractChain):
       = q\, l_2 \sin((1-\eta)\phi_2) - T_2 - (C\omega)_2$$
 
     $T_i$ is the friction torque in joint i, C the damping law's matrix. `uniform_rods`
-    and `point_masses` work the inertia out of masses and lengths.
+    and `point_masses` compute the inertia from masses and lengths.
 
     **Arguments:**
 
     - `q`: the follower load $F l / k$.
     - `a`, `b`, `d`: inertia in $m l^2$, with $a, d > 0$ and $ad > b^2$.
     - `kappa`: $k_1 / k_2$, nonnegative.
-    - `follower`: $\eta$, 1 for a load along rod 2. Known to be 1, its term in the
-        second equation is not in the program.
+    - `follower`: $\eta$, 1 for a load along rod 2. Where it is known to be 1, its term
+        in the second equation is not in the program.
     - `damping`: None, `Viscous(c1, c2)` or another damping law.
     - `friction`: None or a friction law.
     - `m2`, `s1`, optional: the mass of rod 2 and the first moment of rod 1 about the
@@ -67,7 +67,7 @@ class Column(AbstractChain):
         follow ($\eta \ne 1$) needs it, and `Air` must have the same.
     - `rest_angles`, `dead_load`, `gravity`, `foundation`: as of `Chain`; gravity needs
         `m2` and `s1`.
-    - `forces`: forces of one's own (`AbstractForce`) and loads that depend on time
+    - `forces`: forces of your own (`AbstractForce`) and loads that depend on time
         (`LoadHistory`, `AbstractLoadHistory`), one or several in a tuple.
     - `l1`: the length of rod 1 in m, of a column in SI units alone (q in N, inertia in
         kg m^2, ...). Questions refuse it; `SI.scaled` gives it a rod 1 of length 1.
@@ -181,7 +181,7 @@ class Column(AbstractChain):
         _needs_masses(self, what)
 
     def system(self) -> System:
-        """What runs: its numbers, with all worked out that a motion does not change.
+        """The system that runs: all numbers computed that a motion does not change.
 
         **Raises:** `ValueError` for a column in SI units.
         """
@@ -263,7 +263,7 @@ def check_autonomous(question: str, column: AbstractChain | System) -> None:
 def vector_field(t: Scalar, y: Numbers, column: AbstractChain) -> Numbers:
     """The equations of motion, in diffrax's signature.
 
-    **Arguments:** `t`: the time, on which only forces of one's own depend; `y`: phi1,
+    **Arguments:** `t`: the time, on which only your own forces depend; `y`: phi1,
     phi2, omega1, omega2 as four scalars, of n rods as 2 n; `column`.
 
     **Returns:** their time derivatives, as many scalars.
@@ -280,8 +280,8 @@ def energy(column: AbstractChain, y: Numbers | State) -> jax.Array:
     $$E = \tfrac12 a\omega_1^2 + b \cos D\,\omega_1\omega_2 + \tfrac12 d\omega_2^2
     + \tfrac12\kappa\phi_1^2 + \tfrac12(\phi_2-\phi_1)^2$$
 
-    and, where there are any, that of dead load, gravity and foundation, all zero where
-    the chain stands upright, and the potential of forces of one's own. A follower load
+    plus the energy of dead load, gravity and foundation, zero where the chain stands
+    upright, and the potential of your own forces. A follower load
     has no potential: its work is in `power`.
 
     **Arguments:** `column`; `y`: a `State`, or its scalars.
@@ -290,12 +290,12 @@ def energy(column: AbstractChain, y: Numbers | State) -> jax.Array:
 
 
 def power(column: AbstractChain, y: Numbers | State, t: Scalar | None = None) -> Power:
-    r"""What the load feeds in, and what damping and friction take out.
+    r"""The power of the load, and the losses by damping and friction.
 
     $$\frac{dE}{dt} = P_{follower} - P_{damping} - P_{friction} + P_{forces}$$
 
     **Arguments:** `column`; `y`: a `State`, or its scalars $\phi_1, \phi_2,
-    \omega_1, \omega_2$; `t`: the time, which is to be given where forces depend on it.
+    \omega_1, \omega_2$; `t`: the time, required where forces depend on it.
 
     **Returns:** a `Power`: scalars in $k\sqrt{k/(m l^2)}$; a part that the column does
     not have is None, not zero.
@@ -315,7 +315,7 @@ def reactions(column: Column, y: Numbers | State) -> jax.Array:
     horizontal x and the vertical z.
 
     **Raises:** `ValueError` if the column was built without `m2` and `s1`, and under a
-    dead load, gravity or a foundation, whose parts are not worked out.
+    dead load, gravity or a foundation, which are not implemented for it.
     """
     instance("column", column, Column)
     _needs_masses(column, "`reactions`")

@@ -1,7 +1,7 @@
-r"""Set-valued friction as torques: what holds the joints, and in which modes.
+r"""Set-valued friction as torques: the torques that hold joints, and their modes.
 
-What a joint that sticks is held by, and how a chain moves some of whose joints are
-held, are `chain`'s; which joints stick is `stick_slip_modes`'.
+`chain` computes the torque that holds a joint, and the motion of a chain with held
+joints; `stick_slip_modes` decides which joints stick.
 """
 
 from collections.abc import Sequence

@@ -16,7 +16,7 @@ Matrix = tuple[tuple[Scalar | None, ...], ...]
 
 
 class AbstractDamping(AbstractRuled):
-    r"""A damping law: what gives the matrix C of the rods, maybe of their rates.
+    r"""A damping law: the matrix C of the rods, which may depend on their rates.
 
     Quadratic damping, torques $c\,|u_i|\,u_i$ against the joints' rates:
 
@@ -34,13 +34,12 @@ class AbstractDamping(AbstractRuled):
     column = zj.uniform_rods(2.6, damping=Quadratic(0.1))
     ```
 
-    Keep its numbers as its own fields: of an attribute of something else, or a global,
-    that a law reads, JAX remembers as it was when first traced: within one point of a
-    sweep, and outside of `sweep` for good.
-    `rules` names for each of them the rule that it keeps: `finite`, `nonnegative`,
-    `positive`; a lane in which one breaks its rule ends as `invalid`.
-    `units` names for each of them its unit, for `SI.scaled` alone: `1`, `rad`, another
-    one that it lists, or the powers of m, l and k.
+    Write its numbers as its own fields. JAX remembers a global, or an attribute of
+    another object, as it was when first traced: within one point of a sweep, and
+    outside of `sweep` for good.
+    `rules` names a rule for each of them: `finite`, `nonnegative`, `positive`; a motion
+    with a number that breaks its rule ends as `invalid`. `units` names their units, for
+    `SI.scaled` only: `1`, `rad`, another one that it lists, or the powers of m, l, k.
     """
 
     def matrix(self, cos_d: Scalar, omega: Pair) -> tuple[Pair, Pair]:
@@ -96,7 +95,7 @@ class AbstractDamping(AbstractRuled):
             )
 
     def drag(self) -> tuple[Scalar, Scalar, Scalar] | None:
-        r"""What holds the rods back from outside, which their joints carry.
+        r"""The drag on the rods from outside, which their joints carry.
 
         Numbers (f1, f2, f3) of the forces $-f_1 \omega_1$ on rod 1 across it, and
         $-f_2 \omega_1$ across rod 1 and $-f_3 \omega_2$ across rod 2 on rod 2; None
@@ -159,8 +158,8 @@ class Viscous(AbstractDamping):
 class Air(AbstractDamping):
     r"""External damping: each point of a rod is dragged by $-e_i v$ a unit of length.
 
-    v is the point's whole velocity: $\omega_1 s$ across rod 1, the knee's velocity
-    and $\omega_2 s$ across rod 2 together on rod 2. What the drag takes out is
+    v is the velocity of the point: on rod 1 $\omega_1 s$ across the rod, on rod 2 the
+    sum of the knee's velocity and $\omega_2 s$ across the rod. The drag dissipates
     $\omega^T C \omega = \int_0^1 e_1 v^2 ds + \int_0^{l_2} e_2 v^2 ds$, so
 
     $$C = \begin{bmatrix} e_1/3 + e_2 l_2 & \tfrac12 e_2 l_2^2 \cos D \\
@@ -170,8 +169,8 @@ class Air(AbstractDamping):
     drag destabilises as the joints' damping does.
 
     **Arguments:** `e1`, `e2` in $\sqrt{k m}/l^2$, nonnegative; `l2`: rod 2's length
-    in l, positive, the same as the column's: concrete numbers that differ are an
-        error of `Column`; with traced ones the lane is `invalid`.
+    in l, positive, the same as the column's: concrete numbers that differ raise an
+        error of `Column`; with traced ones the motion is `invalid`.
     """
 
     rules: ClassVar = {"e1": "nonnegative", "e2": "nonnegative", "l2": "positive"}

@@ -1,4 +1,4 @@
-r"""Forces on a chain of rods: that follow them, fixed ones, and those of one's own."""
+r"""Forces on a chain of rods: that follow them, fixed ones, and those of your own."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from ..numerics.series import added, sum_of
 from ..results import TIME
 from .chain import Follower
 
-# ---- of one's own
+# ---- of your own
 
 
 class AbstractForce(AbstractRuled):
-    r"""A force of one's own: what it gives are torques $Q_i$ on the rods.
+    r"""A force of your own: torques $Q_i$ on the rods.
 
     They stand on the right-hand side of the equations of motion and are the generalised
     forces of the rods' absolute angles: virtual work $\sum_i Q_i\, \delta\phi_i$. A
@@ -59,19 +59,19 @@ class AbstractForce(AbstractRuled):
     ```
 
     A force that depends on time says so: `autonomous: ClassVar[bool] = False` in its
-    class. `trajectory` takes it, and `settle` by windows; what asks for a column that
-    is the same at all times (certificates, linear questions, orbits, exponents,
-    thresholds, curves, sections) refuses it. A follower load that depends on time is an
-    `AbstractLoadHistory`. With set-valued friction a force of one's own needs an
-    explicit method, as Taylor's series are not known of it. `JointReaction()` does not
-    take it, nor does `reactions`.
+    class. `trajectory` takes it, and `settle` by windows; functions for a column that
+    is the same at all times (certificates, linear functions, orbits, exponents,
+    thresholds, curves, sections) refuse it. A follower load that depends on time is an
+    `AbstractLoadHistory`. With set-valued friction a force of your own needs an
+    explicit method, since it has no Taylor series. `JointReaction()` and `reactions` do
+    not take it.
 
-    Linear questions and certificates take its derivatives by angles and rates, also
-    where both are zero: write it smoothly there, `-c * w * jnp.abs(w)` and not with
-    `jnp.sign(w)` or a root, whose derivatives JAX takes for zero, or for NaN.
+    Linear functions and certificates use its derivatives in angles and rates, also
+    where both are zero. Write it smoothly there: `-c * w * jnp.abs(w)`, not with
+    `jnp.sign(w)` or a root, whose derivatives JAX takes as zero or NaN.
 
-    Its numbers are leaves, scalars or arrays, to be swept and differentiated; keep them
-    as its own fields, and give `rules` and `units`, as of `AbstractDamping`.
+    Its numbers are leaves, scalars or arrays, to be swept and differentiated. Write
+    them as its own fields, with `rules` and `units` as in `AbstractDamping`.
     """
 
     autonomous: ClassVar[bool] = True
@@ -95,7 +95,7 @@ class AbstractForce(AbstractRuled):
 
 
 class AbstractLoadHistory(AbstractRuled):
-    r"""A follower load that depends on time: what is added to the column's own q.
+    r"""A follower load that depends on time, added to the q of the column.
 
     $$q(t) = q + p(t)$$
 
@@ -113,23 +113,23 @@ class AbstractLoadHistory(AbstractRuled):
     motion = zj.trajectory(column, zj.State(omega=(0, 0.01)), np.linspace(0, 50, 501))
     ```
 
-    All forces that q multiplies follow it. Friction must not rest on q, as
-    `FollowerLoad()` does: its torques are worked out once. Write `ConstantLoad(n)`.
-    `trajectory` takes such a column, and `settle` by windows; see `AbstractForce`, also
-    for what its numbers may be.
+    All forces that q multiplies follow it. The normal load of friction must not depend
+    on q, as `FollowerLoad()` does, since its torques are computed once: write
+    `ConstantLoad(n)`. `trajectory` takes such a column, and `settle` by windows. Its
+    numbers are as in `AbstractForce`.
     """
 
     @abc.abstractmethod
     def load(self, t: Scalar) -> Scalar:
-        """What it adds to q at a time."""
+        """The load that it adds to q at a time."""
 
 
 class LoadHistory(AbstractLoadHistory):
-    r"""A follower load by its values at given times, with straight lines between them.
+    r"""A follower load by its values at some times, with straight lines between them.
 
-    What it gives is added to the column's own q. A ramp up and down again is
-    `LoadHistory((0, 500, 1000), (0, 3, 0))`, with q = 0; a measured history has as many
-    numbers as were measured. Before the first time and after the last it is constant.
+    It is added to the q of the column. A ramp up and down again is
+    `LoadHistory((0, 500, 1000), (0, 3, 0))`, with q = 0; a measured history may have
+    any number of values. Before the first time and after the last it is constant.
 
     **Arguments:** `times`: increasing, in $\sqrt{m l^2/k}$; `loads`: in k/l, one a
     time.
@@ -205,7 +205,7 @@ def _check(force: AbstractForce, rods: int) -> None:
 
 
 class OwnForces(eqx.Module):
-    """Forces of one's own and histories of q, as a `System` has them.
+    """Forces of your own and histories of q, as a `System` has them.
 
     `time`: at which they are asked, where they depend on it.
     """
@@ -248,7 +248,7 @@ class OwnForces(eqx.Module):
         return sum_of(given) if given else None
 
     def dissipated(self, phi: Numbers, omega: Numbers) -> Scalar | None:
-        """What is taken out by the part of the torques that depends on the rates."""
+        """The power lost by the part of the torques that depends on the rates."""
         standing, moving = self.torques(phi, None), self.torques(phi, omega)
         if standing is None or moving is None:
             return None
@@ -317,7 +317,7 @@ class Gravity(AbstractFixedForce):
     r"""The rods' weights, of one direction.
 
     Their moment on rod i is $g\, S_i \sin(\phi_i - \alpha)$. $S_i$ is the first moment
-    of rod i about its joint, with what hangs on its end as a mass there.
+    of rod i about its joint, with the rods above it as a mass at its end.
 
     **Arguments:** `size`: g in k/(m l); `direction`: $\alpha$ in rad, as of
     `DeadLoad`.
@@ -391,13 +391,13 @@ class FollowerForces(AbstractRuled):
         return tuple(forces)
 
 
-# one of one's own, a history of q, a pattern of those that q multiplies; or several
+# one of your own, a history of q, a pattern of those that q multiplies; or several
 Force = AbstractForce | AbstractLoadHistory | FollowerForces
 Forces = Force | tuple[Force, ...]
 
 
 def in_a_row(forces: Forces | None) -> tuple[Force, ...]:
-    """What there is of them."""
+    """The forces that exist, in a tuple."""
     if forces is None:
         return ()
     return forces if isinstance(forces, tuple) else (forces,)

@@ -1,4 +1,4 @@
-r"""Dry friction in the joints: a law for the coefficient, and the load it rests on.
+r"""Dry friction in the joints: a law for the coefficient, and a normal load.
 
 The torque of joint i opposes its rate $u_i$ ($u_1 = \omega_1$,
 $u_i = \omega_i - \omega_{i-1}$):
@@ -6,8 +6,8 @@ $u_i = \omega_i - \omega_{i-1}$):
 $$T_i = \rho_i N_i \mu_i(u_i)$$
 
 with the pin radius $\rho = R_{pin}/l$ and the joint's normal load $N_i$ in units of
-$k/l$, so that $\tau_i = \mu_i \rho_i N_i$ comes in units of the spring constant k. A
-published friction coefficient means nothing until all three are stated.
+$k/l$, so that $\tau_i = \mu_i \rho_i N_i$ has the unit of the spring constant k. A
+published coefficient gives a torque only with the pin radius and the normal load.
 """
 
 from __future__ import annotations
@@ -41,18 +41,17 @@ from .torques import AbstractRateTorques, AbstractTorques, Curve, SmoothTorques
 class AbstractFriction(AbstractRuled):
     """A joint friction law.
 
-    Keep its numbers as its own fields: of an attribute of something else, or a global,
-    that a law reads, JAX remembers as it was when first traced: within one point of a
-    sweep, and outside of `sweep` for good.
-    `rules` names for each of them the rule that it keeps: `finite`, `nonnegative`,
-    `positive`; a lane in which one breaks its rule ends as `invalid`.
-    `units` names for each of them its unit, for `SI.scaled` alone: `1`, `rad`, another
-    one that it lists, or the powers of m, l and k.
+    Write its numbers as its own fields. JAX remembers a global, or an attribute of
+    another object, as it was when first traced: within one point of a sweep, and
+    outside of `sweep` for good.
+    `rules` names a rule for each of them: `finite`, `nonnegative`, `positive`; a motion
+    with a number that breaks its rule ends as `invalid`. `units` names their units, for
+    `SI.scaled` only: `1`, `rad`, another one that it lists, or the powers of m, l, k.
 
-    A law of one's own derives from `AbstractRateFriction`.
+    A law of your own derives from `AbstractRateFriction`.
 
-    `sticks`: whether joints truly stick, so that motions have events: the library's own
-    `SetValuedCoulomb` alone.
+    `sticks`: whether joints truly stick, so that motions have events. Only
+    `SetValuedCoulomb` does.
     """
 
     sticks: ClassVar[bool] = False
@@ -82,7 +81,7 @@ class AbstractFriction(AbstractRuled):
 class AbstractRateFriction(AbstractFriction):
     r"""A friction law whose torques are functions of the joints' rates.
 
-    A law of one's own, $\mu u / \sqrt{u^2 + v^2}$ on pins of radius 0.1:
+    A law of your own, $\mu u / \sqrt{u^2 + v^2}$ on pins of radius 0.1:
 
     ```python
     class Root(zj.AbstractRateFriction):
@@ -104,12 +103,12 @@ class AbstractRateFriction(AbstractFriction):
     ds = zj.sweep(point, q=[2.2, 2.6], mu=[0.05, 0.1, 0.3])
     ```
 
-    Its normal load is the follower load unless it has a `load_law` of its own.
+    Its normal load is the follower load unless it has its own `load_law`.
 
-    Write torques as smooth odd functions of the rate: `sign(u) * f(abs(u))` has no
-    slope at rest to JAX. Such a law is refused where it first meets numbers
-    (`ValueError`). With a number that is traced, as an axis of a sweep is, it is not:
-    then `tangent_column` is NaN, and so is what is asked of it.
+    Write torques as smooth odd functions of the rate: for `sign(u) * f(abs(u))` JAX has
+    no slope at rest. Such a law is refused when it first meets numbers (`ValueError`).
+    With a traced number, as of an axis of a sweep, it cannot be refused: then
+    `tangent_column` and all results from it are NaN.
     """
 
     def load_law(self) -> AbstractNormalLoad | None:
@@ -127,7 +126,7 @@ class AbstractRateFriction(AbstractFriction):
     def levers(self, *rates: Scalar) -> Sequence[Scalar]:
         r"""Torque per unit of normal load, $\rho_i \mu_i(u_i)$, of all joints.
 
-        A law of one's own that is for two joints alone may name them, `u1, u2`.
+        A law of your own that is for two joints alone may name them, `u1, u2`.
         """
 
 
@@ -156,7 +155,7 @@ def slopes_at_rest(law: AbstractRateFriction, joints: int) -> Numbers:
 
 
 def check_slopes(law: AbstractFriction | None, joints: int) -> None:
-    """Refuse a law of one's own whose slope at rest JAX does not see.
+    """Refuse a law of your own whose slope at rest JAX does not see.
 
     Nothing of it is in the program: traced numbers are not looked at. (Where they are,
     `slopes_at_rest` is NaN, and rest is judged by slopes beside it.)
@@ -215,8 +214,8 @@ class SmoothCoulomb(AbstractRateFriction):
     $v_{smooth}$ should lie well below $v_{stribeck}$, or the product's peak stays
     below $\mu_s$ (for $\mu_s = 1.2 \mu_k$: 1.140 $\mu_k$ at a ratio of 5, 1.177 at 10,
     1.198 at 50). At rest the law is viscous damping $\tau_s / v_{smooth}$: it never
-    truly sticks, it creeps at a rate of $v_{smooth} / \tau$, and its linear map is a
-    map of $v_{smooth}$. With $\mu_s = \mu_k$ it tends to set-valued friction as
+    truly sticks, it creeps at a rate of $v_{smooth} / \tau$, and its linearisation is
+    set by $v_{smooth}$. With $\mu_s = \mu_k$ it tends to set-valued friction as
     $v_{smooth} \to 0$; with $\mu_s > \mu_k$ at fixed $v_{stribeck}$ it tends to a
     Stribeck law.
 
@@ -231,9 +230,8 @@ class SmoothCoulomb(AbstractRateFriction):
 
     so that both have done half of their fall at the rate 1.25 v / R (rad/s), the middle
     of the program's passage from v to 1.5 v; and `JointReaction()`, whose N is the
-    pin's force in k/l. $v_{smooth}$ has no counterpart there. `SI.joint_friction`
-    makes the law, in SI units, and `SI.transition_rate` gives the rate by which to tell
-    the regimes that a run enters.
+    pin's force in k/l. $v_{smooth}$ has no counterpart there. `SI.joint_friction` makes
+    the law in SI units, and `SI.transition_rate` the rate that separates its regimes.
 
     **Arguments:**
 
@@ -341,7 +339,7 @@ class SmoothCoulomb(AbstractRateFriction):
 
 
 class LawTorques(AbstractRateTorques):
-    """A law of one's own under the load at rest."""
+    """A law of your own under the load at rest."""
 
     law: AbstractRateFriction
     normal: Numbers

@@ -1,4 +1,4 @@
-"""The normal load that a joint's friction rests on, and what the joints transmit."""
+"""The normal load of a joint's friction, and the forces that the joints transmit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..numerics.series import added
 
 
 class AbstractNormalLoad(AbstractRuled):
-    """Where a joint's normal load comes from.
+    """The normal load of a joint.
 
     Two may be added: `ConstantLoad(0.2) + JointReaction()` is a pin that is preloaded
     and transmits the joint's force.
@@ -76,16 +76,16 @@ class JointReaction(AbstractNormalLoad):
     r"""$N_i = |R_i|$: the magnitude of the reaction that the joint transmits.
 
     The reaction depends on the accelerations, and these on the friction torque. With
-    the rates given, accelerations are affine in the two normal loads,
+    fixed rates, accelerations are affine in the two normal loads,
     $R_i = R_i^0 + P_{i1} N_1 + P_{i2} N_2$, and $N_i = |R_i|$ is a system of two
     equations. `newton_steps` Newton steps with its exact 2 x 2 Jacobian solve it,
-    starting from the frictionless reaction; each squares the error. What is left,
+    starting from the frictionless reaction; each squares the error. The remainder,
     relative to $1 + N$, in the worst of 10 000 random states of uniform rods with
     $\mu\rho$ at both joints: 1e-14 at 0.05 after three steps, 8e-12 at 0.2 after four
     (the default). There is one solution as long as $\|P\| < 1$. Beyond there may be
     none (at 0.4 in one random state of seven, at 1 in seven of ten: Painleve's
     paradox of rigid bodies with friction); a residual above 1e-6 makes the
-    accelerations NaN, and the lane ends as `not_finite` or `step_vanished`.
+    accelerations NaN, and the motion ends as `not_finite` or `step_vanished`.
     """
 
     newton_steps: int = eqx.field(static=True, default=4)
@@ -160,7 +160,7 @@ class LoadSum(AbstractNormalLoad):
 
 
 class Reaction(eqx.Module):
-    """What a `System` has of a load that the motion decides."""
+    """A load that depends on the motion, in a `System`."""
 
     steps: int = eqx.field(static=True)  # of Newton's method
     preload: Numbers | None = None
@@ -178,7 +178,7 @@ def normal_load(load: AbstractNormalLoad | None) -> AbstractNormalLoad:
 
 
 class Bodies(NamedTuple):
-    """What the reactions of two rods rest on."""
+    """The inertia from which the reactions of two rods follow."""
 
     m2: Scalar  # rod 2's mass
     s1: Scalar  # rod 1's first moment about the base
@@ -194,7 +194,7 @@ class Reactions(NamedTuple):
     b: Scalar  # and of rod 2 about the knee: by a2
 
     def slope(self, a1: Scalar, a2: Scalar) -> tuple[Pair, Pair]:
-        """What accelerations add to the reactions."""
+        """The part of the reactions that is linear in the accelerations."""
         s, c = self.turned
         pulls = [m * a1 for m in self.moments]
         first, second = ((-x * s, x * c + self.b * a2) for x in pulls)

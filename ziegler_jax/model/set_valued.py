@@ -1,4 +1,4 @@
-r"""Set-valued Coulomb friction: joints that truly stick, and what sets them free.
+r"""Set-valued Coulomb friction: joints that truly stick, and when they break loose.
 
 With the joint rates $u_1 = \omega_1$, $u_2 = \omega_2 - \omega_1$ each joint is in one
 of three modes. It slips forwards or backwards (+1, -1) with the kinetic torque
@@ -37,10 +37,10 @@ class SetValuedCoulomb(AbstractFriction):
     $$T_i = \tau_{k,i}\,\mathrm{sign}(u_i) \text{ where } u_i \ne 0, \qquad
     |T_i| \le \tau_{s,i} \text{ where } u_i = 0, \qquad \tau_i = \mu_i \rho_i N_i$$
 
-    With $\mu_s = \mu_k$ the law fixes every motion. With $\mu_s > \mu_k$, where one
-    joint comes to rest or breaks loose while the other rests, more than one pair of
-    modes can agree with it. Then a joint sticks rather than not: of all modes that
-    agree, those are taken in which fewest joints slip (`stick_slip_modes`).
+    With $\mu_s = \mu_k$ the law determines every motion. With $\mu_s > \mu_k$, where
+    one joint comes to rest or breaks loose while the other rests, more than one pair of
+    modes can agree with it. Of all modes that agree, the motion takes those in which
+    fewest joints slip (`stick_slip_modes`).
 
     **Arguments:**
 
@@ -50,16 +50,16 @@ class SetValuedCoulomb(AbstractFriction):
     - `load`: the normal load, `FollowerLoad()`, `ConstantLoad(n)`, `JointReaction()`,
         or a sum of these.
 
-    **With `JointReaction()`** each pair of modes has loads, torques and thresholds of
-    its own. In given modes the accelerations, and so the reactions, are affine in
+    **With `JointReaction()`** each pair of modes has its own loads, torques and
+    thresholds. In fixed modes the accelerations, and so the reactions, are affine in
     the loads of the joints that slip, $N_i = |R_i^0 + P_{i1} N_1 + P_{i2} N_2|$,
-    solved by Newton's method as in `JointReaction`, which says what is left; while
-    both joints stick nothing is to be solved. New modes are chosen by the same rule,
+    solved by Newton's method as in `JointReaction`, with its error; while both joints
+    stick there is no such equation. New modes are chosen by the same rule,
     a joint's torque against the threshold of the modes in which that torque holds it.
     The loads have one solution where the right-hand side is a contraction, that is
     where the matrix of the lengths $|P_{ij}|$ has its eigenvalues below 1. Where it is
     none (Painleve's paradox of rigid bodies with friction) the accelerations are NaN
-    and the lane ends as `not_finite` or `step_vanished`.
+    and the motion ends as `not_finite` or `step_vanished`.
 
     **Raises:** `ValueError` for concrete numbers that break a rule; traced: `invalid`.
     """

@@ -17,8 +17,8 @@ from ..results import RATE
 class PhasePoint(tuple[Scalar, ...]):
     """A state as it runs, or its rate of change: n angles, and n rates behind them.
 
-    A tuple of scalars to whoever takes it apart, and a tree of its own to JAX: a tuple
-    that is none is not taken for one.
+    It unpacks like a tuple of scalars, and is a pytree of its own to JAX: a plain tuple
+    is refused in its place.
     """
 
     @classmethod
@@ -45,13 +45,13 @@ jax.tree_util.register_pytree_node(
 class State(eqx.Module):
     r"""A start: the rods' angles $\phi_i$ (rad) and rates $\omega_i$.
 
-    Springs are wound up by a turn: $\phi$ and $\phi + 2\pi$ are different states, and
+    A turn winds up the springs: $\phi$ and $\phi + 2\pi$ are different states, and
     angles are never reduced. All rods turned by $2\pi n$ differ in spring 1's torque
     alone, and in rounding: an angle's last digit, $2^{-52} |\phi|$, is the finest that
     its sine, and the motion, can know.
 
-    **Arguments:** `phi`, `omega`: one number a rod, finite where concrete; what is left
-    out is zero.
+    **Arguments:** `phi`, `omega`: one number a rod, finite where concrete; an argument
+    that is left out is zero.
 
     **Raises:** `ValueError` for numbers that are not finite or not one a rod.
     """

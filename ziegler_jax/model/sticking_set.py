@@ -1,4 +1,4 @@
-r"""Where a column rests though its springs and its load pull: the sticking set.
+r"""The sticking set: angles at which friction holds the column.
 
 With set-valued friction the equilibrium is not a point. Both joints stick at rest
 wherever the torques that hold them fit,

@@ -1,4 +1,4 @@
-r"""What runs: a column's numbers, worked out once, without rules and without names.
+r"""The system that runs: a column's numbers, computed once, without rules and names.
 
 A `System` is a `chain` of rods under follower forces, with its damping and friction,
 and what else it stands under: forces of fixed direction, a foundation. A question makes
@@ -26,10 +26,10 @@ from .torques import AbstractRateTorques, AbstractTorques
 class Power(NamedTuple):
     r"""Rates of work in $k\sqrt{k/(m l^2)}$, each a scalar or None.
 
-    `follower`: what the load feeds in, $Q \cdot \omega$ with its generalised forces, of
+    `follower`: the work of the load, $Q \cdot \omega$ with its generalised forces, of
     a column $Q = (q\sin(\phi_1 - \eta\phi_2),\ q\,l_2\sin((1-\eta)\phi_2))$; `damping`:
-    what damping takes out, $\omega \cdot C\omega$; `friction`: what friction takes out,
-    $\sum_i T_i u_i$; `forces`: what those of one's own feed in beside their potential.
+    the loss by damping, $\omega \cdot C\omega$; `friction`: the loss by friction,
+    $\sum_i T_i u_i$; `forces`: the work of your own forces beside their potential.
     Then $dE/dt$ = `follower` - `damping` - `friction` + `forces`, with E by `energy`.
     """
 
@@ -40,9 +40,9 @@ class Power(NamedTuple):
 
 
 class EnergyRate(NamedTuple):
-    """The energy, its time derivative, and what dissipates.
+    """The energy, its time derivative, and the dissipation.
 
-    That is what friction and damping take out, and the part of forces of one's own that
+    The dissipation is by friction, by damping, and by the part of your own forces that
     depends on the rates.
     """
 
@@ -54,21 +54,21 @@ class EnergyRate(NamedTuple):
 class System(eqx.Module):
     r"""A column as it runs: numbers alone, `column.system()`.
 
-    What a motion is asked at a state y, a `PhasePoint` as observers are given it and
-    `State.y` is: `field`, `energy`, `power`, `friction_torques`.
+    Its methods take a state y, a `PhasePoint` as observers get it and as `State.y` is:
+    `field`, `energy`, `power`, `friction_torques`.
 
     - `q`, `followers`: the load and the forces that it multiplies.
     - `moments`: $J_{ij}$, row by row of the lower triangle.
     - `springs`: $k_i$ of the joints; None: 1.
     - `lengths`: $l_i$ of the rods, the forces' levers; None: 1.
-    - `damping`, `friction`: what there is of them.
-    - `bodies`: what the joints' reactions rest on, where they are known.
+    - `damping`, `friction`: None without.
+    - `bodies`: the inertia for the joints' reactions, where it is known.
     - `bent`: the joints' angles at which the springs are at rest; None: 0.
     - `upright`, `across`: moments $V_i$, $H_i$ of the forces of fixed direction, along
         the vertical and across it: torques $V_i \sin\phi_i - H_i \cos\phi_i$.
     - `foundation`: moments $W_{ij}$ of springs across the vertical: torques
         $-\cos\phi_i \sum_j W_{ij} \sin\phi_j$.
-    - `own`: forces of one's own, and what is added to q in time; see `at`.
+    - `own`: your own forces, and histories of q; see `at`.
     """
 
     q: Scalar
@@ -201,7 +201,7 @@ class System(eqx.Module):
         return self._energy(y, turned(y.phi))
 
     def power(self, y: PhasePoint) -> Power:
-        """What the load feeds in, and what damping and friction take out."""
+        """The power of the load, and the losses by damping and friction."""
         rates, forces = y.omega, _Forces(self, y)
         torques, damping = self._rubbing(forces), forces.damping
         own = self.own.torques(y.phi, rates)
@@ -412,16 +412,16 @@ class _Forces:
         )
 
     def accelerations(self, right: Numbers) -> Numbers:
-        """Those of a chain whose joints all move, under these forces."""
+        """The accelerations of a chain whose joints all move, under these forces."""
         return solved(self.mass, right)
 
     def balance(self) -> MassAndForces:
-        """What set-valued friction needs to hold a joint."""
+        """Mass and forces, by which set-valued friction holds a joint."""
         reactions = self.reactions() if self.system.on_reactions else None
         return MassAndForces(self.mass, self.right, reactions)
 
     def reactions(self) -> Reactions:
-        """What the joints transmit, still to be told the accelerations."""
+        """The joints' reactions, as a function of the accelerations."""
         system, bodies = self.system, self.system.bodies
         assert bodies is not None  # `Column` saw to it
         (force,), drag = system.followers, system.damping and system.damping.drag()

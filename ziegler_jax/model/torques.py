@@ -1,4 +1,4 @@
-r"""What friction is to a motion: torques in the joints, all numbers worked out.
+r"""Friction in a motion: torques in the joints, all numbers computed.
 
 The smoothed law in powers of two, of which a processor does the whole ones by itself:
 
@@ -61,7 +61,7 @@ def _torque_jvp(primals, tangents):
 
 
 class _Factors(NamedTuple):
-    """What a torque is made of, with one division for all of it."""
+    """The factors of a torque, with one division for all of it."""
 
     torque: Scalar
     peak: Scalar  # beyond the layer

@@ -1,4 +1,4 @@
-"""What a question asks of its arguments, before anything is traced."""
+"""Checks of a question's arguments, before anything is traced."""
 
 import inspect
 from collections.abc import Callable, Sequence

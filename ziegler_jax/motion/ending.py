@@ -35,7 +35,7 @@ class Ending(TypedDict):
 
 
 class Ended(Protocol):
-    """What of a motion's `Run` says so."""
+    """The parts of a motion's `Run` that say how it ended."""
 
     @property
     def y(self) -> PhasePoint:

@@ -1,10 +1,11 @@
-"""The derivatives of numbers that a search, or a motion of its own length, has found.
+"""The derivatives of numbers found by a search, or by a motion of its own length.
 
 A search is not differentiated: its result is a constant, to which a zero is added that
-carries the derivative in the scene's numbers. A number's derivative is right, NaN, or a
-sentence, never a silent zero: where a number has none, it is `lost` (NaN) if others of
-the same result have theirs, and else the function refuses with `refused` (a
-sentence, in `numerics/no_number.py`). `fixed` is for inside of a search alone.
+carries the derivative in the numbers of column and start. A number's derivative is
+right, NaN, or a sentence, never a silent zero: where a number has none, it is `lost`
+(NaN) if others of the same result have theirs, and else the function refuses with
+`refused` (a sentence, in `numerics/no_number.py`). `fixed` is for use inside a search
+only.
 """
 
 from collections.abc import Callable

@@ -105,7 +105,7 @@ def _last(
 def _raised(
     column: AbstractChain, t: float, y: list[float]
 ) -> FloatingPointError | None:
-    """What the field raises at this state, or on the way on from it."""
+    """The error that the field raises at this state, or on the way on from it."""
     system, slope = column.system(), [0.0] * len(y)
     with jax.debug_nans(True), jax.disable_jit():
         for h in BEYOND:

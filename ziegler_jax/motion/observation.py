@@ -17,7 +17,7 @@ from .observers import AbstractObserver
 
 
 class Record(NamedTuple):
-    """What observers have seen: over how long a span, and where it ended."""
+    """The observers' states, the length of their span, and where it ended."""
 
     states: tuple
     span: Scalar
@@ -48,7 +48,7 @@ class Observation(eqx.Module):
         return joint if asked else None
 
     def init(self, system: System, t: Scalar, y: PhasePoint) -> tuple:
-        """Nothing seen yet."""
+        """The state before the first step."""
         now = system.at(t)
         return tuple(observer.init(now, t, y) for observer in self.observers)
 
@@ -65,7 +65,7 @@ class Observation(eqx.Module):
     def variables(
         self, system: System, record: Record, taken: Collection[str] = ()
     ) -> dict[str, Variable]:
-        """What they amount to, by name.
+        """The observed variables by name.
 
         **Raises:** `ValueError` for a name that stands twice, or is `taken`.
         """
@@ -94,7 +94,7 @@ class Watching(AbstractFold[tuple]):
         return self.observation.integrand(system)
 
     def init(self, system, t0, y0):
-        """Nothing seen yet."""
+        """The state before the first step."""
         return self.observation.init(system, t0, y0)
 
     def step(self, system, state, step):

@@ -1,4 +1,4 @@
-r"""What to watch while a lane runs: each observer folds over the accepted steps.
+r"""Observers of a motion: each folds over the accepted steps.
 
 An observer keeps a few running numbers from the start of a window on and turns them
 into a result at its end. One that is not asked for is not in the program.
@@ -33,7 +33,7 @@ Watched = TypeVar("Watched")  # an observer's running numbers
 class AbstractObserver(eqx.Module, Generic[Watched]):
     """Running numbers over a window of the motion.
 
-    One of one's own, the largest rate of each joint:
+    An observer of your own, the largest rate of each joint:
 
     ```python
     class PeakRate(zj.AbstractObserver):
@@ -58,19 +58,19 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     ds = zj.sweep(point, q=[2.4, 2.6])
     ```
 
-    It sees the ends of the steps that the method takes and nothing between: the peaks
-    of what `step` compares are those at these ends, and lie the lower the longer the
-    steps are. (`Amplitude` finds the angles' peaks within steps.)
+    It sees only the ends of the steps of the method: a peak that `step` computes is one
+    at these ends, and the lower the longer the steps. (`Amplitude` finds the peaks of
+    angles within steps.)
 
-    A mean is an integral over the window by its `span`: `integrand` names what is
-    integrated, `step.integrals` are its integrals over a step, see `Step`. `system` is
-    what runs, the column's numbers worked out once: `system.power(y)`,
-    `system.energy(y)`, `system.friction_torques(y)` and `system.field(t, y)`. Where
-    forces depend on time it is the system at the time of y.
+    A mean is an integral over the window by its `span`: `integrand` names the
+    integrands, `step.integrals` are their integrals over a step, see `Step`. `system`
+    has the column's numbers, computed once: `system.power(y)`, `system.energy(y)`,
+    `system.friction_torques(y)` and `system.field(t, y)`. Where forces depend on time
+    it is the system at the time of y.
 
-    Keep its numbers as its own fields: of an attribute of something else, or a global,
-    that a law reads, JAX remembers as it was when first traced: within one point of a
-    sweep, and outside of `sweep` for good.
+    Write its numbers as its own fields. JAX remembers a global, or an attribute of
+    another object, as it was when first traced: within one point of a sweep, and
+    outside of `sweep` for good.
     """
 
     units: ClassVar[Units] = {}  # of its numbers, for `SI.scaled`
@@ -107,7 +107,7 @@ class AbstractObserver(eqx.Module, Generic[Watched]):
     def result(
         self, system: System, state: Watched, span: Scalar, y: PhasePoint
     ) -> dict[str, Variable]:
-        """What the window of length `span`, which ended at y, amounts to, by name."""
+        """The variables, by name, of the window of length `span`, which ended at y."""
 
 
 ROD_AMPLITUDE = Variable(None, "largest absolute angle of the rod", "rad", ("rod",))
@@ -159,7 +159,7 @@ class Amplitude(AbstractObserver):
 
 
 class Mean(AbstractObserver):
-    r"""The mean angles $\bar\phi_i$: where a stuck motion sits.
+    r"""The mean angles $\bar\phi_i$, of a stuck motion its place of rest.
 
     The result has one number a rod, in rad.
     """
@@ -167,7 +167,7 @@ class Mean(AbstractObserver):
     name: ClassVar[str] = "mean"
 
     def init(self, system, t, y):
-        """No area yet."""
+        """Zero area."""
         del system, t
         return tuple(0.0 * x for x in y.phi)
 
@@ -188,7 +188,7 @@ class Mean(AbstractObserver):
 class Period(AbstractObserver):
     r"""The mean time between upward passages of $\phi_1$ through zero.
 
-    Where the chain is bent or pushed aside, or may be, by forces of one's own, they are
+    Where the chain is bent or pushed aside, or may be, by forces of your own, they are
     counted through the middle of what $\phi_1$ has swung over in the window, from where
     it has turned both ways: through a level that moves while the motion grows.
 
@@ -201,7 +201,7 @@ class Period(AbstractObserver):
     name: ClassVar[str] = "period"
 
     def init(self, system, t, y):
-        """No passage yet: their number, the first and the last; no turn."""
+        """Before the first passage: their number, the first and the last; no turn."""
         zero = 0.0 * y[0]
         turns = Turns(Swing(y[0], y[0]), zero, zero) if system.displaced else ()
         return zero, t + zero, t + zero, turns
@@ -238,8 +238,8 @@ class Period(AbstractObserver):
 class StickFraction(AbstractObserver):
     r"""The share of time in which a joint sticks: $|u_i| <$ `rate_cut`.
 
-    A smoothed law never sticks, it creeps: the cut says how slow counts as sticking.
-    With set-valued friction the modes say it, without a cut unless one is named.
+    Under a smoothed law a joint never sticks, it creeps: the cut defines sticking. With
+    set-valued friction the modes define it, unless a cut is named.
     The time below the cut lies between the passages of the rate through $\pm$`rate_cut`
     on each step's quintic of the angle, $O(h^5)$ from the rate's course, or on its
     series, and moves with them: the fraction has a derivative as exact as the motion.
@@ -289,7 +289,7 @@ class StickFraction(AbstractObserver):
             )
 
     def init(self, system, t, y):
-        """No time yet."""
+        """Zero time."""
         del system, t
         return (0.0 * y[0],) * len(y.phi)
 
@@ -321,11 +321,11 @@ class StickFraction(AbstractObserver):
 
 
 class EnergyBalance(AbstractObserver):
-    r"""Work of the load, losses in damping and friction, each per unit time.
+    r"""Power of the load, losses by damping and friction, each per unit time.
 
     The powers are integrated with the stages of the method, to its order.
-    `energy_imbalance` is what is left of $\Delta E = W_{load} - W_{damping} -
-    W_{friction} + W_{forces}$ per unit time: the integration's own energy error.
+    `energy_imbalance` is the remainder of $\Delta E = W_{load} - W_{damping} -
+    W_{friction} + W_{forces}$ per unit time: the energy error of the integration.
     """
 
     name: ClassVar[str] = "power"

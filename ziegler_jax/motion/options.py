@@ -40,7 +40,7 @@ class AbstractOptions(eqx.Module):
         return type(self)(**{**given, **absent}) if absent else self
 
     def __repr__(self) -> str:
-        """What is named."""
+        """The options that are not None."""
         given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         named = (f"{name}={x}" for name, x in given.items() if x is not None)
         return f"{type(self).__name__}({', '.join(named)})"
@@ -86,14 +86,14 @@ def solver_of(solver: Solver | dfx.AbstractERK) -> Solver:
 class Method(AbstractOptions):
     r"""How a motion is integrated.
 
-    **Arguments:** None is the question's own.
+    **Arguments:** None is the default of each question, see the table.
 
     - `solver`: an explicit method of diffrax, e.g. `diffrax.Dopri8()`, or one of its
-        tableaus, `Explicit(tableau)`; `Rosenbrock()` for stiff lanes (`is_stiff` says
-        which are); `Taylor()` for set-valued friction.
+        tableaus, `Explicit(tableau)`; `Rosenbrock()` for stiff columns (`is_stiff`
+        says which are); `Taylor()` for set-valued friction.
     - `rtol`: the relative tolerance of each step; `atol`: the absolute one, in rad and
         $\sqrt{k/(m l^2)}$; None is `rtol`.
-    - `max_steps`: the step budget of the whole question, or of each of its motions.
+    - `max_steps`: the step budget of the question, or of each of its motions.
 
     | question | solver | rtol | max_steps |
     |---|---|---|---|
@@ -111,14 +111,14 @@ class Method(AbstractOptions):
     | `poincare` | Tsit5 | 1e-9 | 10000000 |
 
     Tsit5 takes the place of Taylor8 with the load `JointReaction()`, and with a damping
-    law or forces of one's own. Orbits, branches and curves take `Taylor()` where it is
+    law or forces of your own. Orbits, branches and curves take `Taylor()` where it is
     named: at the same tolerance its orbits are some thirty times nearer, run as long,
     and compile half as long again.
 
-    **Raises:** `ValueError` for what is no such method, and numbers that break a rule;
-    and by `settle`, `sweep_up_down`, `trajectory` and `poincare` where a derivative in
-    a tolerance is taken. What a search finds (an orbit, a threshold, a least kick) does
-    not depend on it.
+    **Raises:** `ValueError` for another solver, and numbers that break a rule; and by
+    `settle`, `sweep_up_down`, `trajectory` and `poincare` where a derivative in a
+    tolerance is taken. The result of a search (an orbit, a threshold, a least kick)
+    does not depend on the tolerance.
     """
 
     units: ClassVar = {"solver": "1", "rtol": "1", "atol": "rad", "max_steps": "1"}
@@ -182,19 +182,20 @@ class Windows(AbstractOptions):
 
     After a transient, windows follow each other until two consecutive ones agree in
     each joint's swing, $|S_j - S_j'| \le$ `agreement` $S_j$ + `atol` (see `settle`).
-    Where cycles are certified nothing has to agree: then they say when a motion is
-    given up, at `transient + length * max_windows`, and `agreement` is refused.
+    Where cycles are certified, windows are not compared. A motion is then followed up
+    to `transient + length * max_windows`, and `agreement` is refused.
 
-    **Arguments:** None is the question's own; times in $\sqrt{m l^2/k}$.
+    **Arguments:** None is the default of each question, see the table; times in
+    $\sqrt{m l^2/k}$.
 
     - `transient`: before the first window.
     - `length` of a window, of which there are at most `max_windows`.
-    - `agreement`: as above, by windows alone.
+    - `agreement`: as above, where windows are compared.
     - `escape`: a rod's angle in rad beyond which a motion ends as `escaped`.
-    - `rate_cut`: the joint rate below which a joint rests, if what is left decays. None
-        is the friction law's (`v_smooth`; with set-valued friction what sticks rests);
-        without friction 1e-6. Rates below 100 atol, which steps leave of a motion that
-        has decayed, count as below it.
+    - `rate_cut`: the joint rate below which a joint rests, if the remaining motion
+        decays. None is that of the friction law (`v_smooth`; with set-valued friction a
+        joint that sticks rests); without friction 1e-6. Rates below 100 atol count as
+        below it: the error of the steps keeps a decayed motion at such rates.
 
     | question | transient | length | max_windows | agreement | escape |
     |---|---|---|---|---|---|

@@ -80,7 +80,7 @@ class SectionPlane(eqx.Module):
 
     @property
     def others(self) -> list[int]:
-        """Those of the others there."""
+        """The other coordinates there."""
         return self.free(2)
 
     def free(self, rods: int) -> list[int]:
@@ -113,7 +113,7 @@ class SectionPlane(eqx.Module):
 
 
 class Swing(NamedTuple):
-    """What phi1 swings over: its middle is the section of a displaced chain."""
+    """The range of phi1: its middle is the section of a displaced chain."""
 
     low: Scalar
     high: Scalar
@@ -125,7 +125,7 @@ class Swing(NamedTuple):
 
 
 class Turns(NamedTuple):
-    """What phi1 has swung over so far, and which way it has turned."""
+    """The range of phi1 so far, and the direction of its last turn."""
 
     swing: Swing
     down: Scalar  # 1 where it has turned down

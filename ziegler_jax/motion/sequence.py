@@ -1,9 +1,9 @@
-"""Motions one after the other in one lane, where each is decided by those before.
+"""Motions one after the other in one lane, each decided by the motions before it.
 
-A search and a quasi-static sweep are such sequences. Every lane goes through its own at
-its own pace: in a sweep in chunks of steps, so that a lane is refilled when its
-sequence ends; else in a loop whose turns are chunks, so that no motion waits for those
-of other lanes.
+A search and a quasi-static sweep are such sequences. Each lane goes through its own at
+its own pace. In a sweep it runs in chunks of steps, and is refilled when its sequence
+ends; elsewhere in a loop whose turns are chunks, so that no motion waits for those of
+other lanes.
 """
 
 from collections.abc import Callable, Sequence

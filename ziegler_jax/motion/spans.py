@@ -54,13 +54,13 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
 
     @abc.abstractmethod
     def begin(self, system: System, t0: Scalar, y0: PhasePoint) -> Watch:
-        """What is watched, before the first step."""
+        """The watch before the first step."""
 
     @abc.abstractmethod
     def watch(
         self, system: System, state: SpanState[Watch], step: Step
     ) -> tuple[Watch, Flag, Scalar | None]:
-        """What is watched after a step, whether to judge, how long the next may be.
+        """The watch after a step, whether to judge, how long the next step may be.
 
         The last is None where that is no matter.
         """
@@ -73,7 +73,7 @@ class AbstractSpans(AbstractFold[SpanState[Watch]]):
         step: Step,
         ended: Bool[Array, ""],
     ) -> tuple[Watch, Int[Array, ""]]:
-        """What is watched from here on, and the outcome; `ended`: whether the span has.
+        """The watch from this step on, and the outcome; `ended`: whether the span has.
 
         It is asked for a whole batch; what it says of a lane that did not ask is lost.
         """

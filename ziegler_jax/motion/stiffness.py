@@ -35,11 +35,11 @@ def is_stiff(column: AbstractChain, rtol: Scalar) -> jax.Array:
     \text{ at } \phi = \omega = 0$$
 
     On a map of friction cycles and sticking columns (q = 1..4, tau = 0.002..0.16,
-    v_smooth = 0.0003..0.1) that is where the methods' total costs cross, within a
-    factor of 1.5 in the left side, for tolerances from 1e-4 to 1e-10.
+    v_smooth = 0.0003..0.1) the total costs of the two methods cross there, within
+    a factor of 1.5 in the left side, for tolerances from 1e-4 to 1e-10.
 
-    A compiled program holds one method. A sweep that goes from wide layers to thin
-    ones is two sweeps, each over the points of its method, that fill each other up:
+    A compiled program has one method. For a map from wide layers to thin ones, run two
+    sweeps, each over the points of its method, and combine them:
 
     ```python
     def settled(solver):
@@ -56,14 +56,14 @@ def is_stiff(column: AbstractChain, rtol: Scalar) -> jax.Array:
     ds = thin.where(stiff, wide)
     ```
 
-    **Arguments:** `column`; `rtol`: the tolerance of the motion's steps. Where all
-    numbers are known the answer is, too, in 64 bits and under `jax.jit`.
+    **Arguments:** `column`; `rtol`: the tolerance of the motion's steps. For concrete
+    numbers the answer is concrete, in 64 bits, also under `jax.jit`.
 
     **Returns:** a boolean. False for numbers that are NaN, and with `SetValuedCoulomb`,
     whose sticking joints have no fast rates.
 
-    **Raises:** `ValueError` for what is no `Column`, and for a concrete `rtol` that is
-    not positive.
+    **Raises:** `ValueError` for an argument that is not a `Column`, and for a concrete
+    `rtol` that is not positive.
     """
     check_column(column)
     refuse_forked()

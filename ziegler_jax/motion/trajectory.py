@@ -45,8 +45,8 @@ class Events(eqx.Module):
 
     `times` (n,), NaN where there is no event; `joints` (n,): 1, 2, 4, ... for joint 1,
     2, 3, ..., of several at once their sum, 0 for the start; `modes` (n, joints) after
-    the event: 1 and -1 slip, 0 sticks; `count`: how many there were, which may be more
-    than there is room for.
+    the event: 1 and -1 slip, 0 sticks; `count`: the number of events, which may exceed
+    that of the recorded ones.
     """
 
     times: Float[Array, "*lanes n"]
@@ -67,7 +67,7 @@ class Events(eqx.Module):
 
 
 class Recorded(NamedTuple):
-    """What `Record` keeps."""
+    """The state of `Record`."""
 
     events: Events | None
     ys: Float[Array, "numbers n"]  # the states at `ts`, NaN where the lane has not been
@@ -228,20 +228,20 @@ def trajectory(
     max_events: int = 1000,
     method: Method = Method(),
 ) -> Trajectory:
-    r"""The motion at given times.
+    r"""The motion of a column at the times `ts`.
 
     Steps end on every one of `ts`: nothing is interpolated.
 
     **Arguments:**
 
-    - `column`, `start`: the scene; the start is the state at `ts[0]`.
+    - `column`, `start`: the column or chain, and its state at `ts[0]`.
     - `ts`: increasing times in $\sqrt{m l^2/k}$, shape (n,), at least two.
-    - `max_events`: how many events there is room for, with set-valued friction.
+    - `max_events`: the number of events that are recorded, with set-valued friction.
     - `method`: any, see `Method`.
 
     **Returns:** `Trajectory`.
 
-    **Derivatives:** forward, those of the steps; on the times, too. Second ones are
+    **Derivatives:** forward, of the steps, also in the times. Second ones are
     refused (`ValueError`) with set-valued friction.
 
     **Raises:** `ValueError` as `settle`, and for times that do not increase.

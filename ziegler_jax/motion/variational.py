@@ -284,7 +284,7 @@ class Variational(AbstractFold[Varied]):
     def _contact(
         self, system: System, state: Varied, step: Step, dy: PhasePoint
     ) -> Nearest | tuple[()]:
-        """What is watched, after the step; `dy`: its differences before the event."""
+        """The watch after the step; `dy`: the differences before the event."""
         watch = self.contact
         if watch is None:
             return ()

@@ -14,7 +14,7 @@ goes on.
 `Taylor` is the other engine for stick and slip, and the usual one where there are
 series: its tangents share them (`along`), and a cycle takes two thirds of the steps at
 1e-10, with multipliers ten times as close. This one is for friction on the joints'
-reactions, and for damping laws of one's own. There Taylor's method took half the time,
+reactions, and for damping laws of your own. There Taylor's method took half the time,
 but at 1e-10 two of 96 motions err by 1e-5 in energy where a joint's reaction nearly
 vanishes.
 """

@@ -60,7 +60,7 @@ class Taylor(eqx.Module):
     square: from 7 to 10 a cycle costs the same within 4 % at a tolerance of 1e-5.
 
     Not for other friction than `SetValuedCoulomb`, its load `JointReaction()`, or
-    damping laws of one's own: `settle` says so.
+    damping laws of your own: `settle` says so.
 
     **Raises:** `ValueError` for an order that is no whole number of at least 3.
     """

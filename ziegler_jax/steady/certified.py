@@ -11,10 +11,10 @@ A cycle is certified when
     on until its own returns do. With set-valued friction its joints must stick and slip
     in the orbit's own order, too (`lane.checked`).
 
-What is refused goes on, to the horizon at most. From there on, where they are asked
-for, its exponents tell a torus from chaos (`exponents`). These kinds of motion, without
-tangents and with, are programs of their own: phases of one loop, between which a lane
-goes to and fro at its own pace.
+A motion without a certificate is followed further, to the horizon at most. After the
+horizon its exponents, where requested, tell a torus from chaos (`exponents`). Motions
+without tangents and with tangents are separate programs: phases of one loop, between
+which each lane changes at its own pace.
 """
 
 from collections.abc import Sequence
@@ -234,7 +234,7 @@ class CertifiedMotion:
         return now.running & (now.stage == MARCH) & (now.march.folded.waits > 0)
 
     def _after_return(self, now: Certifying) -> Certifying:
-        """What the return that waits tells."""
+        """The state after the pending return is evaluated."""
         run, lookout = now.march, now.march.folded
         after = with_return(
             now.returns, lookout, self.odd, now.candidate, not self.watches
@@ -288,7 +288,7 @@ class CertifiedMotion:
         return now.running & now.grows & ~run.running & (run.steps >= 0)
 
     def _after_growth(self, now: Certifying) -> Certifying:
-        """What it is called does not change what it ended as."""
+        """Name the motion's kind; its outcome stays."""
         return now._replace(outcome=now.observing)
 
     def _is_to_grow(self, now: Certifying) -> Bool[Array, ""]:
@@ -323,7 +323,7 @@ class CertifiedMotion:
     # ---- at the end of a phase
 
     def _after_march(self, now: Certifying) -> Certifying:
-        """What the motion asks for, or how it has failed."""
+        """The motion's next phase, or how it has failed."""
         run, state = now.march, now.returns
         last = jnp.maximum(state.asks, run.folded.asks)
         well = run.outcome == CODE.complete
@@ -362,7 +362,7 @@ class CertifiedMotion:
         return replaced(refused, going_on(now), after)
 
     def _after_observation(self, now: Certifying) -> Certifying:
-        """What was observed."""
+        """The state after the observation."""
         run, span = now.shot, now.attempt.span
         well = run.outcome == CODE.complete
         record = Record(run.folded.record, span, run.y)

@@ -1,17 +1,17 @@
-r"""How a settled motion's numbers move with the scene.
+r"""The derivatives of a settled motion's numbers in the column and the start.
 
-Nothing of the search for a cycle is differentiated. A certified cycle is a fixed point,
+The search for a cycle is not differentiated. A certified cycle is a fixed point,
 $R(z, p) = \sigma\,y(T) - y_0 = 0$ with $z = (x, T)$, and a number $g(z, p)$ of it has
 
 $$dg = \partial_p g\,dp + \partial_z g\,dz, \qquad dz = -(\partial_z R)^{-1}\,
 \partial_p R\,dp,$$
 
-from one more shot, that which verified it. Its multipliers are numbers of the
-derivative that the shot carries, and theirs are second derivatives of the motion. A
-motion that neither is certified nor came to rest ends at a given time, and so does one
-whose joints stick: it is followed once more, with one tangent. Under a smoothed law
-rest is judged at the end of a step: when that is, no derivative says, and what creeps
-on depends on it. Its derivatives are NaN. Forward mode only.
+from one more shot, a repetition of the one that verified the cycle. The multipliers
+belong to the derivative that the shot carries, so their derivatives are second ones of
+the motion. A motion that neither is certified nor came to rest ends at a fixed time,
+and so does one whose joints stick: it is followed once more, with one tangent. Under a
+smoothed law rest is judged at the end of a step. The time of that has no derivative,
+and the creeping motion depends on it: its derivatives are NaN. Forward mode only.
 """
 
 from typing import NamedTuple
@@ -39,7 +39,7 @@ Outputs = Float[Array, " m"]
 
 
 class Place(NamedTuple):
-    """What was followed at last: a cycle's turn, or the end of a motion."""
+    """The last part that was followed: a cycle's turn, or the end of a motion."""
 
     closed: Bool[Array, ""]
     known: Bool[Array, ""]  # whether an end is at a time that does not move
@@ -62,7 +62,7 @@ class Carried(NamedTuple):
 
 
 def carried(motion: CertifiedMotion, place: Place, size: int) -> Carried:
-    """What the numbers of a motion's result carry.
+    """The derivatives that the numbers of a motion's result carry.
 
     **Arguments:** `motion`: of the scene as it is, derivatives included; `size`: of the
     observers' numbers.
@@ -125,7 +125,7 @@ def _radius(slope: Matrix) -> Scalar:
 def _turn(
     column: AbstractChain, observation: Observation, z: Float[Array, " k"], place: Place
 ) -> Outputs:
-    """What a shot at the cycle shows, where it arrives, and its return's derivative."""
+    """Observed numbers of a shot at the cycle, its end, and its return's derivative."""
     span = jnp.where(place.closed, z[-1], SHORTEST)
     displaced = not isinstance(place.level, tuple)
     attempt = blank_attempt(0.0 * span, z.size - 1, displaced)
@@ -148,7 +148,7 @@ def _end(
     y0: Float[Array, " k"],
     place: Place,
 ) -> Outputs:
-    """What observers see of the end of a motion, and its last state."""
+    """Observed numbers of the end of a motion, and its last state."""
     fold = SettleFold(
         transient=jnp.where(place.known, place.before, 0.0),
         span=jnp.where(place.known, place.span, SHORTEST),

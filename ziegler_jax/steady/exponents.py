@@ -1,10 +1,11 @@
-r"""Rates at which tangents grow, and what two of them name an unsettled motion.
+r"""Growth rates of tangents, by which an unsettled motion is named.
 
-A motion that neither rests nor draws near a cycle by the horizon may be on a torus, or
-chaotic, or slow. Its two largest Lyapunov exponents, measured from there on, tell:
+A motion that neither rests nor approaches a cycle by the horizon may be on a torus,
+chaotic, or slow. Its two largest Lyapunov exponents, measured after the horizon,
+decide:
 
 - *chaotic*: $\lambda_1 >$ `ZERO`, $\lambda_1 > 1/T$ after T in all, and by more than
-    three standard errors. Whether chaos lasts no finite time tells: of 58 such columns
+    three standard errors. No finite time shows whether chaos lasts: of 58 such columns
     with viscous damping whose rods turn over 16 ended on a cycle or at rest between
     t = 800 and 37 000 (`benchmarks/a13_certified_truth.py kinds`);
 - *periodic*: $\lambda_1$ is zero, $|\lambda| \le$ `ZERO` and $|\lambda| \le 1/T + 3$
@@ -88,7 +89,7 @@ def with_block(
 
 
 def standard_errors(growth: GrowthSums, blocks: Int[Array, ""]) -> tuple[Scalar, ...]:
-    """Those of the means; none (NaN) of fewer than two blocks, 0 of infinity."""
+    """Standard errors of the means; NaN for fewer than two blocks, 0 for infinity."""
     n = blocks.astype(jnp.result_type(growth.mean[0]))
     pairs = jnp.where(n > 1, n * (n - 1), jnp.nan)
     return tuple(
@@ -110,7 +111,7 @@ class GrowthRates(AbstractSpans[GrowthSums], AbstractGrowth[SpanState[GrowthSums
         return no_growth(system, y0, self.count)
 
     def tangents(self, state):
-        """Those of the blocks."""
+        """The tangents of the blocks."""
         return state.watch.tangents
 
     def watch(self, system, state, step):
@@ -127,7 +128,7 @@ class GrowthRates(AbstractSpans[GrowthSums], AbstractGrowth[SpanState[GrowthSums
 
 
 class Witness(NamedTuple):
-    """What is watched to name a motion."""
+    """The quantities by which a motion is named."""
 
     growth: GrowthSums
     first: PhasePoint  # the first passage of the last spans
@@ -155,7 +156,7 @@ class Naming(AbstractSpans[Witness], AbstractGrowth[SpanState[Witness]]):
         return Motion(system, y0, self, finer, end=end, first_stop=first)
 
     def begin(self, system, t0, y0):
-        """Nothing witnessed yet."""
+        """The watch before its first step."""
         del t0
         zero, no = 0.0 * y0[0], jnp.zeros((), bool)
         no_band = zero + jnp.inf, zero - jnp.inf
@@ -170,7 +171,7 @@ class Naming(AbstractSpans[Witness], AbstractGrowth[SpanState[Witness]]):
         )
 
     def tangents(self, state):
-        """Those of the exponents."""
+        """The tangents of the exponents."""
         return state.watch.growth.tangents
 
     def watch(self, system, state, step):
@@ -245,7 +246,7 @@ def exponent_variables(state: SpanState[Witness], nothing: Flag) -> dict[str, Va
 
 
 def name_of(state: SpanState[Witness], length: Scalar) -> Int[Array, ""]:
-    """What a motion is by its exponents over spans of a `length`, a `CODE`.
+    """The kind of a motion by its exponents over spans of a `length`, a `CODE`.
 
     `not_computed` where none is sure.
     """

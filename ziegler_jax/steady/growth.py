@@ -1,4 +1,4 @@
-r"""How much a small difference in the kick grows on the way to where a motion settles.
+r"""The growth of a small difference in the kick until the motion settles.
 
 The tangent v of the kick follows the variational equations along the motion from $v_0 =
 y_0 / |y_0|$. Steps of tolerance rtol leave differences of about rtol, which grow as it
@@ -6,7 +6,7 @@ does: where
 
 $$\max_t |v(t)|\; rtol > 10^{-3},$$
 
-the motion may end elsewhere with other steps.
+the motion may end otherwise with other steps.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class Growth(AbstractObserver):
     $$\dot v = \frac{\partial f}{\partial y}\, v, \qquad v(0) = \frac{y(0)}{|y(0)|},
     \qquad |v|^2 = \varphi_1^2 + \varphi_2^2 + \omega_1^2 + \omega_2^2$$
 
-    It watches the motion from its start to the end of its own steps, where others watch
-    a cycle, and so goes only with certificates (`certify` of `settle`). A tangent goes
-    along with each step.
+    It follows the motion from its start to its end, while other observers follow the
+    cycle; so it requires certificates (`certify` of `settle`). Each step carries a
+    tangent.
 
     **Results:** `growth`, at most about 1e100, NaN for a start at rest; and
     `sensitive`, whether `growth * rtol` exceeds 0.001, 1e3 at the usual tolerance:
@@ -57,7 +57,7 @@ class Growth(AbstractObserver):
         return ()
 
     def step(self, system, state, step):
-        """Nothing."""
+        """Return the state unchanged."""
         del system, step
         return state
 
@@ -102,7 +102,7 @@ def grown(
 def growth_variables(
     largest: Scalar, failed: Flag, rtol: Scalar
 ) -> dict[str, Variable]:
-    """What `Growth` results in."""
+    """The variables of `Growth`."""
     growth = jnp.where(failed, jnp.nan, largest)
     sensitive = growth * rtol > ALLOWED
     return {

@@ -124,7 +124,7 @@ class Bundle:
 
 
 def jet_of(run: BundleRun, sign: Float[Array, ""]) -> Jet:
-    """What the bundle says, once all its motions have ended."""
+    """The jet of a bundle whose motions have all ended."""
     flow = cast(Flow, jax.vmap(flow_of)(run.runs))
     y, s = sign * flow.y, flow.y.shape[1]
     first = sign * jnp.concatenate(

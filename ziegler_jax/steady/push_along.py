@@ -174,7 +174,7 @@ def _product(row: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def _combined(row: np.ndarray, stages: jax.Array) -> jax.Array:
-    """What a row weighs; zeros are left out."""
+    """The sum that a row weighs, without its zeros."""
     pairs = zip(row.tolist(), stages, strict=True)
     weighed = [w * stage for w, stage in pairs if w != 0.0]
     total = sum(weighed) if weighed else jnp.zeros_like(stages[0])

@@ -1,24 +1,24 @@
-r"""When two windows of a motion agree: it repeats, or nothing in it dissipates.
+r"""The criterion by which two windows agree: the motion repeats, or is conservative.
 
-Of each joint's angle $\theta_j$ a window keeps the swing $S_j = \max\theta_j -
-\min\theta_j$: offsets are not in it. Two windows agree if each joint that moves at all,
-$S_j$ above the noise of the steps, has turned back at least twice in the same
-direction, so that the window holds a whole return, and
+For each joint's angle $\theta_j$ a window has the swing
+$S_j = \max\theta_j - \min\theta_j$, without the offset. Two windows agree if each
+moving joint, with $S_j$ above the noise of the steps, has turned back at least twice in
+the same direction, so that the window contains one return, and
 
 $$|S_j - S_j'| \le \epsilon\, S_j + \mathrm{atol}.$$
 
-That alone is no repetition: where little dissipates a motion decays by less. Let $W$
-be what friction and damping took out over both windows. Where it repeats the load pays
-for the losses. Of the energies at a joint's turns, of which a period may have several,
-the least in one window and in the other lie within $W / 8$, and so do the greatest.
-Without load they fall by half of W. All of them lie within $10\,W$: else they might
-agree by chance, as the load's work comes and goes. What drifts by less, on its way past
-an unstable cycle or where the equilibrium begins to flutter, repeats as far as two
-windows can tell.
+That is not sufficient: where little dissipates a motion decays by less. Let $W$ be the
+loss by friction and damping over both windows. In a motion that repeats, the work of
+the load covers this loss. A period may have several turns of a joint, each with its
+energy. The least energies of the two windows must agree within $W / 8$, and so must the
+greatest; without load they fall by half of W. All of them must lie within $10\,W$: else
+they might agree by chance, as the load's work comes and goes. A motion that drifts by
+less, on its way past an unstable cycle or where the equilibrium begins to flutter,
+repeats as far as two windows can tell.
 
-Nor may W be so small that the steps' own error of the energy, some $(\mathrm{rtol} +
-\mathrm{atol} / S)\,E$ a unit of time, hides what is not paid. Where W = 0 no motion
-attracts: another start swings otherwise.
+W must also exceed the steps' own error of the energy, some $(\mathrm{rtol} +
+\mathrm{atol} / S)\,E$ a unit of time, which could hide a loss that is not covered. With
+W = 0 no motion attracts: another start swings otherwise.
 """
 
 from collections.abc import Callable, Sequence
@@ -49,7 +49,7 @@ DOUBT = 100.0
 
 
 class Window(NamedTuple):
-    """What a window has seen beside the observers."""
+    """The numbers of a window beside those of the observers."""
 
     turns: Numbers  # how often each joint's angle has turned down
     low: Numbers  # the least energy where it did
@@ -59,7 +59,7 @@ class Window(NamedTuple):
 
 
 class Before(NamedTuple):
-    """What is kept of the window before."""
+    """The numbers of the previous window."""
 
     swings: Numbers
     low: Numbers
@@ -68,7 +68,7 @@ class Before(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """What the steps' own error does."""
+    """The effect of the steps' own error."""
 
     floor: Scalar  # the swing that it leaves at rest
     rtol: Scalar
@@ -126,7 +126,7 @@ def watched(system: System, window: Window, step: Step) -> Window:
 
 
 def of_each(function: Callable[..., Scalar], one: Sequence, other: Sequence) -> Numbers:
-    """What a function of one joint's numbers gives for each."""
+    """A function of one joint's numbers, for each joint."""
     return tuple(map(function, one, other))
 
 

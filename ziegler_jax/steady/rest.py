@@ -1,23 +1,25 @@
-r"""When a motion has come to rest.
+r"""The criterion by which a motion has come to rest.
 
 Joints stick, or, where friction is smoothed, creep: no joint has been faster than the
-cut for some time, and none speeds up. That alone is no rest: a motion beside a small
-unstable cycle falls for long before it grows. What is left must decay. In the joints'
-own angles, $\theta = (\phi_1, \phi_2 - \phi_1)$, the linear column about the state,
+cut for some time, and none speeds up. That is not sufficient: a motion beside a small
+unstable cycle falls for long before it grows. So the remaining motion must decay. In
+the joint angles, $\theta = (\phi_1, \phi_2 - \phi_1)$, the linear column about the
+state,
 
 $$\ddot\theta + C\,\dot\theta + K\,\theta = 0,$$
 
-must be stable (by Hurwitz' conditions on $s^4 + p_1 s^3 + p_2 s^2 + p_3 s + p_4$; of
-more than two rods by its eigenvalues) with every damping that a motion of this size or
-a smaller one may feel: a mean of the law's slopes over the rates from rest to the
-largest. So the law is asked at rest and at rates
-from the largest down, in each joint by itself and direction; the least and the greatest
-of its slopes and some in between are tried, each of one joint with each of the other.
-Dampings that are stable at both ends need not be so between them. A damping of one
-joint that depends on the other's rate, or on an angle that small, is not seen. Of more
-than two rods not all combinations are tried: those in which all dampings lie at one
-share of their ranges, and those in which one lies at an end and the others at the
-other.
+must be stable with every damping that a motion of this size or a smaller one may feel:
+a mean of the law's slopes over the rates from rest to the largest. Stability is decided
+by Hurwitz' conditions on $s^4 + p_1 s^3 + p_2 s^2 + p_3 s + p_4$, for more than two
+rods by eigenvalues.
+
+The law's slopes are computed at rest and at rates from the largest down, for each joint
+and direction. The least, the greatest and some between are tried, each of one joint
+with each of the other, as dampings that are stable at both ends need not be so between
+them. The criterion does not see a damping of one joint that depends on the other's
+rate, or on an angle that small. For more than two rods only some combinations are
+tried: all dampings at one share of their ranges, and one at an end with the others at
+the other.
 """
 
 from collections.abc import Sequence
@@ -132,7 +134,7 @@ class Rest(eqx.Module):
         return if_any_lane(slow, damped, jnp.asarray(slow))
 
     def outcome(self, system: System) -> CODE:
-        """What rest is called."""
+        """The code of rest."""
         return CODE.rest if system.friction is None else CODE.stuck
 
     def setting(self) -> Scalar | str:

@@ -140,7 +140,7 @@ class March(AbstractFold[Lookout]):
     until: Scalar | None = None  # when the section is chosen; None: it is phi1 = 0
 
     def init(self, system, t0, y0):
-        """No return yet."""
+        """The watch before the first return."""
         del system
         zero = 0.0 * y0[0]
         start, none = t0 + zero, (zero,) * len(y0.phi)
@@ -257,7 +257,7 @@ def _wider(swing: Swing, step: Step, until: Scalar) -> Swing:
 
 
 class Returns(NamedTuple):
-    """What the returns have told."""
+    """The returns so far, and the distances between them."""
 
     points: Float[Array, "7 m"]  # the last ones, newest first
     times: Float[Array, "7"]

@@ -46,7 +46,7 @@ from .window_rule import SettleProblem, WindowState
 
 
 class Settled(AbstractDescribed, AbstractMotionResult[State]):
-    """The long-run motion of one lane, as numbers.
+    """The long-run motion of a column, as numbers.
 
     Beside the fields, each observer adds attributes: `rod_amplitude` and
     `joint_amplitude` always, and `stick_fraction`, `mean_angle`, `follower_power`, ...
@@ -90,104 +90,97 @@ def settle(
     certify: bool | None = None,
     exponents: int = 0,
 ) -> Settled:
-    r"""Kick the column and wait: what its motion settles to, with a certificate.
+    r"""The long-run motion of a column after a kick: rest, a cycle, or neither.
 
-    **Certified** (`certify=True`), a motion is a cycle if
+    **With certificates** (`certify=True`) a motion ends as a `cycle` if
 
-    - Newton's method, from one of its own returns to $\phi_1 = 0$ on, has found an
-        orbit that closes to 1e-5, with tolerances of a hundredth of the motion's own
-        (on Taylor's steps to 2e-8, of a thousandth);
-    - that is stable: the largest multiplier of a return is below 0.999;
-    - and the motion contracts towards it: its own returns follow the orbit's linear
-        map, in the norm in which that contracts, to within 2.5 % of the orbit
-        (`steady/returns.py`); with set-valued friction its joints stick and slip in the
-        orbit's own order.
+    - Newton's method, started at one of its returns to $\phi_1 = 0$, has found a
+        closed orbit, to 1e-5 with tolerances of a hundredth of the motion's (on
+        Taylor's steps to 2e-8, of a thousandth);
+    - that orbit is stable: the largest multiplier of a return is below 0.999;
+    - and the motion contracts towards it: its returns follow the linear map of the
+        orbit, in a norm in which this map contracts, to within 2.5 % of the orbit
+        (`steady/returns.py`). With set-valued friction the joints also stick and slip
+        in the order of the orbit.
 
-    It is at rest where both joints stay below `rate_cut`, or below what the steps' own
-    error leaves (100 atol), for 20 time units, are no faster in the second half of
-    them, and the linear column about the state is damped, with the slopes of friction
-    from rest to the motion's rate (set-valued friction: where both stick), and
-    `unsettled` if neither came by the horizon, `transient +
-    length * max_windows` (`undecided` says of which kind it is). What observers give
-    is, of a cycle, of exactly one turn of the orbit (of half a turn where the cycle is
-    its own mirror image, and all observers say that this is enough); at rest, of the
-    next 2 time units (set-valued: of `length`); else of the last `length`. Of 20 178
-    such cycles of the main job's map none was false, followed on by another code
-    (`benchmarks/a5_certificates.py`); 3.7 % of the map stay undecided. Of 6181 of the
-    same map with `SetValuedCoulomb` none was false, and 12.7 % stay undecided, 11.7 %
-    by windows: half of these lanes settle by t = 16 000.
+    A motion ends as `rest` or `stuck` if, for 20 time units, both joints stay below
+    `rate_cut` or below 100 atol, they are no faster in the second half of these, and
+    the linear column about the state is damped with every slope of friction from rest
+    to the motion's rate. With set-valued friction it is `stuck` once all joints stick.
+    It is `unsettled` if neither holds by the horizon, `transient + length *
+    max_windows`; then `undecided` names its kind.
 
-    **By windows** (`certify=False`, the default where `certify` says so): after the
-    transient, windows follow each other until two consecutive ones agree: the swing
-    $S_j$ (largest minus smallest angle) of each joint that moves, over at least one
-    whole return of it,
+    Observers are computed over one turn of the cycle (half a turn if the cycle is its
+    own mirror image and all observers allow it), over 2 time units after rest (with
+    set-valued friction `length`), else over the last `length`. The page *Certificates*
+    of the documentation has the measured share of false and of missing certificates.
+
+    **By windows** (`certify=False`, the default where `certify` says so) a motion is
+    compared over consecutive windows after the transient. It ends as `repeats`, which
+    is no certificate, once the swing $S_j$ of each moving joint (largest minus smallest
+    angle, over at least one return) agrees in two of them,
 
     $$|S_j - S_j'| \le \mathrm{agreement}\; S_j + \mathrm{atol},$$
 
-    and the load pays for what friction and damping take out, to three quarters of it at
-    least, by the energies where the joints turn (`steady/repeats.py`). Then the outcome
-    is `repeats`: no certificate. Where so little dissipates that the steps' error hides
-    it, or the load's work to and fro, windows never tell; a finer tolerance does. Where
-    nothing dissipates in what moves it is `conservative`. Rest is asked for as above,
-    over two windows. After `max_windows` a motion is `unsettled`. The result is that of
-    the last window, means to within a turn's share of it. With one window there is
-    nothing to compare: the outcome is `unsettled` or `stuck`. Of 1457 random cells of
-    the main job's map that repeat so a finer run does not confirm 6
-    (`benchmarks/a13_certified_truth.py share`).
+    and the work of the load covers at least three quarters of the loss by friction and
+    damping (`steady/repeats.py`). It ends as `conservative` if no moving part
+    dissipates, as `stuck` by the criterion of rest above over two windows, and as
+    `unsettled` after `max_windows`. Numbers are those of the last window. One window
+    cannot be compared: the outcome is then `unsettled` or `stuck`. A slow passage of an
+    unstable cycle can look as if it repeats: of 1457 random cells of the main job's map
+    that repeat, a finer run does not confirm 6 (`benchmarks/a13_certified_truth.py
+    share`). Windows cannot decide where dissipation is
+    smaller than the error of the steps: a finer tolerance can.
 
-    **Forces that depend on time** (`AbstractForce`, `LoadHistory`) leave windows alone,
-    and no rest: what sticks or has decayed may move again. Where a motion does not
-    repeat within two windows it is `unsettled` at the horizon, with the numbers of the
-    last window. A ramp wants one window after it (`Windows(transient=..., length=...,
-    max_windows=1)`), a pulsating load windows of whole periods.
+    **Forces that depend on time** (`AbstractForce`, `LoadHistory`) are settled by
+    windows, and never to rest, as a column that sticks may move again. For a ramp take
+    one window after it (`Windows(transient=..., length=..., max_windows=1)`), for a
+    pulsating load windows of a multiple of its period.
 
-    **Torus or chaos** (`exponents=2`): a certified motion that ends `unsettled` goes on
-    as long again, after another `transient` over `max_windows` of `length`, with
-    tangents: `exponents` are its first Lyapunov exponents, with `errors`, as
-    `lyapunov_exponents` has them, NaN of every other motion. By them `undecided` says
-    `chaotic`, `quasi_periodic`, `periodic` or `conservative` where that is sure
-    (`steady/exponents.py`): chaos that ends after the time of looking on is chaotic.
-    `kind` is that, or the outcome of a motion that has settled. Nothing else of the
-    result changes but `steps`, and a motion that settles pays for nothing. The steps
-    are of the same budget, `max_steps`: where it is spent, exponents are NaN.
+    **Torus or chaos** (`exponents=2`): an `unsettled` motion is followed for another
+    `transient` and `max_windows` windows, with tangents. `exponents` are its first
+    Lyapunov exponents with `errors`, as in `lyapunov_exponents`; other motions have
+    NaN. `undecided` is then `chaotic`, `quasi_periodic`, `periodic` or `conservative`
+    where the exponents are sure (`steady/exponents.py`), and `kind` is this or the
+    outcome. Chaos that ends after that time counts as chaotic. These steps are part of
+    the budget `max_steps`; where it is spent, exponents are NaN. Motions that settle
+    take no more steps than without exponents.
 
     **Arguments:**
 
-    - `column`, `start`: the scene.
-    - `windows`: as above, see `Windows`.
-    - `observers`: what to watch beside `Amplitude()`, e.g. `(StickFraction(),)`. What
-        is not asked for is not in the program.
-    - `method`: any, see `Method`. On friction cycles (q = 2.6, $\tau$ = 0.026, v_smooth
-        from 0.3 to 0.003) windows at the default tolerance 1e-6 leave up to 7e-5 rad in
-        an amplitude; a certificate's orbit has a hundred times finer ones. With
-        friction the default, Tsit5, is the cheapest down to what its tolerance gives,
-        an error of 4e-5 after 100 time units (`benchmarks/b0_work_precision.py`); from
-        there Calvo7 is, with Vern9 from 1e-9 on (in layers of 1e-4 and thinner Calvo7
-        is not to be trusted, see `solvers.tableaus`).
-    - `exponents`: how many, 0 to 2 a rod, as above: two name tori, one chaos alone.
-        None of `certify` is then True.
-    - `certify`: None certifies, with `SetValuedCoulomb` on Taylor's steps, whose series
-        the tangents of shots share. It has to be asked for where set-valued friction
-        has no series (the load `JointReaction()`, a damping law or forces of one's
-        own): there shots run on an explicit method, event by event, far slower. Not
-        with `Rosenbrock()`. It fits no column that dissipates nothing: there no cycle
-        attracts.
+    - `column`, `start`: the column or chain, and the state in which its motion starts.
+    - `windows`: transient, length and number of windows, see `Windows`.
+    - `observers`: further observers beside `Amplitude()`, e.g. `(StickFraction(),)`.
+        An observer that is not named is not in the compiled program.
+    - `method`: any, see `Method`. With friction the default, Tsit5, is the cheapest
+        down to an error of 4e-5 after 100 time units; for smaller errors Calvo7, from
+        1e-9 on Vern9 (`benchmarks/b0_work_precision.py`). Do not use Calvo7 in layers
+        of 1e-4 and thinner (`solvers.tableaus`).
+    - `exponents`: the number of exponents, 0 to 2 a rod: two tell tori, one tells chaos
+        alone. `certify=None` then certifies.
+    - `certify`: None certifies where tangents are cheap and the column is the same at
+        all times. It does not with `Rosenbrock()`, which True refuses, nor where
+        set-valued friction has no series: with the load `JointReaction()`, and with
+        damping laws or forces of your own. There True uses an explicit method, event by
+        event, which is far slower. True does not suit a column that dissipates nothing:
+        no cycle attracts there.
 
-    **Returns:** `Settled`. Where the outcome stands before `unsettled` in `CODE`,
-    observed numbers and `drift` are NaN.
+    **Returns:** `Settled`. For outcomes before `unsettled` in `CODE`, observed numbers
+    and `drift` are NaN.
 
-    **Derivatives:** forward (`jax.jvp`, `jax.jacfwd`), first order; second ones are
-    refused (`ValueError`). Of a certified cycle they are those of its fixed point, see
-    `steady/derivative.py`; on the start and the options it does not depend. Its `final`
-    state and `time` depend on when the verdict came, which no derivative says, as do,
-    where cycles are certified, all numbers of a motion that came to rest under a
-    smoothed law or without friction: theirs are NaN, and so are those of `drift`,
-    `growth`, `exponents` and `errors`. Else they are those of the motion's steps (by
-    windows, at rest too: of the last window), whose size does not follow the tangents'
-    error: it grows with the time, and at the usual tolerance the first digit can be
-    wrong. With `certify=False` ask for `Method(rtol=1e-10)`, and compare with
-    differences. Reverse mode is refused (`ValueError`): the number of steps is not
-    known beforehand.
+    **Derivatives:** forward (`jax.jvp`, `jax.jacfwd`), first order. Reverse mode is
+    refused (`ValueError`), since the number of steps is not known beforehand; so are
+    second derivatives.
+
+    - Of a certified cycle they are the derivatives of its fixed point
+        (`steady/derivative.py`), which do not depend on the start and the options.
+    - By windows they are the derivatives of the last window's steps. Their error grows
+        with time, as the step size does not control it; at the usual tolerance the
+        first digit can be wrong. Use `Method(rtol=1e-10)` there, and compare with
+        differences.
+    - With certificates they are NaN for `final` and `time`, which depend on when the
+        verdict came, for `drift`, `growth`, `exponents` and `errors`, and for all
+        numbers of a motion that came to rest under a smoothed law or without friction.
 
     **Raises:** `ValueError` for arguments that break a rule, and in a 32-bit session.
     """
@@ -271,7 +264,7 @@ def may_certify(column: AbstractChain, method: Method) -> bool:
 
 
 def settled(motion: Settling, run: Run[SpanState[WindowState]] | Certifying) -> Settled:
-    """What a motion that has ended amounts to."""
+    """The result of a motion that has ended."""
     if isinstance(motion, CertifiedMotion):
         return _certified(motion, cast(Certifying, run))
     return _windowed(motion, cast(Run[SpanState[WindowState]], run))

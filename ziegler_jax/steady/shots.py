@@ -217,7 +217,7 @@ def after_shot(attempt: Attempt, run: Run[ShotState]) -> tuple[Attempt, Flag]:
 
 
 class Return(NamedTuple):
-    """What a shot from x says."""
+    """The result of a shot from x."""
 
     image: Vector  # H(x)
     slope: Matrix  # DH(x)
@@ -266,7 +266,7 @@ def start_of(attempt: Attempt) -> PhasePoint:
 
 
 def blank_attempt(zero: Scalar, size: int = 3, displaced: bool = False) -> Attempt:
-    """None yet.
+    """An attempt that has not begun.
 
     **Arguments:** `size`: of a point of the section; `displaced`: whether that has a
     level of its own.

@@ -22,7 +22,7 @@ NEARLY = 0.01  # a motion whose returns come nearer than this is slow, not aperi
 
 
 class Trend(NamedTuple):
-    """What the largest returns have told."""
+    """The trend of the largest returns."""
 
     peak: Scalar  # the largest since the last time
     before: Scalar  # and between the two times before

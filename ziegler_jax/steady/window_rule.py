@@ -26,7 +26,7 @@ from .rest import Rest, Speeds
 
 
 class WindowState(NamedTuple):
-    """What is watched in a window."""
+    """The quantities that are watched in a window."""
 
     observed: tuple  # one state per observer, the amplitude's first
     window: Window | tuple[()]  # empty where there is but one

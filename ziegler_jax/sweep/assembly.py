@@ -36,7 +36,7 @@ REMEDIES = {
 
 
 class Tally(NamedTuple):
-    """What a block cost and how its points ended."""
+    """The cost of a block, and how its points ended."""
 
     points: int
     seconds: float  # from its first point to its last; others ran meanwhile
@@ -54,7 +54,7 @@ class OpenBlock:
     """A block that is being filled."""
 
     def __init__(self, block: Block, variables: Mapping[str, Variable]):
-        """Nothing of the block has a result."""
+        """A block without results."""
         self.block, self.variables = block, variables
         self.points = np.flatnonzero(block.chosen)  # places in the block
         shape = block.chosen.shape
@@ -81,7 +81,7 @@ class OpenBlock:
             return not self._left
 
     def tally(self) -> Tally:
-        """What the block cost and how its points ended."""
+        """The cost of the block, and how its points ended."""
         outcomes: dict[str, int] = {}
         failed: dict[str, dict[str, int]] = {}
         named = zip(self.variables.items(), self._flat, strict=True)
@@ -169,11 +169,11 @@ class Memory:
         self.arrays = {str(n): v.values.copy() for n, v in template.data_vars.items()}
 
     def __enter__(self) -> "Memory":
-        """Nothing to open."""
+        """Return the arrays: they need no opening."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing to close."""
+        """Do nothing: arrays need no closing."""
 
     def missing(self, grid: Grid) -> dict[int, int]:
         """How many points are to be computed, by block."""

@@ -1,10 +1,10 @@
 """Blocks as tasks of a Dask cluster: each worker with its own compiled program.
 
-A task is a block. Where there is a store, the worker writes the block itself and sends
-back what it cost; else it sends the numbers. Dask gives the task of a worker that died
-to another; a block that was finished before is not computed again.
+A task is a block. With a store, the worker writes the block itself and sends back its
+cost; else it sends the numbers. Dask gives the task of a worker that died to another
+one; a finished block is not computed again.
 
-What 10^9 points ask for, at r points a second and core (the main job's kind: about
+The cost of 10^9 points, at r points a second and core (the main job's kind: about
 1600; its results: 8 variables, 81 bytes a point):
 
 - 61 000 blocks of 16 384 points, each a task of 16 384 / r = 10 s: a scheduler, which
@@ -52,7 +52,7 @@ Ran = tuple[int, Arrays | None, Tally, Effort]
 
 
 class Recipe(NamedTuple):
-    """What a worker must know of a sweep beside the block."""
+    """The part of a sweep that a worker needs beside the block."""
 
     point: bytes  # pickled: the same bytes are the same program to a worker
     names: tuple[str, ...]
@@ -62,7 +62,7 @@ class Recipe(NamedTuple):
 
     @staticmethod
     def of(scene: Scene) -> "Recipe":
-        """What there is to know.
+        """The recipe of a sweep.
 
         **Raises:** `ValueError` if `point` cannot be sent.
         """
@@ -155,7 +155,7 @@ def run_blocks(
 
 
 def _result(future: "Future") -> Ran:
-    """What a task gave.
+    """The result of a task.
 
     **Raises:** `RuntimeError` if it was cancelled or the cluster is gone.
     """

@@ -46,7 +46,7 @@ def compare(
 ) -> xr.Dataset:
     r"""Compute the same points several times, by other methods or other laws.
 
-    The point takes what is to differ as an argument of its own:
+    The point takes the varied part as an argument:
 
     ```python
     def point(q, mu, method=zj.Method()):
@@ -63,27 +63,27 @@ def compare(
     **Arguments:**
 
     - `point`: as in `sweep`; a parameter with a default need be no axis.
-    - `variants`: by name the arguments that `point` is given beside its axes; `{}`
-        leaves its defaults.
-    - `reference`: those with which it is compared; None leaves the defaults.
+    - `variants`: by name, the further arguments of `point` beside its axes; `{}` leaves
+        its defaults.
+    - `reference`: the further arguments of the reference; None leaves the defaults.
     - `where`, `lanes`, `progress`, `axes`, `named_axes`: as in `sweep`.
-    - `sample`: of how many of the points, drawn at random, the same ones in every call;
-        None is all of them.
-    - `repeats`: how often each is run, in turns, for `seconds_a_point`.
+    - `sample`: the number of points to draw at random, the same ones in every call;
+        None computes all.
+    - `repeats`: how often each variant is run, in turns, for `seconds_a_point`.
 
     **Returns:** a Dataset over `variant`, the reference first, and the axes:
 
-    - whatever `point` returns;
-    - for each number $x$ of it `x_difference`, signed, in its own unit: NaN where one
-        of the two has no number;
+    - the variables of `point`;
+    - for each number $x$ `x_difference`, signed, in the unit of x: NaN where one of the
+        two has no number;
     - `x_difference_quantiles` over `variant` and `quantile` (0.5, 0.95 and 1): of
         $|\Delta x|$ over all points, and all rods or joints of each;
-    - where it has codes `changed`: 1 where one of them (an outcome) is another than the
-        reference's, 0 where none is; and its mean `changed_share`;
+    - for a point with codes `changed`: 1 where one of them (an outcome) differs from
+        the reference's, else 0; and its mean `changed_share`;
     - over `variant` the `seconds_a_point` of the clock without compiling, a median over
         the repeats, and `compile_seconds`.
 
-    Attributes are those in which all variants agree.
+    It has the attributes in which all variants agree.
 
     **Raises:** `ValueError` as `sweep`, and for arguments that break a rule.
     """
@@ -228,7 +228,7 @@ def _with_differences(ds: xr.Dataset, mask: np.ndarray) -> xr.Dataset:
 
 
 def _quantiles(sizes: np.ndarray) -> list[float]:
-    """Those of numbers; NaN where there are none."""
+    """Quantiles of numbers; NaN where there are none."""
     sizes = sizes[np.isfinite(sizes)]
     if not sizes.size:
         return [math.nan] * len(QUANTILES)

@@ -42,7 +42,7 @@ _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 
 
 class Digest(NamedTuple):
-    """What is known of a program by its equations.
+    """A program's identity, by its equations.
 
     **Arguments:** `value`: the hash; `primitives`: their names; `hosts`: the functions
     that the host runs for it, of which the hash knows the names alone; `repeatable`:
@@ -96,7 +96,7 @@ _read_before: WeakKeyDictionary[Jaxpr, dict[tuple, _Read]] = WeakKeyDictionary()
 
 
 class _Walk:
-    """What equations consist of, as text in their order."""
+    """The parts of equations, as text in their order."""
 
     def __init__(self, within: "_Walk | None" = None):
         self.tokens: list[str] = []
@@ -154,7 +154,7 @@ class _Walk:
     def equations(
         self, jaxpr: Jaxpr, given: Sequence[str | None], results: tuple[bool, ...]
     ) -> tuple[list[str], list[int]]:
-        """Those that some results ask for.
+        """The equations that some results need.
 
         **Arguments:** `given`: the names of constants and inputs; None is one that is
         named when it is read.
@@ -203,7 +203,7 @@ class _Walk:
         return self.number(value.val, value.aval)
 
     def parameters(self, equation: JaxprEqn, said: set[str]) -> None:
-        """Those that mean something for numbers and are not said elsewhere."""
+        """The parameters that affect numbers and are not written elsewhere."""
         if equation.primitive.name in _HARMLESS:
             self.repeatable = False  # what it tells is no number
             return
@@ -301,7 +301,7 @@ class _Walk:
 
 
 def _kind(aval: object) -> str:
-    """What a variable is: dtype, shape, and whether the dtype is a weak one."""
+    """A variable's dtype, shape, and whether the dtype is a weak one."""
     dtype, shape = getattr(aval, "dtype", None), getattr(aval, "shape", ())
     if dtype is None:
         return _ADDRESS.sub("", f"{type(aval).__name__} {aval}")

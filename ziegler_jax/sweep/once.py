@@ -26,9 +26,10 @@ class Program:
     results = program(q=[2.0, 2.6, 3.1], mu=0.1)  # a dict of arrays
     ```
 
-    Whatever the point reads, an attribute, a table, a global, is as it was when the
-    program was made. `sweep(point)` traces the point anew, always; `sweep(program)`
-    never does, and begins at once. The lanes are those of a sweep, to the last bit.
+    The program has the attributes, tables and globals that the point reads as they were
+    when it was made. `sweep(point)` always traces the point anew; `sweep(program)`
+    never does, and begins at once. Results equal those of `sweep(point)` to the last
+    bit.
 
     **Arguments:**
 
@@ -69,7 +70,7 @@ class Program:
 
     @property
     def variables(self) -> dict[str, Variable]:
-        """What it returns; values are shapes and dtypes."""
+        """The variables that it returns; values are shapes and dtypes."""
         return self.scene.variables
 
     @property

@@ -1,6 +1,6 @@
-"""What a lane takes along, as few arrays: one for each kind of number.
+"""The numbers of a lane as few arrays: one for each kind of number.
 
-Lanes stand behind. A call then has few arguments, and a lane is a column.
+Lanes are the last axis: a call then has few arguments, and a lane is a column.
 """
 
 from collections.abc import Iterable, Sequence

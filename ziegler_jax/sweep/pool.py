@@ -1,8 +1,8 @@
-"""How many points run: lanes wait before the stages of their point.
+"""The pool of points that run: lanes wait before the stages of their point.
 
-A thread takes a batch of the lanes that wait, the latest stage that fills one, leads it
-through that stage (at a loop a chunk of steps) and lets each lane wait where it goes
-on. Stages further on come first, so that few lanes are open.
+A thread takes a batch of waiting lanes from the latest stage that fills one, runs it
+through that stage (at a loop a chunk of steps), and puts each lane before its next
+stage. Later stages come first, so that few lanes are open.
 """
 
 from __future__ import annotations
@@ -46,20 +46,22 @@ _CALLS = itertools.count(1)  # of this process: a cluster's blocks make a few ea
 
 @dataclass(frozen=True)
 class Lanes:
-    """How the lanes of a sweep run.
+    """Options of how a sweep computes its points: batches and threads.
+
+    A lane is a point while it runs.
 
     **Arguments:**
 
-    - `batch_size`: lanes a batch. None is 8192 for points that follow no motion, and
-        else 128 (64 or 32 for sweeps of no more than two of these), or 384 where
-        `configure_cpu()` was needed and not called. It is rounded up to a multiple of
-        32, whole vectors of a processor: so a lane's result depends
-        neither on its batch mates nor on its place. Another batch size is another
-        program; those of 32, 64 and 128 lanes gave the same bits wherever they were
-        compared, others are equal to rounding.
+    - `batch_size`: lanes in a batch. None is 8192 for points without a motion. With
+        motions it is 128 (64 or 32 for sweeps of no more than two of these), or 384
+        where `configure_cpu()` was needed and not called. It is rounded up to a
+        multiple of 32, which fills a processor's vectors: so the result of a lane
+        depends neither on its batch mates nor on its place. Another batch size is
+        another program; sizes of 32, 64 and 128 gave the same bits wherever they were
+        compared, others agree to rounding.
     - `threads`: None uses every core that the process may use.
 
-    **Raises:** `ValueError` for what breaks a rule.
+    **Raises:** `ValueError` for a number that breaks a rule.
     """
 
     batch_size: int | None = None

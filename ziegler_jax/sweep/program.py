@@ -1,10 +1,9 @@
-"""What a sweep compiles: the scene, known by its equations, for a batch of lanes.
+"""A sweep's program: the scene, identified by its equations, for a batch of lanes.
 
-A scene is traced anew at each sweep, in a trace of its own: whatever it reads, an
-attribute of an object, a table, the environment, is read again. What was traced is
-known by its digest: one of the scene, by which stores and `merge` know it, and one of
-each stage, by which its compiled program is found again. So a sweep of what has not
-changed is neither lowered nor compiled again, and one of what has is never answered by
+Each sweep traces the scene anew, in its own trace: it reads attributes, tables and the
+environment again. Digests identify the trace: one of the scene, which stores and
+`merge` compare, and one of each stage, by which its compiled program is looked up. So
+an unchanged scene is neither lowered nor compiled again, and a changed one never gets
 the old program.
 """
 
@@ -96,7 +95,7 @@ class Scene(NamedTuple):
 
     @property
     def bytes_a_point(self) -> int:
-        """What the results of a point take in a dataset."""
+        """The size of a point's results in a dataset."""
         arrays = [empty(variable, ()) for variable in self.variables.values()]
         return sum(array.dtype.itemsize * array.size for array in arrays)
 

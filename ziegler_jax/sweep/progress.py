@@ -1,4 +1,4 @@
-"""What a running sweep tells: a bar for the eye, a line a block for a program."""
+"""The progress of a sweep: a bar for the eye, a line a block for a program."""
 
 import json
 import logging
@@ -96,7 +96,7 @@ class Progress:
         self.failed: dict[str, Counter[str]] = {}  # points by variable and code
 
     def __enter__(self) -> "Progress":
-        """Nothing else: the bar is open."""
+        """Return the bar, which is open already."""
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,12 +1,12 @@
-"""What a sweep is: its identity, and its dataset before anything is computed.
+"""A sweep's identity, and its dataset before anything is computed.
 
-A scene is known by one digest: of its equations, as JAX traced them, with the bytes of
-the numbers in them. That sees globals, helpers, attributes and table values, which
-source code hides; it is the same in every process, thread and kind of CPU, and changes
-with the version of JAX. It stands in the dataset (`scene_digest`), and in stores. A
-point that has the host compute something (`jax.pure_callback`) has none: its equations
-do not show what that is. Units and lists of codes are in no equation, and are compared
-beside it. What else labels a variable, and its origin, are those of the dataset.
+One digest identifies a scene: a hash of its equations, as JAX traced them, with the
+bytes of the numbers in them. It includes globals, helpers, attributes and table values,
+which source code hides. It is the same in every process, thread and kind of CPU, and
+changes with the version of JAX. Datasets (`scene_digest`) and stores have it. A point
+with a host callback (`jax.pure_callback`) has none, since its equations do not show the
+host's code. Units and lists of codes are not in the equations, and are compared as
+well. Other labels of a variable, and its origin, are those of the dataset.
 """
 
 import functools

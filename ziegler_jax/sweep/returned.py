@@ -1,4 +1,4 @@
-"""What a point returns: named numbers, and the rules that they keep."""
+"""The results of a point: named numbers, and the rules that they keep."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, cast
@@ -19,7 +19,7 @@ FLAGS = {"regime": REGIMES}
 
 
 class Labelled(NamedTuple):
-    """What a point returned: all that a dataset of it holds."""
+    """The results of a point, with all that a dataset of them needs."""
 
     variables: dict[str, Variable]
     coordinates: dict[str, Sequence[object]]
@@ -27,7 +27,7 @@ class Labelled(NamedTuple):
 
 
 def labelled(result: Returned) -> Labelled:
-    """What a `point` returned, as named variables.
+    """The results of a `point` as named variables.
 
     **Arguments:** `result`: a scalar (its name is `value`), a result of the library, or
     a dict of scalars, `Variable`s and results, whose names then go before those of
@@ -65,7 +65,7 @@ def labelled(result: Returned) -> Labelled:
 
 
 def _of_one_point(returned: Labelled) -> Labelled:
-    """What can stand in a dataset: axes with names, each of one size, none empty."""
+    """Results fit for a dataset: axes with names, each of one size, none empty."""
     known = {**counted(returned.variables), **returned.coordinates}
     sizes = {dim: ("its coordinate", len(values)) for dim, values in known.items()}
     for name, variable in returned.variables.items():

@@ -152,7 +152,7 @@ class _Part(NamedTuple):
     moves: tuple[bool, ...]  # which of them belong to the lane
 
     def of_batch(self, values: list, rows: Sequence) -> list:
-        """What it makes of all lanes, which stand behind."""
+        """The result for all lanes, which are the last axis."""
         leaves = self._leaves(rows, self.jaxpr.outvars)
         return self._of_lanes(values, leaves, rows[0].shape[-1], 0)
 
@@ -200,7 +200,7 @@ class _Part(NamedTuple):
         return [i for i, v in enumerate(self.jaxpr.invars[1:]) if v in read]
 
     def _new(self, results: list) -> list:
-        """Those that it does not hand through, None for the others."""
+        """The outputs that it computes, None for those that it hands through."""
         pairs = zip(self.jaxpr.outvars, self.jaxpr.invars[1:], results, strict=True)
         return [None if new is old else result for new, old, result in pairs]
 
@@ -288,7 +288,7 @@ class _Equations(NamedTuple):
     closed: ClosedJaxpr
 
     def __call__(self, *inputs) -> list:
-        """What they give."""
+        """The results of the equations."""
         return eval_jaxpr(self.closed.jaxpr, self.closed.consts, *inputs)
 
 
@@ -309,12 +309,12 @@ def _function(whole, equations, inputs, outputs) -> _Equations:
 
 
 def _read_by(equations: list[JaxprEqn], outputs: list) -> set[Var]:
-    """What they read, and the outputs."""
+    """The variables that they read, and the outputs."""
     return {v for e in equations for v in _variables(e.invars)} | {*_variables(outputs)}
 
 
 def _needed(equations: list[JaxprEqn], outputs: list) -> list[JaxprEqn]:
-    """Those that the outputs need, in their order."""
+    """The equations that the outputs need, in their order."""
     read, needed = set(_variables(outputs)), []
     for equation in reversed(equations):
         if _any_of(equation.outvars, read) or equation.effects:
@@ -334,7 +334,7 @@ def _varying(jaxpr: Jaxpr, of_lane: Sequence[Var]) -> set[Var]:
 
 
 def _read_behind(jaxpr: Jaxpr, cut: int) -> list[Var]:
-    """What was computed before an equation and is read behind it."""
+    """The variables that are computed before an equation and read after it."""
     behind = [*(v for e in jaxpr.eqns[cut + 1 :] for v in e.invars), *jaxpr.outvars]
     new = {v for e in jaxpr.eqns[cut:] for v in e.outvars}
     return [v for v in _variables(behind) if v not in new]

@@ -52,7 +52,7 @@ def sweep(
     ds = zj.sweep(point, q=np.linspace(1, 4, 31), mu=np.linspace(0.02, 0.4, 11))
     ```
 
-    Samples, both parameters drawn anew for each:
+    Samples, in which two parameters vary together:
 
     ```python
     def load(kappa, c):
@@ -70,66 +70,62 @@ def sweep(
     - `point`: a function of named scalars that JAX can trace, or a `Program`, which was
         traced before. It returns a scalar, a result of the library, which knows its
         dimensions and units, or a dict of scalars, `Variable`s (arrays with named
-        dimensions) and results. It is traced anew at each sweep, so that whatever it
-        reads is read again, but compiled only if that changed its program. (A function
-        that you give to `jax.jit` yourself and call on plain numbers is JAX's to
-        remember.) The motions that it follows one after the other (`settle`,
-        `periodic_orbit`, ...) run in chunks of steps, each in batches of its
-        own, in which a lane makes room for the next one as soon as its motion has
-        ended. Motions inside a transformation of your own (`vmap`, `jvp`) or a loop or
-        conditional (`lax.scan`, `lax.cond`) run whole; inside a call (`jit`,
-        `checkpoint`) they do as elsewhere, unless it holds keys or has the host do
-        something.
+        dimensions) and results. Each sweep traces it anew, so that it reads its
+        globals and attributes again, and compiles it only if its program changed. (JAX
+        itself remembers a function that you give to `jax.jit` and call on plain
+        numbers.) The motions of a point (`settle`, `periodic_orbit`, ...) run in chunks
+        of steps, each in batches of its own: a motion that has ended makes room for the
+        next point. Motions inside your own `vmap`, `jvp`, `lax.scan` or `lax.cond` run
+        from start to end in one batch; inside `jit` or `checkpoint` they run in chunks
+        as well, unless these have random keys or call the host.
     - `where`: a function of the same names that says which points to compute. It gets
-        the axes as NumPy arrays that broadcast against each other; with `store`, those
-        of a block at a time, so that it must judge each point by its own values.
-    - `lanes`: how they run, see `Lanes`.
-    - `store`: a folder, e.g. `"map.zarr"`, into which every block goes as soon as it
-        is finished; in memory are the blocks that are not. A block is a sixteenth of
-        the sweep, but about 256 points at least and 16 000 at most.
-        The same sweep with the same store computes only what is missing or damaged,
-        also after it was killed, and ends in the same numbers to the last bit (on the
-        same kind of processor). A store of another scene, other axes, tolerances,
-        units, codes or versions is refused. (Other names and sentences are not: the
-        store's stay.) The scene is known by a digest of what JAX traced, which does not
-        show what a host callback computes: a sweep of a point with one
-        (`jax.pure_callback`, `io_callback`) warns that it cannot be resumed, and its
-        store is refused to the next. `open_sweep` reads the store at any time;
-        `Store(path, overwrite=True)` replaces the sweep that is in it.
+        the axes as NumPy arrays that broadcast against each other, with `store` of a
+        block at a time: so it must judge each point by its own values.
+    - `lanes`: batches and threads, see `Lanes`.
+    - `store`: a folder, e.g. `"map.zarr"`, to which every block is written as soon as
+        it is finished; only unfinished blocks are in memory. A block is a sixteenth
+        of the sweep, but about 256 points at least and 16 000 at most. The same sweep
+        with the same store computes only missing or damaged blocks, also after it was
+        killed, and ends in the same numbers to the last bit (on the same kind of
+        processor). A store of another point, other axes, tolerances, units, codes or
+        versions is refused. (Other names and sentences are not: the store's stay.) A
+        point is identified by a digest of its traced equations, which does not see into
+        a host callback (`jax.pure_callback`, `io_callback`): a sweep with one warns
+        that it cannot be resumed, and a later sweep refuses its store. `open_sweep`
+        reads the store at any time; `Store(path, overwrite=True)` replaces the sweep in
+        it.
     - `client`: a `dask.distributed.Client`: blocks become tasks of its cluster, one a
         worker's thread at a time. Its workers must be able to import the package and
         what `point` needs, and to write to `store` where there is one.
     - `progress`: a bar with points per second; None shows it on a terminal and in a
-        notebook. While the scene is traced and compiled it says so, with the seconds.
-        Beside it the logger `ziegler_jax.sweep` of Python's `logging` has a message,
-        of level INFO, for every finished block, an object of JSON: where it lies, its
-        points, seconds, steps and outcomes.
+        notebook. While the point is traced and compiled the bar says so, with the
+        seconds. The logger `ziegler_jax.sweep` has a message of level INFO for every
+        finished block, an object of JSON: its place, points, seconds, steps and
+        outcomes.
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
         them alike. An axis that is named like an option goes into `axes`. Names are of
         letters, digits and underscores, as those of results are. Parameters that are
         `xarray.DataArray`s of one dimension vary together along it, as in xarray:
         samples, or a path through the parameters (see the second example). A dimension
-        that was given no name (xarray's `dim_0`) and is no other's has the axis' name.
-        What their attributes `long_name`, `units` and `symbol` say stands in the
-        dataset and in pictures: `xr.DataArray(F, attrs={"units": "N"})`.
+        without a name (xarray's `dim_0`) that no other shares gets the axis' name.
+        Their attributes `long_name`, `units` and `symbol` go into the dataset and
+        pictures: `xr.DataArray(F, attrs={"units": "N"})`.
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
     or were left out are NaN; `outcome`, a CF flag variable, says why. One warning at
     the end says how many failed in which way, and what to do (a column that turned
-    over, `escaped`, is no failure). The attributes
-    hold versions, the scene's digest (`scene_digest`: two sweeps of one are
-    of one scene; `none` for a point with host callbacks), its source for
-    people to read, and what this run cost: seconds,
-    the share of useful steps (NaN where no motion runs in chunks), and how many of the
-    batches that were computed a second time, one of 256, gave other bits
-    (`canary_mismatches`, of `canary_checks`; it warns where there are any). With
-    `store`, its arrays stay on the disk until they are looked at.
+    over, `escaped`, is no failure). The attributes are versions, the digest of the
+    traced point (`scene_digest`, equal for sweeps of the same point; `none` with host
+    callbacks), its source for people to read, and the cost of this run: seconds, the
+    share of useful steps (NaN where no motion runs in chunks). One batch of 256 is
+    computed a second time: `canary_mismatches` of `canary_checks` gave other bits, and
+    any mismatch warns. With `store`, arrays stay on the disk until they are used.
 
     **Raises:** `ValueError` that names the argument, its value and the rule; a
     sweep in memory that would take more than half of what is free; what `point` raises
     while it runs, with a note of the batch's values; `OSError` where
     the store cannot be written; `KeyboardInterrupt` after Ctrl-C, as soon as JAX has
-    compiled (after a second one at once). What was finished before stays in the store.
+    compiled (after a second one at once). Finished blocks stay in the store.
     """
     refuse_forked()
     # where JAX writes down equations a zero is a tracer, too
@@ -181,7 +177,7 @@ def _grid(
 
 
 class _Run(NamedTuple):
-    """What is to be computed, and by whom."""
+    """The points to compute, and the workers for them."""
 
     scene: Scene
     program: Program | None  # that has been compiled, or is once
@@ -234,7 +230,7 @@ def _filled(run: _Run, backend: Memory | SweepStore, show: bool | None) -> xr.Da
 
 
 def _cost(effort: Effort, points: int, seconds: float) -> dict[str, float]:
-    """What this run cost, and how many points it computed."""
+    """The cost of this run, and the number of points that it computed."""
     return {
         "compile_seconds": round(seconds, 3),
         "run_seconds": round(effort.seconds, 5),

@@ -100,7 +100,7 @@ def _is_opened(equation: JaxprEqn) -> bool:
 def _run(
     jaxpr: Jaxpr, consts: Sequence[object], args: Sequence[object], input_of: InputOf
 ) -> list:
-    """What equations give, with inputs for constants."""
+    """The results of equations, with inputs for constants."""
     tables = _Tables()
 
     def with_inputs(equation: JaxprEqn, operands: Sequence) -> Sequence | None:

@@ -110,7 +110,7 @@ class SI(eqx.Module):
         units, whatever these are, and are not scaled.
 
         **Arguments:** `value`: of a class of the library, or a law or an observer of
-        one's own whose class has `units`. All numbers in it are in SI units, defaults
+        your own whose class has `units`. All numbers in it are in SI units, defaults
         too.
 
         **Returns:** the same kind of value. Traced numbers are scaled and
