@@ -39,13 +39,13 @@ def main():
         upper.set_title(rf"$\tau_s = {s:g}\,k$, $\tau_k = {k:g}\,k$", loc="left")
         lower.set_xlabel("load $q = Fl/k$")
     axes[0, 0].set_ylabel(r"largest $|\varphi_2 - \varphi_1|$ (rad)")
-    axes[1, 0].set_ylabel("stick fraction, joint 2")
+    axes[1, 0].set_ylabel("stick fraction of joint 2")
     axes[0, 0].legend(title="load goes")
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
     figure.suptitle(
-        "Set-valued friction, constant torques in both joints; at each load a kick "
-        rf"$\dot\varphi_2$ += {KICK} $\sqrt{{k/(m l^2)}}$",
+        "Set-valued friction, constant torques in both joints; at each load a kick of "
+        rf"{KICK} $\sqrt{{k/(m l^2)}}$ to $\dot\varphi_2$",
         fontsize=12,
     )
     figure.tight_layout()

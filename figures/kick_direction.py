@@ -45,10 +45,11 @@ def main():
     ax.set_rlim(0.02, 3.0)
     ax.set_rticks([0.1, 1.0], ["0.1", "1"])
     title = (
-        "Uniform rods, set-valued friction: rest inside, flutter outside;\n"
-        r"torque $\tau$ = 0.02 k in both joints, rates in $\sqrt{k/(ml^2)}$"
+        "Critical kick by its direction: rest inside, flutter outside;\n"
+        r"dry friction $\tau$ = 0.02 $k$ in both joints, rates in $\sqrt{k/(ml^2)}$"
+        ", logarithmic"
     )
-    ax.set_title(title, pad=18)
+    ax.set_title(title, pad=18, fontsize=11)
     style.save(figure, __file__)
 
 

@@ -30,15 +30,15 @@ def main():
     for code, mark, text in (
         (zj.CODE.repeated, "w.", "rest returns above"),
         (zj.CODE.undecided, "kx", "undecided"),
-        (zj.CODE.rests, "k_", "rest up to q = 2.6"),
+        (zj.CODE.rests, "k_", "rest up to $q = 2.6$"),
     ):
         here = ds.outcome.values == code
         if here.any():
             ax.plot(s[here], k[here], mark, ms=4, label=text)
-    ax.set_xlabel(r"static friction torque $\tau_s$ (k)")
-    ax.set_ylabel(r"kinetic friction torque $\tau_k$ (k)")
+    ax.set_xlabel(r"static friction torque $\tau_s$ ($k$)")
+    ax.set_ylabel(r"kinetic friction torque $\tau_k$ ($k$)")
     ax.set_title(
-        "Set-valued friction: first flutter after a kick "
+        "Set-valued friction: first flutter after a kick\n"
         r"$\dot\varphi_2(0) = 0.6\,\sqrt{k/(m l^2)}$",
         loc="left",
     )
