@@ -80,7 +80,7 @@ def main():
     left.set_ylabel("critical load $q_{cr}$")
     left.set_title("Critical load of weakly damped columns", loc="left")
     look = {"color": "white", "mec": "k", "ls": "none"}
-    left.plot([], [], "o", ms=6, **look, label="steps of `stabilise`")
+    left.plot([], [], "o", ms=6, **look, label="steps of stabilise")
     left.plot([], [], "*", ms=14, **look, label="the best ratio")
     left.legend(loc="lower right")
     left.spines[["top", "right"]].set_visible(False)

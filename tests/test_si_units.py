@@ -325,7 +325,7 @@ def joint(**changes):
         (lambda: UNITS.restore(3.0), "`result` must be a `Trajectory`"),
         (
             lambda: UNITS.restore(xr.Dataset({"x": ((), 1.0, {"units": "furlong"})})),
-            "`x` of the dataset must be in one of .* but is in furlong",
+            "`x` of the result must be in one of .* but is in furlong",
         ),
         (
             lambda: UNITS.transition_rate(0.0, 0.1),

@@ -187,4 +187,4 @@ def _mark_onset(
 def _mark_critical(ax: Axes, legend: dict[str, Artist | None]) -> None:
     """The load at which the column without friction loses its stability."""
     line = ax.axvline(Q_CRITICAL, color="black", linestyle="--", linewidth=1)
-    legend[rf"linear, without friction: $q_{{cr}} = {Q_CRITICAL:.4f}$"] = line
+    legend[rf"linear $q_{{cr}} = {Q_CRITICAL:.4f}$"] = line

@@ -47,7 +47,7 @@ table.elasticity.to_series()
 # ## Friction in the joints
 #
 # A kick of the last rod, at each load and friction of a small map of three rods. What
-# is coloured flutters on a certified cycle, what is plain has come to rest; hatched
+# is coloured flutters on a certified cycle, what is plain has come to rest; dotted
 # motions still near their cycle as the time is over, which is slow at small friction.
 
 # %%

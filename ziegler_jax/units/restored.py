@@ -151,8 +151,10 @@ def _frequency(period: xr.Variable) -> xr.Variable:
 
 
 def _frequency_of(meaning: str) -> str:
-    """Of which a frequency is, where a period is `period of the cycle`."""
-    return meaning.replace("period", "frequency", 1)
+    """The meaning of the reciprocal of a period with this meaning."""
+    if "period" in meaning:
+        return meaning.replace("period", "frequency", 1)
+    return f"frequency, of a {meaning}"
 
 
 def _unit_of(name: Hashable, units: str) -> Unit | None:
