@@ -1,4 +1,7 @@
-"""The first map: amplitude of joint 2 over load and friction, one cell a motion."""
+"""The first map: amplitude of joint 2 over load and friction, one cell a motion.
+
+A minute on two cores, nearly all of it compilation.
+"""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,7 +20,6 @@ def point(q, mu):
 
 
 def main():
-    """Half a minute on two cores, compilation included."""
     ds = zj.sweep(point, q=np.linspace(1, 3, 81), mu=np.linspace(0.01, 0.2, 40))
     figure, ax = plt.subplots(figsize=(6.8, 4.3), layout="constrained")
     zj.plot.map(ds.sel(joint=2), "joint_amplitude", x="q", y="mu", ax=ax)
