@@ -20,13 +20,14 @@ def point_of(n):
 
 
 def main():
-    figure, axes = plt.subplots(1, 5, figsize=(10.5, 3.8), sharex=True, sharey=True)
-    how = {"x": "tau", "y": "q", "vmin": 0, "vmax": 2}
+    shared = {"sharex": True, "sharey": True, "layout": "constrained"}
+    figure, axes = plt.subplots(1, 5, figsize=(10.5, 4.2), **shared)
+    how = {"x": "tau", "y": "q", "vmin": 0, "vmax": 2, "colorbar": False}
     grid = {"q": np.linspace(5, 20, 31), "tau": np.linspace(0.01, 0.17, 17)}
     legend = {}
     for n, ax in zip(range(2, 7), axes, strict=True):
         tip = zj.sweep(point_of(n), **grid).isel(rod=-1)
-        zj.plot.map(tip, "rod_amplitude", ax=ax, colorbar=n == 6, **how)
+        zj.plot.map(tip, "rod_amplitude", ax=ax, **how)
         own = ax.get_legend()
         names = [text.get_text() for text in own.get_texts()]
         legend |= dict(zip(names, own.legend_handles, strict=True))
@@ -35,11 +36,13 @@ def main():
         ax.set(title=f"{n} rods", xlabel=r"friction $\tau$ ($EI/L$)", ylabel="")
         print(n, np.unique(tip.outcome, return_counts=True), tip.attrs["run_seconds"])
     axes[0].set_ylabel(r"load $P L^2/(E I)$")
-    figure.axes[-1].set_ylabel("largest angle of\nthe last rod (rad)")
+    axes[0].set_xticks([0.05, 0.15])
+    about = {"label": "largest angle of the last rod (rad)"}
+    figure.colorbar(axes[0].collections[0], ax=axes, **about)
     legend["flutter without friction"] = line
-    where = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.02), "ncols": 5}
+    where = {"loc": "outside lower center", "ncols": 5}
     figure.legend(list(legend.values()), list(legend), **where)
-    figure.suptitle(TITLE, y=1.0, fontsize=12)
+    figure.suptitle(TITLE, fontsize=12)
     style.save(figure, __file__)
 
 
