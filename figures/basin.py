@@ -29,14 +29,15 @@ def main():
     print(ds.attrs["run_seconds"])
     figure, ax = plt.subplots(figsize=(7.5, 5))
     held = ds.joint_amplitude.sel(joint=2).where(stuck)
-    held.attrs["long_name"] = r"joint angle held at rest $|\varphi_2 - \varphi_1|$"
+    held.attrs["long_name"] = r"$|\varphi_2 - \varphi_1|$ held at rest"
     zj.plot.map(held.to_dataset(), held.name, "phi2", "omega2", ax=ax, cmap="cividis")
     ax.set_facecolor(colours.PALE_BLUE)
     ax.set_title(
-        rf"Set-valued friction, q = 1.8, $\tau$ = {TAU:g} k: {share:.0%} come to rest",
+        rf"Dry friction, $q = 1.8$, $\tau$ = {TAU:g} $k$: {share:.0%} come to rest",
         loc="left",
     )
     ax.text(-0.95, 1.2, "flutter cycle", color=colours.BLUE)
+    ax.set_xticks(np.linspace(-1, 1, 5))
     ax.set_xlabel(r"angle of rod 2 at the start $\varphi_2(0)$ (rad)")
     ax.set_ylabel(r"its rate $\dot\varphi_2(0)$ ($\sqrt{k/(ml^2)}$)")
     style.save(figure, __file__)

@@ -37,7 +37,8 @@ def draw_elasticities(table, ax):
     ax.tick_params(axis="y", length=0)
     ax.set_xlabel(r"elasticity $(p/q_{cr})\,dq_{cr}/dp$")
     name = "q_{cr}" if table.kind == "flutter" else f"q_\\mathrm{{{table.kind}}}"
-    ax.set_title(f"What moves ${name}$ = {table.q_cr:.4f}", loc="left")
+    scene = "uniform rods, $c_1 = c_2 = 0.1$"
+    ax.set_title(f"{scene}: ${name}$ = {table.q_cr:.4f}", loc="left")
 
 
 def main():
@@ -77,7 +78,10 @@ def main():
     left.set_ylim(None, 2.75)
     left.set_xlabel("ratio $c_1/c_2$ of vanishing damping")
     left.set_ylabel("critical load $q_{cr}$")
-    left.set_title("Curve: scan. Points: steps of stabilise", loc="left")
+    left.set_title("Critical load of weakly damped columns", loc="left")
+    look = {"color": "white", "mec": "k", "ls": "none"}
+    left.plot([], [], "o", ms=6, **look, label="steps of stabilise")
+    left.plot([], [], "*", ms=14, **look, label="the best ratio")
     left.legend(loc="lower right")
     left.spines[["top", "right"]].set_visible(False)
     column = zj.uniform_rods(damping=zj.Viscous(0.1, 0.1))

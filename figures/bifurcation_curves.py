@@ -50,8 +50,10 @@ def main():
     axes[0].plot(points.second, points.first, "k--", label="joint 2 begins to stick")
     points = jax.jit(change_of_modes, static_argnums=0)("grazing_2", 1.48, 0.05)
     axes[1].plot(points.second, points.first, "k:", lw=2, label="joint 2 grazes")
-    axes[0].set(ylabel="follower load $q = F l/k$", title="Folds, set-valued friction")
-    axes[1].set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="Marked ends: modes change")
+    axes[0].plot([], [], "ko", ls="none", label="an end where modes change")
+    axes[0].set(ylabel="follower load $q = F l/k$")
+    axes[0].set_title("Folds of cycles, set-valued friction")
+    axes[1].set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="the same at small torques")
     figure.legend(loc="outside lower center", ncols=3)
     style.save(figure, __file__)
 

@@ -14,9 +14,9 @@ from ziegler_jax.__main__ import KICK, MU_RANGE, PIN_RADIUS, Q_RANGE, point
 
 STUCK, CYCLE = zj.CODE.stuck, zj.CODE.cycle
 KINDS = {  # colour and text of a boundary, by its labels
-    (STUCK, CYCLE): ("#D55E00", "rest to a cycle"),
-    (zj.CODE.unsettled, STUCK): ("#0072B2", "rest to undecided"),
-    (zj.CODE.unsettled, CYCLE): ("#000000", "undecided to a cycle"),
+    (STUCK, CYCLE): ("#D55E00", "stuck to a cycle"),
+    (zj.CODE.unsettled, STUCK): ("#0072B2", "stuck to unsettled"),
+    (zj.CODE.unsettled, CYCLE): ("#000000", "unsettled to a cycle"),
 }
 
 
@@ -46,7 +46,10 @@ def main():
     ax.get_legend().remove()
     figure.legend(handles=[*lines, *cells_legend], loc="outside upper left", ncols=3)
     ax.set_title(
-        rf"Uniform rods, $\dot\varphi(0)$ = {KICK}, pins of {PIN_RADIUS} l", loc="left"
+        rf"Uniform rods, pins of {PIN_RADIUS} l, kick $\dot\varphi_2(0)$ = {KICK[1]} "
+        r"$\sqrt{k/(m l^2)}$",
+        loc="left",
+        fontsize=11,
     )
     style.save(figure, __file__)
 

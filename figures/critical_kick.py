@@ -23,8 +23,8 @@ def main():
     ds = zj.sweep(point, q=np.linspace(1.2, 2.6, 64), tau=taus)
     print({k: ds.attrs[k] for k in ("run_seconds", "compile_seconds")})
     print(np.unique(ds.outcome, return_counts=True))
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), width_ratios=(1.2, 1))
-    kick = {"long_name": r"critical kick $\dot\varphi_2(0)$", "units": UNITS}
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    kick = {"long_name": r"kick $\dot\varphi_2(0)$", "units": UNITS}
     ds.threshold.attrs |= kick
     left.set_yscale("log")
     zj.plot.map(ds, "threshold", x="q", y="tau", ax=left, norm="log")
@@ -35,8 +35,8 @@ def main():
     left.plot(qs[slow], ts[slow], "k.", ms=2, label="undecided")
     left.legend(loc="lower right", frameon=True, markerscale=4)
     left.set_xlabel("load $q = Fl/k$")
-    left.set_ylabel(r"friction torque $\tau$ (k)")
-    left.set_title("Smallest kick that starts flutter, set-valued friction", loc="left")
+    left.set_ylabel(r"friction torque $\tau$ ($k$)")
+    left.set_title("Smallest kick that starts flutter", loc="left")
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.9, 5))
     for tau, colour in zip(taus[[0, 16, 32, 48, 63]], shades, strict=True):
         one = ds.sel(tau=tau)
@@ -44,13 +44,10 @@ def main():
     right.set_xlabel("load $q = Fl/k$")
     right.set_yticks([4, 6, 10, 20, 40], ["4", "6", "10", "20", "40"], minor=False)
     right.minorticks_off()
-    right.set_ylabel(
-        rf"critical kick over torque $\dot\varphi_2(0) / \tau$ ({RATE}$/k$)"
-    )
-    right.set_title("One curve where motions stay small", loc="left")
-    right.legend(title=r"torque $\tau$ (k)")
+    right.set_ylabel(rf"kick over torque $\dot\varphi_2(0) / \tau$ ({RATE}$/k$)")
+    right.set_title("The same over the torque of dry friction", loc="left")
+    right.legend(title=r"torque $\tau$ ($k$)", labelspacing=0.3)
     right.spines[["top", "right"]].set_visible(False)
-    figure.tight_layout()
     style.save(figure, __file__)
 
 

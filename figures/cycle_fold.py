@@ -30,7 +30,7 @@ def branch(tau):
 
 
 def main():
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14, 4.6))
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(10.5, 4.2))
     tau = np.linspace(0.01, 0.1, 10)  # above, another fold comes first
     fold = np.asarray(folds(tau).parameter)
     tau, fold = tau[np.isfinite(fold)], fold[np.isfinite(fold)]
@@ -42,10 +42,10 @@ def main():
         14 / 11, 0, "o", color="w", mec=colours.BLUE, label="its limit, $q = 14/11$"
     )
     left.axvline(q_cr, color=colours.VERMILLION, ls="--", label="$q_{cr}$, no friction")
-    left.text(0.84, 0.05, "no cycle on\nthis branch", fontsize=11)
-    left.text(1.62, 0.06, "rest and flutter")
+    left.text(0.84, 0.062, "no cycle", fontsize=11)
+    left.text(1.56, 0.062, "rest\nand flutter", fontsize=11)
     left.set(xlim=(0.8, 3), ylim=(0, tau.max()), ylabel=r"friction torque $\tau$ ($k$)")
-    left.set_title(r"set-valued friction, $\tau_s = \tau_k = \tau$", loc="left")
+    left.set_title("dry friction in both joints", loc="left")
     points = branch(0.1).points
     q, stable = np.asarray(points.parameter), np.asarray(points.stable)
     moduli = np.abs(np.asarray(points.multipliers))
@@ -60,9 +60,13 @@ def main():
     right.plot([], color=colours.BLUE, label="the largest beside 1")
     right.plot([], color=colours.ORANGE, label="the next")
     middle.set(ylabel=r"largest $|\varphi_2 - \varphi_1|$ (rad)", ylim=(0, None))
-    right.set(ylabel="modulus of Floquet multipliers", ylim=(0, 2.5))
+    right.set(ylabel="modulus of Floquet multiplier", ylim=(0, 2.5))
+    middle.plot([], color=colours.BLUE, lw=2.5, label="stable")
+    middle.plot([], "--", color=colours.BLUE, lw=2.5, label="unstable")
+    middle.legend(loc="lower right")
+    middle.set_title(r"cycles at $\tau = 0.1\,k$", loc="left")
+    right.set_title("their multipliers", loc="left")
     for ax in (middle, right):
-        ax.set_title(r"$\tau$ = 0.1: stable —, unstable - -", loc="left")
         ax.set_xlim(1.5, 2.7)
     for ax in (left, middle, right):
         ax.set_xlabel("load $q = Fl/k$")

@@ -36,8 +36,10 @@ def main():
     ax.set_ylabel(r"largest $|\varphi_2 - \varphi_1|$ (rad)")
     ax.set_xlabel("follower load $q = F l/k$")
     ax.set_title(
-        rf"Uniform rods, $\mu$ = {MU}, pins of 0.1 l, $v_{{smooth}}$ = 0.1, "
-        rf"c = {DAMPING}; kicks $\dot\varphi_2$ += {KICK}",
+        rf"Uniform rods, tanh friction $\mu$ = {MU}, pins of 0.1 l, damping {DAMPING} "
+        r"$\sqrt{k m l^2}$;"
+        "\n"
+        rf"at each load a kick of {KICK} $\sqrt{{k/(m l^2)}}$ to $\dot\varphi_2$",
         loc="left",
         fontsize=11,
     )

@@ -43,7 +43,8 @@ def main():
         np.ravel(found.phi[..., 1]), np.ravel(found.omega[..., 1]), "k.", ms=1.2
     )
     axes[0].set_title(
-        rf"chaotic: $q = {Q}$, $\tau_s = {TAU_S}\,k$, $\tau_k = {TAU_K}\,k$"
+        rf"chaotic: $q = {Q}$, $\tau_s = {TAU_S}\,k$, $\tau_k = {TAU_K}\,k$",
+        fontsize=10,
     )
     found = jax.jit(jax.vmap(free))(KICKS)
     colours = plt.colormaps["viridis"](np.linspace(0, 0.9, KICKS.size))
@@ -51,10 +52,10 @@ def main():
         found.phi, found.omega, KICKS, colours, strict=True
     ):
         axes[1].plot(phi[:, 1], omega[:, 1], ".", ms=2, color=colour, label=f"{kick:g}")
-    axes[1].set_title(f"no friction, $q = {Q_FREE}$: a curve each start")
+    axes[1].set_title(f"no friction, $q = {Q_FREE}$: a curve each kick", fontsize=10)
     axes[0].set_xticks([-0.110, -0.105, -0.100])
     axes[1].legend(
-        title="kick $\\dot\\varphi_2$\n($\\sqrt{k/(m l^2)}$)",
+        title="kick\n($\\sqrt{k/(m l^2)}$)",
         markerscale=4,
         loc="center left",
         bbox_to_anchor=(1, 0.5),

@@ -74,7 +74,7 @@ def main():
             for (branch, mark, colour), which in zip(WAYS, (~up, up), strict=True):
                 look = {"color": colour, "mfc": "none", "ms": 4, "lw": 0.6}
                 ax.plot(loads[which], peaks[which], mark + "-", **look, label=branch)
-            ax.set_title(rf"ramp, $|\dot q| = {rate:g}$", loc="left")
+            ax.set_title(rf"ramp, {rate:g} $\sqrt{{k/(m l^2)}}$", loc="left")
         torques = rf"$\tau_s = {s:g}\,k$, $\tau_k = {k:g}\,k$"
         row[0].set_title(f"stairs, {torques}", loc="left")
         row[0].set_ylabel(r"largest $|\varphi_2 - \varphi_1|$ (rad)")
@@ -84,8 +84,11 @@ def main():
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
     figure.suptitle(
-        rf"Dry friction; a kick $\dot\varphi_2$ += {KICK} $\sqrt{{k/(m l^2)}}$ at each "
-        rf"load, or a tap of its momentum each {BETWEEN:g} $\sqrt{{m l^2/k}}$",
+        rf"Dry friction; stairs: $\dot\varphi_2$ is kicked by {KICK} "
+        r"$\sqrt{k/(m l^2)}$ at each load; "
+        "\n"
+        rf"ramps: it is tapped with the same momentum every {BETWEEN:g} "
+        r"$\sqrt{m l^2/k}$",
         fontsize=12,
     )
     figure.tight_layout()

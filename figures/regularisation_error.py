@@ -38,14 +38,14 @@ def main():
     wrong = (stuck[0] != stuck[1]).values
     order = np.diff(np.log(np.where(wrong, np.nan, error)), axis=1) / np.diff(np.log(v))
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
     about = {"long_name": "largest amplitude error", "units": "rad"}
     plane = ds.drop_vars("outcome").assign(error=(("q", "v_smooth"), error, about))
     left.set_yscale("log")
     shades = {"norm": LogNorm(1e-4, 1.0), "cmap": "cividis"}
     zj.plot.map(plane, "error", x="q", y="v_smooth", ax=left, **shades)
     i, j = np.nonzero(wrong)
-    left.plot(q[i], v[j], "kx", label="wrong verdict")
+    left.plot(q[i], v[j], "kx", label="one law rests, the other flutters")
     left.set(xlabel="load $q = Fl/k$")
     left.set_ylabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
     left.legend(loc="lower left", bbox_to_anchor=(0, 1))
@@ -53,7 +53,8 @@ def main():
     low, middle, high = np.nanpercentile(order[q >= 2.0], [25, 50, 75], axis=0)
     right.fill_between(between, low, high, color=colours.BLUE, alpha=0.3, lw=0)
     right.plot(between, middle, "o-", color=colours.BLUE)
-    right.set(xscale="log", ylabel="order of convergence, $q \\geq 2$")
+    right.set(xscale="log", ylabel="order of convergence")
+    right.set_title(r"median and quartiles over $q \geq 2$", loc="left")
     right.set_xlabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
     right.axhline(1.0, color="0.6", lw=1)
     figure.suptitle(

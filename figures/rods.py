@@ -7,9 +7,7 @@ import style
 import ziegler_jax as zj
 
 WINDOWS = zj.Windows(transient=20.0, length=8.0, max_windows=20)
-TITLE = "Beck's column in rods, smoothed friction in each joint, after a small kick: "
-TITLE += "plain at rest,\nhatched turned over (red) or not settled; dashed: flutter "
-TITLE += "without friction"
+TITLE = "Beck's column in rods, smoothed friction in each joint, after a small kick"
 
 
 def point_of(n):
@@ -22,18 +20,29 @@ def point_of(n):
 
 
 def main():
-    figure, axes = plt.subplots(1, 5, figsize=(13, 3.6), sharex=True, sharey=True)
-    how = {"x": "tau", "y": "q", "vmin": 0, "vmax": 2, "legend": False}
+    shared = {"sharex": True, "sharey": True, "layout": "constrained"}
+    figure, axes = plt.subplots(1, 5, figsize=(10.5, 4.2), **shared)
+    how = {"x": "tau", "y": "q", "vmin": 0, "vmax": 2, "colorbar": False}
     grid = {"q": np.linspace(5, 20, 31), "tau": np.linspace(0.01, 0.17, 17)}
+    legend = {}
     for n, ax in zip(range(2, 7), axes, strict=True):
         tip = zj.sweep(point_of(n), **grid).isel(rod=-1)
-        zj.plot.map(tip, "rod_amplitude", ax=ax, colorbar=n == 6, **how)
-        ax.axhline(zj.critical_load(zj.beck(n)).q_cr, color="k", ls="--", lw=1)
+        zj.plot.map(tip, "rod_amplitude", ax=ax, **how)
+        own = ax.get_legend()
+        names = [text.get_text() for text in own.get_texts()]
+        legend |= dict(zip(names, own.legend_handles, strict=True))
+        own.remove()
+        line = ax.axhline(zj.critical_load(zj.beck(n)).q_cr, color="k", ls="--", lw=1)
         ax.set(title=f"{n} rods", xlabel=r"friction $\tau$ ($EI/L$)", ylabel="")
         print(n, np.unique(tip.outcome, return_counts=True), tip.attrs["run_seconds"])
     axes[0].set_ylabel(r"load $P L^2/(E I)$")
-    figure.axes[-1].set_ylabel("largest angle of\nthe last rod (rad)")
-    figure.suptitle(TITLE, x=0.09, y=1.1, ha="left", fontsize=12)
+    axes[0].set_xticks([0.05, 0.15])
+    about = {"label": "largest angle of the last rod (rad)"}
+    figure.colorbar(axes[0].collections[0], ax=axes, **about)
+    legend["flutter without friction"] = line
+    where = {"loc": "outside lower center", "ncols": 5}
+    figure.legend(list(legend.values()), list(legend), **where)
+    figure.suptitle(TITLE, fontsize=12)
     style.save(figure, __file__)
 
 

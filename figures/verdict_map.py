@@ -1,4 +1,4 @@
-"""What kind of motion a kick leads to, over load and friction, into verdict_map.png.
+"""The kind of motion that a kick leads to, over load and friction.
 
 Uniform rods, set-valued friction with mu_s = 4 mu_k, pins of radius 0.1 that carry the
 load; rods may turn over. About half a minute on two cores, compilation included.
@@ -56,9 +56,12 @@ def main():
     zj.plot.map(plane, "kind", x="q", y="mu_k", ax=ax, colours=chosen)
     handles = ax.get_legend().legend_handles
     ax.legend(handles=handles, loc="center left", bbox_to_anchor=(1, 0.5))
-    ax.set(xlabel="follower load $q = F l/k$", ylabel=r"kinetic friction $\mu_k$")
+    ax.set(
+        xlabel="follower load $q = F l/k$",
+        ylabel=r"kinetic friction $\mu_k$",
+    )
     ax.set_title(
-        r"set-valued friction, $\mu_s = 4\mu_k$, $R_{pin}/l = 0.1$, $N = q$; "
+        r"Uniform rods, dry friction $\mu_s = 4\mu_k$, pins of $0.1\,l$; "
         rf"kick $\dot\varphi_2(0) = {KICK}\sqrt{{k/(m l^2)}}$",
         loc="left",
         fontsize=10,

@@ -11,10 +11,14 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import style
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 import ziegler_jax as zj
 
 C1, C2 = 1.0, 0.3
+POINTS = {"marker": "o", "ls": "none", "color": colours.VERMILLION}
+POINTS |= {"ms": 3.5, "mec": "k", "mew": 0.3}
 
 
 def column(c1, c2, q=0.0):
@@ -48,7 +52,7 @@ def main():
     ax.plot_surface(c1, c2, q, cmap="cividis", alpha=0.75, rcount=90, ccount=60, lw=0)
     for ray in range(0, 181, 20):
         ax.plot(c1[ray], c2[ray], q[ray], color="0.25", lw=0.8)
-    ax.plot(p1, p2, dots, "o", color=colours.VERMILLION, ms=3.5, mec="k", mew=0.3)
+    ax.plot(p1, p2, dots, **POINTS)
     ax.plot([0, 0], [0, 0], [np.min(q[:, 0]), top], color="k", lw=3)
     ax.plot([0], [0], [top], "D", color=colours.PURPLE, mec="k", ms=9)
     ax.text(0.0, -0.02, top + 0.16, f"undamped {top:.4f}", ha="center")
@@ -57,9 +61,12 @@ def main():
     ax.set_yticks([0.0, 0.1, 0.2, 0.3])
     ax.set_zlabel("$q_{cr} = F_{cr}l/k$")
     ax.view_init(elev=24, azim=38)
-    title = "Surface: critical_load. Points: sign changes of the numeric spectrum\n"
-    title += f"(uniform rods; they differ by at most {worst:.0e})"
-    ax.set_title(title, fontsize=12, y=1.0)
+    handles = [
+        Patch(facecolor="#7C7B78", label="critical load of damped uniform rods"),
+        Line2D([], [], **POINTS, label="where max Re $s$ of the spectrum changes sign"),
+    ]
+    figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.9))
+    print(f"both differ by at most {worst:.0e}")
     style.save(figure, __file__, pad_inches=0.3)  # the 3D label sticks out
 
 

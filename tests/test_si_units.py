@@ -156,24 +156,69 @@ def test_a_restored_dataset_names_and_scales_its_units():
     assert float(si.period.sel(tau=0.2)[0]) > 0  # by its own new coordinate
 
 
-def test_a_settled_motion_comes_back_in_seconds():
+@pytest.fixture(scope="module")
+def ended():
     column, watch = rods(6.0), (zj.Period(), zj.EnergyBalance())
     short = zj.Windows(transient=5, length=40, max_windows=1)
-    end = zj.settle(column, KICK, windows=short, observers=watch, certify=False)
-    si = UNITS.restore(end)
-    assert si.period.attrs["units"] == "s"
-    assert float(si.period) == pytest.approx(float(end.period) * UNITS.time, rel=1e-14)
-    assert si.rod_amplitude.sel(rod=2) == end.rod_amplitude[1]
-    assert si.follower_power.attrs["units"] == "W"
-    assert int(si.outcome) == zj.CODE.unsettled
-    assert "unsettled" in si.outcome.attrs["flag_meanings"]
+    return zj.settle(column, KICK, windows=short, observers=watch, certify=False)
+
+
+def test_a_settled_motion_comes_back_in_seconds(ended):
+    si, ds = UNITS.restore(ended), UNITS.restore(ended).to_dataset()
+    assert float(si.period) == pytest.approx(
+        float(ended.period) * UNITS.time, rel=1e-14
+    )
+    assert ds.period.attrs["units"] == "s" and ds.period == si.period
+    assert si.rod_amplitude[1] == ds.rod_amplitude.sel(rod=2) == ended.rod_amplitude[1]
+    assert ds.follower_power.attrs["units"] == "W"
+    assert int(si.outcome) == int(ds.outcome) == zj.CODE.unsettled
+    assert "unsettled" in ds.outcome.attrs["flag_meanings"]
+    assert si.attributes() == ds.attrs and "not SI" in ds.attrs["options_in"]
+
+
+def test_a_period_has_its_frequency_beside_it(ended):
+    """Of a result, of its dataset and of a sweep's; not of what has no period."""
+    si = UNITS.restore(ended)
+    for hertz in (
+        si.frequency,
+        si.to_dataset().frequency,
+        UNITS.restore(ended.to_dataset()).frequency,
+    ):
+        assert float(hertz) * float(ended.period) * UNITS.time == pytest.approx(
+            1, rel=1e-14
+        )
+    about = si.to_dataset().frequency.attrs
+    assert about["units"] == "Hz" and "frequency" in about["long_name"]
+    assert "frequency" not in ended.to_dataset()
+    critical = UNITS.restore(zj.critical_load(rods_in_own_units()))
+    assert critical.to_dataset().frequency.attrs["units"] == "rad/s"
+
+
+def rods_in_own_units():
+    return zj.uniform_rods(1.0, l2=0.5)
+
+
+def test_a_restored_result_prints_its_numbers_in_si_and_what_its_codes_mean(ended):
+    rows = repr(UNITS.restore(ended)).splitlines()
+    assert rows[0] == "Settled in SI units"
+    own = [row.split("=")[0].strip() for row in repr(ended).splitlines()[1:]]
+    printed = dict(row.split(" = ") for row in rows[1:])
+    printed = {name.strip(): text for name, text in printed.items()}
+    assert set(printed) == {*own, "frequency"}
+    seconds = float(ended.time) * UNITS.time
+    assert printed["time"].endswith(" s")
+    assert float(printed["time"].split()[0]) == pytest.approx(seconds, rel=1e-5)
+    assert printed["frequency"].endswith(" Hz")
+    assert printed["outcome"] == f"unsettled: {zj.CODE.unsettled.sentence}"
+    load = repr(UNITS.restore(zj.critical_load(rods_in_own_units())))
+    assert " N\n" in load and f"found: {zj.CODE.found.sentence}" in load
 
 
 def test_lanes_of_a_result_are_dimensions_after_restoring():
     load = jax.vmap(lambda l2: zj.critical_load(zj.uniform_rods(l2=l2)))
     found = load(np.array([0.5, 1.0]))
     si = UNITS.restore(found)
-    assert si.q_cr.dims == ("lane_1",)
+    assert si.to_dataset().q_cr.dims == ("lane_1",)
     np.testing.assert_array_equal(si.q_cr, found.q_cr * UNITS.force)
 
 
@@ -280,7 +325,7 @@ def joint(**changes):
         (lambda: UNITS.restore(3.0), "`result` must be a `Trajectory`"),
         (
             lambda: UNITS.restore(xr.Dataset({"x": ((), 1.0, {"units": "furlong"})})),
-            "`x` of the dataset must be in one of .* but is in furlong",
+            "`x` of the result must be in one of .* but is in furlong",
         ),
         (
             lambda: UNITS.transition_rate(0.0, 0.1),

@@ -172,7 +172,7 @@ def onset(plane: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw(ds: xr.Dataset, path: Path, law: str = "smoothed") -> None:
-    """Draw three sections of the map, and the flutter onset."""
+    """Draw three sections of the map, and the flutter onset in each."""
     from ziegler_jax._main_picture import draw_sections
 
     planes = [section(ds.sel(joint=2), ratio) for ratio, _ in SECTIONS]

@@ -1,4 +1,4 @@
-"""The main job's pictures: three sections of its map, and where flutter begins.
+"""The main job's pictures: three sections of its map, with the flutter onset in each.
 
 Of both friction laws: where their outcomes differ, and how often. Matplotlib's own
 backend for files is taken: no window opens.
@@ -33,11 +33,10 @@ from .results import CODE
 
 matplotlib.use("Agg")  # a file, not a window
 Q_CRITICAL = (18 - 2 * 7**0.5) / 5  # undamped and without friction
-TOP = 0.4
 # of pairs of outcomes, smoothed and dry: pale where both are alike
 PAIR_COLOURS = (PALE_BLUE, REST_COLOUR, "#C8C8C8")
 PAIR_COLOURS += (VIOLET, BLUE, VERMILLION, ORANGE, SKY, PURPLE, GREEN)
-SIZE = (8.5, 6.6)
+SIZE, SIZE_OF_BOTH = (8.5, 4.5), (8.5, 6.6)
 Onset = tuple[np.ndarray, np.ndarray]  # from the last stuck q to the first cycle's
 
 
@@ -48,14 +47,16 @@ def draw_sections(
     heading: str,
     path: Path,
 ) -> None:
-    """Draw sections of the map over (q, mu_s), and their flutter onsets, to a file."""
+    """Draw sections of the map over (q, mu_s), and their flutter onsets, to a file.
+
+    Of which kind an unsettled motion is stands in the map's store, not here.
+    """
     with _fonts():
         figure, axes = plt.subplots(
-            2, 2, figsize=SIZE, sharex=True, sharey=True, layout="constrained"
+            1, 3, figsize=SIZE, sharex=True, sharey=True, layout="constrained"
         )
-        _draw_maps(figure, axes.flat[:3], planes, titles)
-        _draw_onset(axes[1, 1], planes, titles, onsets)
-        _name_axes(axes)
+        _draw_maps(figure, axes, planes, titles, onsets)
+        _name_axes(axes[None])
         _save(figure, heading, path)
 
 
@@ -68,14 +69,14 @@ def draw_differences(
 ) -> None:
     """Draw which outcome each law has in sections, and how often these differ."""
     with _fonts():
-        figure, axes = plt.subplots(2, 2, figsize=SIZE, layout="constrained")
+        figure, axes = plt.subplots(2, 2, figsize=SIZE_OF_BOTH, layout="constrained")
         colours = dict(enumerate(PAIR_COLOURS, 1))
         legend: dict[str, Artist | None] = {}
         for ax, plane, title in zip(axes.flat, planes, titles, strict=False):
             draw_map(plane, "ends", "q", "mu_s", ax=ax, colours=colours)
             _move_legend(ax, legend)
             ax.set_title(title)
-            _mark_critical(ax, "black")
+            _mark_critical(ax, legend)
         _legend_below(figure, legend, 3)
         _name_axes(axes)
         _draw_shares(axes[1, 1], shares)
@@ -84,15 +85,14 @@ def draw_differences(
 
 def _fonts():
     """The size of letters, and the width of hatches."""
-    return plt.rc_context({"font.size": 9.5, "hatch.linewidth": 0.6})
+    return plt.rc_context({"font.size": 10.5, "hatch.linewidth": 0.6})
 
 
 def _name_axes(axes: np.ndarray) -> None:
     """Load and static friction, on the outer axes."""
     for ax in axes.flat:
-        ax.set_ylim(0.01, TOP)
         ax.set(xlabel="", ylabel="")
-    for ax in axes[1]:
+    for ax in axes[-1]:
         ax.set_xlabel(r"follower load $q = F\,l/k$ (–)")
     for ax in axes[:, 0]:
         ax.set_ylabel(r"static friction coefficient $\mu_s$ (–)")
@@ -118,9 +118,11 @@ def _legend_below(
     figure: Figure, legend: dict[str, Artist | None], columns: int
 ) -> None:
     """What the maps' colours mean."""
-    blank = Patch(facecolor="white", edgecolor="grey", label=r"no such $\mu_k$ on grid")
+    blank = Patch(facecolor="white", edgecolor="grey")
+    named = legend | {r"no such $\mu_k$ on grid": blank}
     figure.legend(
-        handles=[*legend.values(), blank],
+        [artist for artist in named.values() if artist],
+        [name for name, artist in named.items() if artist],
         loc="outside lower center",
         ncols=columns,
         frameon=False,
@@ -145,17 +147,19 @@ def _draw_maps(
     axes: Sequence[Axes],
     planes: Sequence[xr.Dataset],
     titles: Sequence[str],
+    onsets: Sequence[Onset],
 ) -> None:
     settled = [
         plane["joint_amplitude"].where(plane["outcome"] == CODE.cycle)
         for plane in planes
     ]
     style, legend = {"vmin": 0, "vmax": max(float(a.max()) for a in settled)}, {}
-    for ax, plane, title in zip(axes, planes, titles, strict=True):
+    for ax, plane, title, (_, first) in zip(axes, planes, titles, onsets, strict=True):
         draw_map(plane, "joint_amplitude", "q", "mu_s", ax=ax, colorbar=False, **style)
         ax.set_title(title)
         _move_legend(ax, legend)
-        _mark_critical(ax, "white")
+        _mark_onset(ax, plane, first, legend)
+        _mark_critical(ax, legend)
     figure.colorbar(
         axes[0].collections[0],
         ax=figure.axes,
@@ -164,40 +168,23 @@ def _draw_maps(
         aspect=50,
         extend="max",
     )
-    _legend_below(figure, legend, 4)
+    _legend_below(figure, legend, 3)
 
 
-def _draw_onset(
-    ax: Axes,
-    planes: Sequence[xr.Dataset],
-    titles: Sequence[str],
-    onsets: Sequence[Onset],
+def _mark_onset(
+    ax: Axes, plane: xr.Dataset, first: np.ndarray, legend: dict[str, Artist | None]
 ) -> None:
-    colours, dashes = (BLUE, VERMILLION, GREEN), ("-", (0, (4, 1.5)), (0, (1, 1)))
-    rows = zip(planes, titles, onsets, colours, dashes, strict=True)
-    for plane, title, (low, high), colour, dash in rows:
-        mu = plane["mu_s"].values
-        # upright within a row of the grid, and level between two of them
-        edges = np.concatenate([mu[:1], (mu[:-1] + mu[1:]) / 2, mu[-1:]])
-        up = np.stack([edges[:-1], edges[1:]], axis=1).ravel()
-        last, first = (np.repeat(x, 2) for x in (low, high))
-        ax.fill_betweenx(up, last, first, color=colour, alpha=0.15, lw=0)
-        ax.plot(first, up, color=colour, linestyle=dash, lw=2, label=title)
-    _mark_critical(ax, "black")
-    ax.set_title("flutter onset: the first load with a cycle")
-    handles, _ = ax.get_legend_handles_labels()
-    handles.append(Patch(facecolor="0.85", label="above the last stuck load"))
-    ax.legend(handles=handles, loc="center right", framealpha=1, edgecolor="white")
+    """The lower edge of the first cells with a cycle, upright within a row."""
+    mu, q = plane["mu_s"].values, plane["q"].values
+    edges = np.concatenate([mu[:1], (mu[:-1] + mu[1:]) / 2, mu[-1:]])
+    up = np.stack([edges[:-1], edges[1:]], axis=1).ravel()
+    at = np.repeat(first - (q[1] - q[0]) / 2, 2)
+    ax.plot(at, up, color="white", lw=3.5)
+    (line,) = ax.plot(at, up, color="black", lw=1.8)
+    legend["flutter onset: first load with a cycle"] = line
 
 
-def _mark_critical(ax: Axes, colour: str) -> None:
-    ax.axvline(Q_CRITICAL, color=colour, linestyle="--", linewidth=1)
-    ax.annotate(
-        rf"linear $q_{{cr}} = {Q_CRITICAL:.4f}$",
-        (Q_CRITICAL, 0.97),
-        (4, 0),
-        xycoords=("data", "axes fraction"),
-        textcoords="offset points",
-        va="top",
-        color=colour,
-    )
+def _mark_critical(ax: Axes, legend: dict[str, Artist | None]) -> None:
+    """The load at which the column without friction loses its stability."""
+    line = ax.axvline(Q_CRITICAL, color="black", linestyle="--", linewidth=1)
+    legend[rf"linear $q_{{cr}} = {Q_CRITICAL:.4f}$"] = line

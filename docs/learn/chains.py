@@ -47,7 +47,7 @@ table.elasticity.to_series()
 # ## Friction in the joints
 #
 # The last rod of a chain of three is kicked, at each load and friction of a small map.
-# Coloured cells flutter on a certified cycle, plain ones have come to rest. Hatched
+# Coloured cells flutter on a certified cycle, plain ones have come to rest. Dotted
 # motions still approach their cycle at the end of the time: at small friction this is
 # slow.
 

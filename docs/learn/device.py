@@ -71,7 +71,7 @@ end = DEVICE.restore(end)
 end
 
 # %%
-print(f"it swings {1 / float(end.period):.2f} times a second, ")
+print(f"it swings {float(end.frequency):.2f} times a second, ")
 print(f"joint 2 by {np.rad2deg(float(end.joint_amplitude[1])):.0f} degrees")
 
 # %% [markdown]

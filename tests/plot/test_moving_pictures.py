@@ -113,6 +113,18 @@ def test_the_column_moves_as_its_angles_say(tmp_path):
         zj.plot.animate(motion(ts, phi), column=0.5)
 
 
+def test_the_clock_of_a_moving_column_has_a_unit(tmp_path):
+    ts = np.linspace(0, 2, 21)
+    moved = motion(ts, np.zeros((21, 2)))
+    for shown, unit in (
+        (moved, r"$\sqrt{m l^2/k}$"),
+        (zj.SI(m=1.0, l=1.0, k=4.0).restore(moved), "s"),
+    ):
+        zj.plot.animate(shown, tmp_path / "m.gif")._func(0)
+        (clock,) = [t for t in plt.gcf().axes[0].texts if "=" in t.get_text()]
+        assert clock.get_text() == f"$t$ = 0.0 {unit}"
+
+
 def test_a_chain_moves_as_its_angles_say_under_all_its_forces(tmp_path):
     ts, angles = np.linspace(0, 2, 21), np.array([0.1, -0.3, 0.8])
     lengths, ways = (0.5, 1.0, 0.25), np.array([1.0, 0.5, 0.0])

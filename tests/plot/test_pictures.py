@@ -72,14 +72,17 @@ def layer(ax, name):
     return np.array(centres), cells
 
 
-def test_failed_cells_are_hatched_and_nothing_else_is(plane):
+def test_cells_without_a_number_are_hatched_in_red_by_their_code(plane):
     ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
-    centres, cells = layer(ax, "failed")
-    assert cells.get_hatch() and set("/") == set(cells.get_hatch())
     # cells of q = 2.5 and 3 at mu = 0.1: edges halfway between the coordinates
-    np.testing.assert_allclose(centres, [[2.375, 0.1], [3.0, 0.1]])
-    hatched = [c for c in ax.collections if c.get_hatch() == cells.get_hatch()]
-    assert hatched == [cells]
+    hatches = set()
+    for name, centre in (("escaped", [2.375, 0.1]), ("not finite", [3.0, 0.1])):
+        centres, cells = layer(ax, name)
+        np.testing.assert_allclose(centres, [centre])
+        hatched = [c for c in ax.collections if c.get_hatch() == cells.get_hatch()]
+        assert hatched == [cells] and cells.get_hatch()
+        hatches.add(cells.get_hatch())
+    assert len(hatches) == 2
 
 
 def test_rest_has_a_colour_that_the_colour_map_lacks(plane):
@@ -126,44 +129,32 @@ def test_labels_carry_symbols_and_units(plane):
     bar = ax.figure.axes[1]
     assert bar.get_ylabel() == "largest absolute angle of joint 2 (rad)"
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["stuck", "unsettled", "failed"]
+    assert labels == ["stuck", "unsettled", "escaped", "not finite"]
 
 
-def test_undecided_cells_are_hatched_by_their_kind(plane):
-    codes, kinds = np.full_like(CODES, RUN), np.zeros_like(CODES)
-    for number, kind in enumerate(UNSETTLED):
+def test_unsettled_cells_are_one_layer_and_their_kinds_a_map_of_their_own(plane):
+    codes, kinds = np.full_like(CODES, RUN), np.full_like(CODES, zj.CODE.decided)
+    for number, kind in enumerate(UNSETTLED[:6]):
         place = np.unravel_index(number, codes.shape)
         codes[place], kinds[place] = zj.CODE.unsettled, kind
     plane["outcome"] = (("q", "mu"), codes, FLAGS)
-    plane["undecided"] = (("q", "mu"), kinds)
+    plane["undecided"] = (("q", "mu"), kinds, flag_attributes(UNSETTLED))
     ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
-    layers = {layer.get_label(): layer for layer in ax.collections[1:]}
-    words = "no returns", "unstable near", "slow", "aperiodic", "growing", "lasting"
-    names = [f"unsettled, {w}" for w in words]
-    names += ["conservative", "periodic, not certified", "quasi-periodic", "chaotic"]
-    names += ["unsettled"]
-    assert list(layers) == names
-    assert len({layer.get_hatch() for layer in layers.values()}) == len(names)
-    for number, name in enumerate(
-        [*names[:6], names[-1], *names[6:-1]]
-    ):  # as in UNSETTLED
-        (cell,) = layers[name].get_paths()
-        row, column = np.unravel_index(number, codes.shape)
-        assert cell.contains_point((Q[row], MU[column]))
+    assert [cells.get_label() for cells in ax.collections[1:]] == ["unsettled"]
+    assert len(layer(ax, "unsettled")[0]) == 6
+    ax = zj.plot.map(plane, "undecided", "q", "mu")
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    words = "no passages", "unstable near", "slow", "aperiodic", "growing", "lasting"
+    assert labels == [*words, "decided"]
 
 
-def test_an_undecided_cell_is_hatched_where_no_plane_says_of_which_kind(plane):
-    aperiodic = int(zj.CODE.aperiodic)
-    unlike = [
-        ("q", [aperiodic] * 4),
-        ((), aperiodic),
-        (("q", "mu"), np.full((4, 3), 99)),
-    ]
-    for kinds in unlike:
-        plane["undecided"] = kinds
-        ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
-        names = [layer.get_label() for layer in ax.collections[1:]]
-        assert names == ["stuck", "unsettled", "failed"]
+def test_stuck_and_resting_cells_share_a_layer_that_names_both(plane):
+    codes = CODES.copy()
+    codes[1, 0] = zj.CODE.rest
+    plane["outcome"] = (("q", "mu"), codes, FLAGS)
+    ax = zj.plot.map(plane, "joint_amplitude", "q", "mu")
+    centres, _ = layer(ax, "stuck or rest")
+    np.testing.assert_allclose(centres, [[1.0, 0.1], [1.625, 0.1]])
 
 
 def test_a_flag_variable_has_a_colour_a_code(plane):
@@ -210,10 +201,11 @@ def test_colours_belong_to_codes_and_colour_maps_to_numbers(plane):
 def test_a_diagram_marks_each_point_by_its_outcome(plane):
     ax = zj.plot.bifurcation_diagram(plane.sel(mu=0.1))
     lines = {line.get_label(): line for line in ax.lines}
-    assert set(lines) == {"stuck", "unsettled", "failed"}
+    assert set(lines) == {"stuck", "unsettled", "escaped", "not finite"}
     np.testing.assert_array_equal(lines["unsettled"].get_xydata(), [[1.5, 3.0]])
-    np.testing.assert_array_equal(lines["failed"].get_xdata(), [2.5, 3.0])
-    assert len({line.get_marker() for line in ax.lines}) == 3
+    np.testing.assert_array_equal(lines["escaped"].get_xdata(), [2.5])
+    np.testing.assert_array_equal(lines["not finite"].get_xdata(), [3.0])
+    assert len({line.get_marker() for line in ax.lines}) == 4
     assert all(line.get_linestyle() == "None" for line in ax.lines)
     assert ax.get_ylabel().endswith("(rad)")
 

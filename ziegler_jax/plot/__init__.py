@@ -9,6 +9,7 @@ from .maps import bifurcation_diagram, map, up_down
 from .motions import time_history
 from .page import page
 from .sections import section, spectrum
+from .sketch import sketch
 
 __all__ = [
     "animate",
@@ -17,6 +18,7 @@ __all__ = [
     "map",
     "page",
     "section",
+    "sketch",
     "spectrum",
     "time_history",
     "up_down",

@@ -25,12 +25,12 @@ from .branches import branch_dataset, draw_branch, of_dims, select_last_joint
 from .style import (
     AT_REST,
     BLUE,
+    FADED,
+    FAILED,
     FAILED_COLOUR,
-    FAILED_HATCH,
     GREY,
     MARKERS,
     REST_COLOUR,
-    UNSETTLED,
     UNSETTLED_HATCH,
     VERMILLION,
     code_colours,
@@ -62,10 +62,11 @@ def map(
     ```
 
     Where the dataset has an `outcome`, stuck and resting points have one flat colour,
-    unsettled ones are hatched in white, by their kind where `undecided` says it (dotted
-    where nothing does), and failed ones in red. A flag variable (`outcome`,
-    `regime`) is drawn in one colour a code. The boundaries of a map from `refine` are
-    drawn as lines over its coarse cells.
+    unsettled ones are faded and dotted, and those without a number are hatched in red,
+    each kind with its name: `escaped`, `budget spent`, ... A flag variable (`outcome`,
+    `regime`, or `undecided`, of which kind an unsettled motion is) is drawn in one
+    colour a code. The boundaries of a map from `refine` are drawn as lines over its
+    coarse cells.
 
     **Arguments:**
 
@@ -118,14 +119,14 @@ def map(
             assert figure is not None
             figure.colorbar(mesh, ax=ax, label=in_lines(label_of(values)))
         if outcome is not None:
-            handles = _outcomes(ax, edges, outcome, _kinds(dataset, x, y))
+            handles = _outcomes(ax, edges, outcome)
     _boundaries(ax, dataset, x, y)
     ax.set(xlabel=in_lines(label_of(dataset[x])))
     ax.set(ylabel=in_lines(label_of(dataset[y])))
     if legend and handles:
-        # beside the plane, not on its data; kinds have long names
-        columns = 4 if all(len(str(h.get_label())) < 12 for h in handles) else 2
-        ax.legend(handles=handles, loc=(0, 1.01), ncols=columns)
+        # beside the plane, not on its data; some codes have long names
+        columns = 4 if all(len(str(h.get_label())) < 14 for h in handles) else 2
+        ax.legend(handles=handles, loc=(0, 1.01), ncols=columns, frameon=False)
     return ax
 
 
@@ -158,9 +159,9 @@ def bifurcation_diagram(
     zj.plot.bifurcation_diagram(ds.sel(joint=2, mu_s=0.12, mu_k=0.1), along="q")
     ```
 
-    Points are not joined: branches may jump. Failed points, which have no number, are
-    crosses on the axis; points that were left out are not drawn. Of a `sweep_up_down`
-    triangles point the way that the load went.
+    Points are not joined: branches may jump. Those without a number are red marks on
+    the axis, by their codes; points that were left out are not drawn. Of a
+    `sweep_up_down` triangles point the way that the load went.
 
     **Arguments:**
 
@@ -262,17 +263,18 @@ def _motions(
                 markerfacecolor="none" if way else colour,
                 label=before + code.name,
             )
-    failed = _failed(outcome)
-    if failed.any():
-        ax.plot(
-            places[failed],
-            np.zeros(failed.sum()),
-            "x",
-            color=VERMILLION,
-            transform=ax.get_xaxis_transform(),
-            clip_on=False,
-            label=before + "failed",
-        )
+    for code, (_, marker) in FAILED.items():
+        here = outcome == code
+        if here.any():
+            ax.plot(
+                places[here],
+                np.zeros(here.sum()),
+                marker,
+                color=VERMILLION,
+                transform=ax.get_xaxis_transform(),
+                clip_on=False,
+                label=before + _words(code),
+            )
 
 
 def has_motions(dataset: xr.Dataset) -> bool:
@@ -307,46 +309,32 @@ def _edges(dataset: xr.Dataset, dim: str, axis: Axis) -> np.ndarray:
     return np.asarray(shown.inverted().transform(edges))
 
 
-def _failed(outcome: np.ndarray) -> np.ndarray:
-    return (outcome < CODE.unsettled) & (outcome != CODE.not_computed)
+def _words(code: CODE) -> str:
+    return code.name.replace("_", " ")
 
 
-def _kinds(dataset: xr.Dataset, x: str, y: str) -> Codes:
-    """Of which kind each undecided cell is; `decided` where the plane does not say."""
-    kinds = dataset.get("undecided")
-    if kinds is None or set(kinds.dims) != {x, y}:
-        return np.full((dataset.sizes[y], dataset.sizes[x]), CODE.decided)
-    return np.asarray(kinds.transpose(y, x))
-
-
-def _outcomes(ax: Axes, edges: Edges, outcome: Codes, kinds: Codes) -> list[Patch]:
+def _outcomes(ax: Axes, edges: Edges, outcome: Codes) -> list[Patch]:
     """Cells that say how the motion ended; returns what a legend needs."""
-    rest = "stuck" if (outcome == CODE.stuck).any() else "rest"
-    unsettled, known = outcome == CODE.unsettled, np.isin(kinds, list(UNSETTLED))
+    rest = " or ".join(code.name for code in AT_REST if (outcome == code).any())
     layers = (
         (rest, np.isin(outcome, AT_REST), REST_COLOUR, None, "none"),
+        ("unsettled", outcome == CODE.unsettled, FADED, UNSETTLED_HATCH, "black"),
         *(
-            (name, unsettled & (kinds == kind), "none", hatch, "white")
-            for kind, (name, hatch) in UNSETTLED.items()
+            (_words(code), outcome == code, FAILED_COLOUR, hatch, VERMILLION)
+            for code, (hatch, _) in FAILED.items()
         ),
-        ("unsettled", unsettled & ~known, "none", UNSETTLED_HATCH, "white"),
-        ("failed", _failed(outcome), FAILED_COLOUR, FAILED_HATCH, VERMILLION),
     )
     handles = []
     for name, here, face, hatch, line in layers:
         if not here.any():
             continue
+        look = {"edgecolor": line, "hatch": hatch, "linewidth": 0, "label": name}
+        # antialiased edges of neighbours would show through what is faded
         cells = PolyCollection(
-            _rectangles(edges, here),
-            facecolor=face,
-            edgecolor=line,
-            hatch=hatch,
-            linewidth=0,
-            label=name,
+            _rectangles(edges, here), facecolor=face, antialiased=False, **look
         )
         ax.add_collection(cells)
-        back = GREY if face == "none" else face
-        handles.append(Patch(facecolor=back, edgecolor=line, hatch=hatch, label=name))
+        handles.append(Patch(facecolor=GREY if face == FADED else face, **look))
     return handles
 
 

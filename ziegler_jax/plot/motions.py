@@ -1,7 +1,6 @@
 """Pictures of motions."""
 
 from collections.abc import Sequence
-from typing import cast
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -41,7 +40,7 @@ def time_history(
     time, rate = unit_label("sqrt(m l^2/k)"), unit_label("sqrt(k/(m l^2))")
     one_motion(motion)
     if units is not None:
-        motion = cast(Trajectory, units.restore(motion))
+        motion = units.restore(motion)
     if motion.in_si:
         time, rate = "s", "s$^{-1}$"
     (ts, phi), omega = one_motion(motion), np.asarray(motion.omega)

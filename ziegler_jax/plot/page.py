@@ -21,11 +21,11 @@ from ..motion.trajectory import Trajectory
 from ..numerics.hermite import HermiteQuartic
 from ..numerics.rules import instance, whole_number
 from ..results import CODE
-from .animation import ARROW, drawn_of
 from .branches import of_dims, select_last_joint
 from .cells import Cell, followed, nearest
 from .maps import has_motions
 from .maps import map as draw_map
+from .rods import ARROW, drawn_of
 from .style import VERMILLION, flags_of, meaning_of, rod_colours
 
 TEMPLATE = Path(__file__).with_name("page.html")

@@ -24,19 +24,15 @@ LIGHTEST = 0.82  # of viridis: lighter lines are lost on white
 AT_REST = (CODE.stuck, CODE.rest)
 REST_COLOUR, FAILED_COLOUR = "#E8DCC8", "#F2F2F2"
 VIOLET = "#4B2E83"
-FAILED_HATCH, UNSETTLED_HATCH = "////", "...."
-# what is unsettled, by its kind where that is known: words and hatch
-UNSETTLED = {
-    CODE.no_passages: ("unsettled, no returns", "**"),
-    CODE.unstable_near: ("unsettled, unstable near", "xxxxx"),
-    CODE.slow: ("unsettled, slow", "-----"),
-    CODE.aperiodic: ("unsettled, aperiodic", "ooooo"),
-    CODE.growing: ("unsettled, growing", "|||||"),
-    CODE.lasting: ("unsettled, lasting", "++++"),
-    CODE.conservative: ("conservative", "OO"),
-    CODE.periodic: ("periodic, not certified", "\\\\\\\\"),
-    CODE.quasi_periodic: ("quasi-periodic", "oo.."),
-    CODE.chaotic: ("chaotic", "xx.."),
+FADED, UNSETTLED_HATCH = (1.0, 1.0, 1.0, 0.6), "...."
+# of a motion that has no number: hatch in a map, marker in a diagram
+FAILED = {
+    CODE.escaped: ("////", "x"),
+    CODE.budget_spent: ("xxxx", "+"),
+    CODE.step_vanished: (r"\\\\", "1"),
+    CODE.chattering: ("oooo", "2"),
+    CODE.not_finite: ("||||", "3"),
+    CODE.invalid: ("++++", "4"),
 }
 # Of codes, by their names: one colour in the whole package. Those of one map are at
 # least 10 apart (CIE 1976) for normal eyes and for three kinds of colour-blind ones.
@@ -57,6 +53,7 @@ COLOUR_OF = {
     "repeats": "#7848F0",
     "complete": "#A8F078",
     "undecided": "#9A9A9A",
+    "decided": "#F2F2F2",
     # of which kind a motion is that has not settled
     "no_passages": "#C8C8C8",
     "unstable_near": "#884028",
@@ -108,9 +105,11 @@ def one_motion(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unit_label(units: str) -> str:
-    """Units as mathematics where they are roots; `1` is a pure number."""
+    """Units of m, l and k as mathematics; `1` is a pure number."""
     if units == "1":
         return "–"
+    if re.fullmatch(r"[mkl0-9/^ ()]+", units) and units != "m":  # `m` alone: metres
+        return f"${units}$"
     if "sqrt" not in units:
         return units
     return "$" + re.sub(r"sqrt\((.*)\)", r"\\sqrt{\1}", units) + "$"

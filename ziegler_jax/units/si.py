@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import reduce
-from typing import TypeVar, cast
+from typing import TypeVar, cast, overload
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -40,7 +40,12 @@ from ..numerics.numbers import Joints, Numbers, OneOrEach, Scalar, each, is_conc
 from ..numerics.rules import number, number_or_each
 from ..results import TIME, AbstractResult
 from .known import UNITS, Powers, size
-from .restored import restored_dataset, restored_motion
+from .restored import (
+    Restored,
+    restored_dataset,
+    restored_motion,
+    restored_result,
+)
 from .scaled import scaled_chain, scaled_column, scaled_value
 
 # Half of the fall from mu_s to mu_k, in transition velocities: the middle of 1 to 1.5.
@@ -65,7 +70,7 @@ class SI(eqx.Module):
     motion = units.restore(zj.trajectory(column, start, ts / units.time))  # seconds
     windows = units.scaled(zj.Windows(transient=10.0))  # seconds
     end = units.restore(zj.settle(column, start, windows=windows))
-    end.time  # seconds
+    end.time, end.frequency  # seconds, Hz
     ```
 
     **Arguments:** positive: `m`, the reference mass (kg); `l`, the length of rod 1 (m);
@@ -215,10 +220,18 @@ class SI(eqx.Module):
         )
         return _each(lambda v, r: v / r, velocity, radius)
 
+    @overload  # a `Trajectory` is a result too, which the first line takes
+    def restore(  # pyright: ignore[reportOverlappingOverload]
+        self, result: Trajectory
+    ) -> Trajectory: ...
+    @overload
+    def restore(self, result: xr.Dataset) -> xr.Dataset: ...
+    @overload
+    def restore(self, result: AbstractResult) -> Restored: ...
     def restore(
         self, result: Trajectory | xr.Dataset | AbstractResult
-    ) -> Trajectory | xr.Dataset:
-        """The same result in SI units.
+    ) -> Trajectory | xr.Dataset | Restored:
+        r"""The same result in SI units.
 
         **Arguments:** `result`: a `Trajectory`; a dataset of `sweep`, whose variables
         and coordinates are converted by their `units`; or another result of the
@@ -226,8 +239,10 @@ class SI(eqx.Module):
             numbers (a `threshold` over q too) and axes in units of their own stay as
             they are.
 
-        **Returns:** a `Trajectory`, else an `xarray.Dataset` with the names and units
-        of a sweep; axes of `jax.vmap` are its dimensions `lane_1`, `lane_2`, ...
+        **Returns:** a `Trajectory`; an `xarray.Dataset`; else a result that has the
+        same numbers as attributes, prints them with their SI units and what its codes
+        mean, and has `to_dataset()`. Where there is a `period` (s), there is a
+        `frequency` (Hz) beside it, $f = 1/T$.
 
         **Raises:** `ValueError` for anything else, and for a unit that is not known.
         """
@@ -236,7 +251,7 @@ class SI(eqx.Module):
         if isinstance(result, xr.Dataset):
             return restored_dataset(result, self._size)
         if isinstance(result, AbstractResult):
-            return restored_dataset(result.to_dataset(), self._size)
+            return restored_result(result, (self.m, self.l, self.k))
         raise ValueError(
             "Argument `result` must be a `Trajectory`, an `xarray.Dataset` or a result "
             f"of the library with named numbers, but is {type(result).__name__}."
