@@ -2,6 +2,7 @@
 
 import gc
 import json
+import os
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,9 +13,14 @@ from hypothesis import HealthCheck, Phase, settings
 from jax._src import compiler
 from tiers import of_the_night, reason_of, turn_of
 
+from ziegler_jax import runtime
 from ziegler_jax.sweep import grid, program
 
 pytest_plugins = ["costs"]
+
+# as `configure_cpu` does: a third of what a branch takes to compile
+_without = f"--{runtime._WITHOUT}={runtime._PASSES}"
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_without}".strip()
 
 if version("jaxlib").startswith("0.10."):
     # where its most costly passes are left out, so is its later emitter of fused loops:

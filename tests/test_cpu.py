@@ -13,6 +13,8 @@ from ziegler_jax import runtime
 WHOLE_LOOPS = "xla_cpu_small_while_loop_byte_threshold=1000000000"
 SOONER = "xla_cpu_disable_loop_unrolling=true"
 BOTH = f"{WHOLE_LOOPS},{SOONER}"
+PASSES = "while-loop-invariant-code-motion,simplify-while-loops"
+WITHOUT = f"--xla_disable_hlo_passes={PASSES}"
 
 
 @pytest.fixture
@@ -38,13 +40,13 @@ def flags(monkeypatch):
 )
 def test_versions_get_the_options_from_which_they_gain(flags, version, options):
     said, after = flags(version, None)
-    assert after == f"--xla_backend_extra_options={options}"
+    assert after == f"--xla_backend_extra_options={options} {WITHOUT}"
     assert options in said and "added" in said
 
 
 def test_what_the_user_set_stays_in_front(flags):
     _, after = flags("0.10.2", "--xla_dump_to=here")
-    assert after == f"--xla_dump_to=here --xla_backend_extra_options={BOTH}"
+    assert after == f"--xla_dump_to=here --xla_backend_extra_options={BOTH} {WITHOUT}"
 
 
 @pytest.mark.parametrize("version", ["0.9.1", "0.10.1", "0.13.0", "1.0.0"])
@@ -65,15 +67,21 @@ def test_versions_of_any_spelling_are_understood(flags, version):
 @pytest.mark.parametrize(
     "before, said_of_it",
     [
-        (f"--xla_backend_extra_options={BOTH}", "nothing was changed"),
+        (f"--xla_backend_extra_options={BOTH}", f"{WITHOUT} was added"),
         ("--xla_backend_extra_options=xla_cpu_other=1", f"left alone; add {BOTH}"),
         (f"--xla_backend_extra_options={WHOLE_LOOPS}", f"left alone; add {SOONER}"),
     ],
 )
 def test_options_that_stand_there_are_left_alone(flags, before, said_of_it):
     said, after = flags("0.10.2", before)
-    assert after == before
+    assert after == f"{before} {WITHOUT}"
     assert said_of_it in said
+
+
+def test_passes_that_are_left_out_stay_the_users(flags):
+    before = f"--xla_backend_extra_options={BOTH} --xla_disable_hlo_passes=cse"
+    said, after = flags("0.10.2", before)
+    assert after == before and "nothing was changed" in said
 
 
 def test_after_the_backend_started_nothing_is_changed(flags):
@@ -108,7 +116,7 @@ def test_a_fresh_process_computes_on(late):
     said, after, total = done.stdout.splitlines()
     version = metadata.version("jaxlib")
     gains = version.startswith(("0.10.", "0.11.", "0.12."))
-    assert (SOONER in after) == (gains and not late)
+    assert (SOONER in after) == (WITHOUT in after) == (gains and not late)
     assert (WHOLE_LOOPS in after) == (version.startswith("0.10.") and not late)
     assert ("nothing was changed" in said) == (late or not gains)
     assert total == "6.0"
@@ -133,11 +141,12 @@ print(hashlib.sha256(b"".join(ds[n].values.tobytes() for n in ds)).hexdigest())
 
 
 def test_loops_that_are_written_out_give_the_same_bits():
-    """A store is gone on with whether or not this option is set."""
+    """A store is gone on with whether or not these options are set."""
     said = []
     for unrolled in (False, True):
         options = f"{WHOLE_LOOPS},{SOONER}".replace("true", str(not unrolled).lower())
         flags = f"--xla_backend_extra_options={options}"
+        flags += " --xla_disable_hlo_passes=none" if unrolled else f" {WITHOUT}"
         done = subprocess.run(
             [sys.executable, "-c", SWEEP], env={**os.environ, "XLA_FLAGS": flags},
             capture_output=True, text=True, timeout=200,
