@@ -18,8 +18,8 @@ from ziegler_jax.sweep import grid, program
 
 pytest_plugins = ["costs"]
 
-# as `configure_cpu` does: a third of what a branch takes to compile
-_without = f"--{runtime._WITHOUT}={runtime._PASSES}"
+# as `configure_cpu` does: a quarter of what a branch takes to compile
+_without = f"--{runtime._WITHOUT}={runtime._PASS}"
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_without}".strip()
 
 if version("jaxlib").startswith("0.10."):

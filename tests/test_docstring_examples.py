@@ -233,6 +233,7 @@ CASES = {
     "plot/sections.py 1": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
     "plot/animation.py 0": ({"column": zj.uniform_rods(2.0), "start": KICK}, None),
     "plot/page.py 0": ({}, None),
+    "plot/sketch.py 0": ({}, None),
     "analysis/threshold.py 0": ({}, of_a_line),
     "analysis/threshold.py 1": ({}, of_a_kick),
     "analysis/least_kick.py 0": ({}, of_a_least_kick),
