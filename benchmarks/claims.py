@@ -243,7 +243,7 @@ def _(certified, beside, median, largest, false):
 @claim(
     CERTIFICATES,
     "fewer than one in {0:d} such cycles is false",
-    "round(judged('map', 'certified') / 3, -2)",
+    "int(round(judged('map', 'certified') / 3, -2))",
 )
 def _(count):
     return count > 6000
