@@ -131,6 +131,8 @@ def onsets(options, source):
     result = last_intervals(ds, outcome_at)
     drawn = source.permutation(np.flatnonzero(ds.outcome == zj.CODE.repeated))
     drawn = drawn[: options.scanned]
+    if not drawn.size:
+        return result
     loads = np.tile(np.linspace(*BRACKET, LOADS), len(drawn))
     codes = outcome_at(np.repeat(drawn, LOADS), loads, windows=200)
     rests = np.isin(codes, RESTS).reshape(-1, LOADS)

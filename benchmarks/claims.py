@@ -148,8 +148,7 @@ def _(cells):
 
 @claim(
     "README.md",
-    "Of {0:,d} certified cycles of the map {1:d} were false when another code followed "
-    "them on.",
+    "Another code followed {0:,d} of the big map on, and {1:d} were false.",
     "judged('map', 'certified'), judged('map', 'false')",
 )
 def _(certified, false):
@@ -158,8 +157,8 @@ def _(certified, false):
 
 @claim(
     "README.md",
-    "A motion at the default tolerance is off by {0:.0e} after 100 time units, the "
-    "median.",
+    "A motion at the default tolerance is off by {0:.0e} rad after 100 time units, in "
+    "the median.",
     "usual_error()",
 )
 def _(error):
@@ -168,7 +167,7 @@ def _(error):
 
 @claim(
     "README.md",
-    "{0:.1f} % of the map's cells stay undecided, and are called so.",
+    "The big map leaves {0:.1f} % of its cells undecided",
     UNDECIDED,
 )
 def _(share):
@@ -177,7 +176,7 @@ def _(share):
 
 @claim(
     "README.md",
-    "| this package, a step of a column | {0:.0f} ns |",
+    "This package takes {0:.0f} ns for a step of a column",
     "one('a0_throughput', scene='smooth')['ns_per_lane_step']",
 )
 def _(nanoseconds):
@@ -204,7 +203,7 @@ def _(ratio):
 
 @claim(
     "README.md",
-    "| the same, its functions in tables | {0:.2f} |",
+    "| the same, its functions in tables: faster | {0:.2f} |",
     "1 / one('a0_throughput', scene='smooth')['ratio_cpp_tables']",
 )
 def _(ratio):

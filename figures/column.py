@@ -6,6 +6,7 @@ import style
 import ziegler_jax as zj
 
 KEY = {
+    r"$m,\ l$": "mass and length of rod 1",
     r"$q = F\,l/k$": "follower load, along rod 2",
     r"$\mu_s,\ \mu_k$": "static and kinetic friction",
     r"$\kappa = k_1/k_2$": "ratio of the springs",
@@ -19,6 +20,6 @@ if __name__ == "__main__":
     ax = figure.add_axes((0, 0, 0.46, 1))
     zj.plot.sketch(column, zj.State((0.42, 0.95), (0.0, 0.3)), ax=ax)
     for row, (symbol, meaning) in enumerate(KEY.items()):
-        figure.text(0.47, 0.86 - 0.18 * row, symbol, va="center")
-        figure.text(0.63, 0.86 - 0.18 * row, meaning, va="center")
+        figure.text(0.47, 0.9 - 0.16 * row, symbol, va="center")
+        figure.text(0.63, 0.9 - 0.16 * row, meaning, va="center")
     style.save(figure, __file__)

@@ -145,7 +145,7 @@ def of_a_variable(names):
 
 
 def of_units(names):
-    assert names["end"].time.attrs["units"] == "s"
+    assert names["end"].to_dataset().time.attrs["units"] == "s"
     assert float(names["motion"].ts[-1]) == pytest.approx(3.0)
 
 

@@ -32,6 +32,11 @@ NIGHT = [
     "steady/test_endings.py::test_of_many",
     "sweep/test_stores_under_attack.py::test_any_file_may_be_damaged[all",
     "steady/test_dry_certificates.py::test_multipliers_of_200_columns",
+    # a small run compiles as much as a large one; the cheaper ones are in the tiers
+    *(
+        f"test_benchmarks.py::test_a_script_runs[{name}"
+        for name in ("a12", "a13", "a15", "a3", "a5", "b0", "b1", "b3", "c0")
+    ),
 ]
 
 # Files of few tests that take long, dearest first: they are begun first, so that in the
