@@ -19,8 +19,9 @@ from ziegler_jax.sweep import grid, program
 pytest_plugins = ["costs"]
 
 # as `configure_cpu` does: a quarter of what a branch takes to compile
-_without = f"--{runtime._WITHOUT}={runtime._PASS}"
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_without}".strip()
+if runtime._WITHOUT not in (_flags := os.environ.get("XLA_FLAGS", "")):
+    _flags += f" --{runtime._WITHOUT}={runtime._PASS}"
+    os.environ["XLA_FLAGS"] = _flags.strip()
 
 if version("jaxlib").startswith("0.10."):
     # where its most costly passes are left out, so is its later emitter of fused loops:

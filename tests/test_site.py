@@ -89,13 +89,16 @@ def test_the_name_of_a_function_does_not_stick_to_its_neighbours():
     assert mathml.count('<mo stretchy="false" lspace="0" rspace="0">|</mo>') == 2
 
 
+FOLDERS = "docs", "ziegler_jax", "tests", "benchmarks", "figures", "audit", "examples"
+
+
 def test_the_repository_s_address_stands_in_one_place():
     root = DOCS.parent
     settings = tomllib.loads((root / "pyproject.toml").read_text())
     address = settings["tool"]["hatch"]["metadata"]["hooks"]["custom"]["repository"]
     texts = [
         path
-        for pattern in ("*.*", "docs/**/*.*", "ziegler_jax/**/*.py", ".ci/*")
+        for pattern in ("*.*", *(f"{name}/**/*.*" for name in FOLDERS), ".ci/*")
         for path in root.glob(pattern)
         if path.is_file() and address in path.read_text(errors="ignore")
     ]

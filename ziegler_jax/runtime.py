@@ -29,8 +29,9 @@ _OPTIONS = {
     "xla_cpu_disable_loop_unrolling=true": ((0, 10, 2), (0, 13, 0)),
 }
 # A pass that moves out of a loop what does not change in it: a quarter of a branch's
-# compiling, and no gain, as JAX has done so before. (That which simplifies loops takes
-# as long, but without it a loop copies a long trajectory's times at every step.)
+# compiling, and no gain: maps take 0.94 to 1.01 of the time without it (measured:
+# 0.10.2). That which simplifies loops takes as long to compile, but without it a loop
+# copies a long trajectory's times at every step.
 _WITHOUT = "xla_disable_hlo_passes"
 _PASS = "while-loop-invariant-code-motion"
 
@@ -60,10 +61,14 @@ def configure_cpu() -> str:
         )
     elif missing:
         options.append(f"--xla_backend_extra_options={missing}")
-    if _WITHOUT not in flags:
+    if _WITHOUT in flags and _PASS not in flags:
+        advice += f" XLA_FLAGS leaves out passes of its own: add {_PASS} to them."
+    elif _WITHOUT not in flags:
         options.append(f"--{_WITHOUT}={_PASS}")
     if not options:
-        return advice or "XLA_FLAGS holds the options already: nothing was changed."
+        return advice.strip() or (
+            "XLA_FLAGS holds the options already: nothing was changed."
+        )
     if _backend_started():
         return (
             "JAX has started its backend already: nothing was changed. Call "
@@ -71,7 +76,7 @@ def configure_cpu() -> str:
         )
     added = " ".join(options)
     os.environ["XLA_FLAGS"] = f"{flags} {added}".strip()
-    return f"{added} was added to XLA_FLAGS. {advice}".strip()
+    return f"{added} was added to XLA_FLAGS. {advice.strip()}".strip()
 
 
 def compiles_whole_loops() -> bool:

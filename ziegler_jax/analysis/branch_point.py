@@ -298,19 +298,25 @@ class Continuation(AbstractContinuation):
         """Without those where two real multipliers are reciprocal, and at folds.
 
         There the torus' test vanishes, too, and the pitchfork's but of the half map.
+        Which pair it was is asked at the zero: on the way to it another one, of real
+        multipliers, may lie nearer to the circle.
         """
         torus, pitchfork = TESTS.index(CODE.torus), TESTS.index(CODE.pitchfork)
-        pair = self._is_pair(before) | self._is_pair(after)
+        pair = self._has_pair(before) | self._has_pair(after)
         changed = changed.at[torus].set(changed[torus] & pair)
         regular = self.symmetric | ~changed[0]
         return changed.at[pitchfork].set(changed[pitchfork] & regular)
 
     def confirms(self, kind: Int[Array, ""], point: BranchPoint) -> Flag:
         """A torus has a complex pair."""
-        return (kind != 1 + TESTS.index(CODE.torus)) | self._is_pair(point)
+        return (kind != 1 + TESTS.index(CODE.torus)) | circles(self._others(point))
 
-    def _is_pair(self, point: BranchPoint) -> Bool[Array, ""]:
-        return circles(other_multipliers(self.section, point.moved, point.matrix))
+    def _has_pair(self, point: BranchPoint) -> Bool[Array, ""]:
+        """Whether multipliers are complex."""
+        return jnp.any(jnp.imag(self._others(point)) != 0)
+
+    def _others(self, point: BranchPoint) -> Complex[Array, " k"]:
+        return other_multipliers(self.section, point.moved, point.matrix)
 
     def collapsed(self, point: BranchPoint, points: BranchPoint) -> Flag:
         """Whether it passes its section the other way than the first cycle, or not."""

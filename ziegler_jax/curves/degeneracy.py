@@ -45,7 +45,7 @@ class AbstractDegeneracy(eqx.Module):
 
     `extra`: how many unknowns it adds for two rods, and equations beside one that ties
     them to the cycle; `vectors`: along how many directions second derivatives are asked
-    for.
+    for. `tests` are of two rods, as curves are; all else is of n, s = 2n.
     """
 
     extra: ClassVar[int]

@@ -11,7 +11,7 @@ from ..analysis.branch_off import MIRRORED
 from ..analysis.branch_point import TESTS, Arc, Continuation, codes_of
 from ..analysis.continuation import CyclePoints, first_of
 from ..analysis.march import Walk
-from ..analysis.periodic_orbit import PeriodicOrbit
+from ..analysis.periodic_orbit import PeriodicOrbit, check_orbit
 from ..analysis.shooting import start_of
 from ..model.column import Column
 from ..motion.implicit import fixed
@@ -91,8 +91,12 @@ def of_orbit(orbit: PeriodicOrbit, first: Float[Array, ""]) -> Beginning:
 
 
 def of_points(kind: Kind, points: CyclePoints) -> Beginning:
-    """The first of the points that is of this kind."""
+    """The first of the points that is of this kind.
+
+    **Raises:** `ValueError` for points of more than two rods.
+    """
     orbit, parameter, _ = first_of(points, kind)
+    check_orbit("start", orbit, 2)
     return of_orbit(orbit, parameter)
 
 

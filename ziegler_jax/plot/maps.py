@@ -20,7 +20,13 @@ from matplotlib.typing import ColorType
 
 from ..analysis.continuation import Branch
 from ..analysis.hysteresis import UpDownSweep
-from ..results import CODE, OUTCOMES, flag_attributes, unlike_meaning
+from ..results import (
+    CODE,
+    OUTCOMES,
+    AbstractResult,
+    flag_attributes,
+    unlike_meaning,
+)
 from .branches import branch_dataset, draw_branch, of_dims, select_last_joint
 from .style import (
     AT_REST,
@@ -222,8 +228,10 @@ def up_down(
 
     **Raises:** `ValueError` for what is no such result, and as `bifurcation_diagram`.
     """
-    dataset = motions.to_dataset() if isinstance(motions, UpDownSweep) else motions
-    if not _goes_ways(dataset):
+    dataset = motions
+    if isinstance(motions, AbstractResult):  # one in SI units, too
+        dataset = motions.to_dataset()
+    if not isinstance(dataset, xr.Dataset) or not _goes_ways(dataset):
         raise ValueError(
             "Argument `motions` must be of `sweep_up_down`, with the ways of the load "
             f"along `branch`, but is {type(motions).__name__}."

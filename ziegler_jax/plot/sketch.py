@@ -29,7 +29,7 @@ def sketch(
     labels: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
-    r"""Draw a column with its springs, friction, angles, loads and kick.
+    r"""Draw a column with its springs, friction, angles, follower forces and kick.
 
     ```python
     zj.plot.sketch(zj.uniform_rods(2.0), zj.State((0.3, 0.7), (0.0, 0.5)))
@@ -39,8 +39,9 @@ def sketch(
     $\sum_{j \le i} l_j (-\sin\phi_j, \cos\phi_j)$, in the unit of the rods' lengths.
     Angles are counted from the dashed vertical, anticlockwise. Spirals are the
     springs, brown rings the friction of the pins, where the column has any. Red arrows
-    are the follower forces: they push onto the rod and turn with it, by the follower
-    fraction $\eta$. Green arrows are the rates of rods that have one.
+    are the follower forces, as a positive load has them: they push onto the rod and
+    turn with it, by the follower fraction $\eta$. Fixed forces and those of your own
+    are not drawn. Green arrows are the rates of rods that have one.
 
     **Arguments:**
 
@@ -71,11 +72,7 @@ def sketch(
         before = phi[joint - 1] if joint else 0.0
         _spring(ax, base, size, before, phi[joint])
         if column.friction is not None:
-            ring = Wedge(
-                base, FRICTION[1] * size, 0, 360, width=np.ptp(FRICTION) * size
-            )
-            ring.set(facecolor=BROWN, edgecolor="none", zorder=4)
-            ax.add_patch(ring)
+            _ring(ax, base, size)
         _angle(ax, base, phi[joint], size, _index(r"\varphi", joint) if labels else "")
     for rod, rate in enumerate(omega):
         if rate:

@@ -31,7 +31,8 @@ class Restored(AbstractDescribed):
     r"""A result in SI units: each of its numbers is an attribute, and printed.
 
     Where the result has a `period` (s), there is its `frequency` (Hz) beside it,
-    $f = 1/T$: cycles a second, not rad/s.
+    $f = 1/T$: cycles a second. (A `CriticalLoad` has the angular frequency of the
+    swing at the onset, in rad/s.)
     """
 
     numbers: dict[str, Shaped[Array, "..."]]
@@ -41,7 +42,16 @@ class Restored(AbstractDescribed):
     settings: Settings = eqx.field(static=True)
 
     def to_dataset(self) -> xr.Dataset:
-        """The numbers as a sweep labels them, in SI units."""
+        """The numbers as a sweep labels them, in SI units.
+
+        **Raises:** `ValueError` for results of several scales, as under `jax.vmap`.
+        """
+        if any(jnp.ndim(scale) for scale in self.scales):
+            raise ValueError(
+                "A dataset is in one set of units, but m, l and k of this result are "
+                f"of shape {jnp.shape(self.scales[0])}: take one result, or its "
+                "attributes."
+            )
         return restored_dataset(
             self.result.to_dataset(), lambda powers: size(powers, self.scales)
         )
@@ -57,8 +67,14 @@ def restored_result(
 ) -> Restored:
     """A result in SI units, where m, l and k are these.
 
-    **Raises:** `ValueError` for a number in a unit that is not known.
+    **Raises:** `ValueError` for a number in a unit that is not known, and for a result
+    that is in SI units.
     """
+    if isinstance(result, Restored):
+        raise ValueError(
+            "Argument `result` must be in the column's own units, but is a result in "
+            "SI units, which `restore` has made."
+        )
     named = {}
     for name, variable in result.variables().items():
         unit = _unit_of(name, variable.units)
