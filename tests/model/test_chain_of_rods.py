@@ -330,6 +330,20 @@ def test_questions_of_two_rods_refuse_more(refuses):
         return zj.uniform_rods(q, friction=law)
 
     refuses(lambda: zj.continue_cycle(two, orbit, 2.0), "`orbit`", "is of 3")
+
+    def three(q):
+        return zj.Chain(q, lengths=(1.0,) * 3, friction=law)
+
+    shapes = jax.eval_shape(lambda o: zj.continue_cycle(three, o, 2.0).special, orbit)
+    points = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    course = zj.Course(points=4, second=(0.1, 0.2))
+    refuses(
+        lambda: zj.bifurcation_curve(
+            lambda q, eta: zj.uniform_rods(q, follower=eta, friction=law),
+            "fold", points, second=0.1, course=course,
+        ),
+        "`start`", "of 2 rods", "is of 3",
+    )  # fmt: skip
     refuses(lambda: zj.least_kick(chain, lambda c, y: y[0]), "has 3")
     refuses(lambda: zj.trajectory(chain, zj.State(), (0.0, 1.0)), "`start`", "3 rods")
     refuses(lambda: zj.energy(chain, (0.1,) * 4), "`y`", "3 rods")
