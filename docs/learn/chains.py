@@ -46,6 +46,9 @@ table.elasticity.to_series()
 # %% [markdown]
 # ## Friction in the joints
 #
+# `zj.Chain(q, lengths=(1, 1, 1))` has rods, masses and springs of 1, its load is
+# q = F l/k; that of `beck(n)` is $n^2$ times as large, $P L^2/(EI)$.
+#
 # The last rod of a chain of three is kicked, at each load and friction of a small map.
 # Coloured cells flutter on a certified cycle, plain ones have come to rest. Dotted
 # motions still approach their cycle at the end of the time: at small friction this is

@@ -62,6 +62,9 @@ ax = zj.plot.time_history(DEVICE.restore(motion))
 
 # %% [markdown]
 # ## How it ends
+#
+# Without damping and friction a column has no limit cycle: below its critical load it
+# swings on, and would be `unsettled`. This one has both.
 
 # %%
 windows = DEVICE.scaled(zj.Windows(transient=10.0, length=5.0))  # seconds

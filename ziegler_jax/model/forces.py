@@ -129,7 +129,9 @@ class LoadHistory(AbstractLoadHistory):
 
     It is added to the q of the column. A ramp up and down again is
     `LoadHistory((0, 500, 1000), (0, 3, 0))`, with q = 0; a measured history may have
-    any number of values. Before the first time and after the last it is constant.
+    any number of values. Before the first time and after the last it is constant. A
+    column at rest does not begin to swing on a ramp without a kick, and one that dry
+    friction holds at no load: see `sweep_up_down` for the load from which it flutters.
 
     **Arguments:** `times`: increasing, in $\sqrt{m l^2/k}$; `loads`: in k/l, one a
     time.

@@ -276,7 +276,8 @@ def check_store(path: Path) -> None:
     places = [path / RECORD / name for name in RECORDS]
     if not any(p.is_file() for p in (*places, path / "progress" / "sweep.json")):
         raise ValueError(
-            f"Argument `store` must be a sweep's store, but {str(path)!r} is none."
+            f"Argument `store` must be a sweep's store, but {str(path)!r} "
+            f"{'is none' if os.path.exists(path) else 'does not exist'}."
         )
 
 
