@@ -35,7 +35,7 @@ NIGHT = [
     # a small run compiles as much as a large one; the cheaper ones are in the tiers
     *(
         f"test_benchmarks.py::test_a_script_runs[{name}"
-        for name in ("a12", "a13", "a15", "a3", "a5", "b0", "b1", "b3", "c0")
+        for name in ("a12", "a13", "a15", "a3", "a5", "a9", "b0", "b1", "b3", "c0")
     ),
 ]
 

@@ -67,12 +67,12 @@ TYPES = {
 
 @dataclass(frozen=True)
 class Store:
-    """A folder into which a sweep writes its results.
+    """Where a sweep keeps its results.
 
-    **Arguments:** `path`: the folder, e.g. `"map.zarr"`; `overwrite`: whether to
-    replace the sweep in it, with all other files of the folder.
+    **Arguments:** `path`: a folder, e.g. `"map.zarr"`; `overwrite`: whether the sweep
+    that is in it is replaced, with all that lies in the folder.
 
-    **Raises:** `ValueError` for an argument that breaks a rule.
+    **Raises:** `ValueError` for what breaks a rule.
     """
 
     path: str | os.PathLike
@@ -169,7 +169,7 @@ def sync_folder(path: Path) -> None:
 
 
 def bytes_of(path: Path) -> bytes | None:
-    """The bytes of a file; None if there is none, or if reading would wait."""
+    """What is in a file; None if there is none, or what would be waited for."""
     try:
         return path.read_bytes() if path.is_file() else None
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
@@ -183,7 +183,7 @@ def write_record(path: Path, record: Mapping[str, object], parts: Path) -> None:
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """The record that `write_record` wrote; None if it is damaged or not there."""
+    """What `write_record` wrote; None if it is damaged or not there."""
     try:
         record = json.loads(bytes_of(path) or b"")
         return record if record.pop("sha256") == _digest(record) else None
@@ -253,7 +253,7 @@ def locked_store(path: Path) -> int:
 def record_of(
     template: xr.Dataset, grid: Grid, identity: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The record of a sweep in a new store."""
+    """What a new store says of its sweep."""
     others = (name for name in template.coords if name not in identity["axes"])
     return {
         "layout": LAYOUT,
@@ -276,13 +276,12 @@ def check_store(path: Path) -> None:
     places = [path / RECORD / name for name in RECORDS]
     if not any(p.is_file() for p in (*places, path / "progress" / "sweep.json")):
         raise ValueError(
-            f"Argument `store` must be a sweep's store, but {str(path)!r} "
-            f"{'is none' if os.path.exists(path) else 'does not exist'}."
+            f"Argument `store` must be a sweep's store, but {str(path)!r} is none."
         )
 
 
 def recorded(path: Path) -> dict[str, Any]:
-    """The record of a store's sweep.
+    """What a store says of its sweep.
 
     **Raises:** `ValueError` if the folder is no store, of another version, or neither
     copy can be read.
@@ -527,7 +526,7 @@ class SweepStore:
             raise
 
     def _lay_out(self) -> None:
-        """Set the attributes that follow from the record.
+        """What follows from the record.
 
         **Raises:** `ValueError` if it describes no sweep's dataset.
         """
@@ -548,7 +547,7 @@ class SweepStore:
         self.metadata = {key: text.to_bytes() for key, text in self.files.items()}
 
     def __enter__(self) -> SweepStore:
-        """Return the store: a finished one need not be claimed."""
+        """Nothing to do: a finished store need not be claimed."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -584,7 +583,7 @@ class SweepStore:
             raise
 
     def damaged(self) -> list[str]:
-        """The damaged files beside blocks, which are mended without computing."""
+        """What is damaged beside blocks, and can be mended without computing."""
         records = [(name, read_record(self.folder / name)) for name in RECORDS]
         bad = [n for n, r in records if r is None or r.get("run") != self.run]
         return [*bad, *self._mended_metadata(), *self.damaged_coordinates()]
@@ -766,21 +765,21 @@ class SweepStore:
 
 
 def open_sweep(store: str | os.PathLike) -> xr.Dataset:
-    """The dataset of a sweep's store, finished or not, read as far as it is used.
+    """The Dataset of a sweep's store, finished or not, read where it is looked at.
 
-    Points that are not computed yet are NaN, with the `outcome` `not_computed`. The
-    sweep may still be running: the dataset has the blocks that are finished by then.
-    Every chunk has a checksum: a damaged one raises an error when it is read, and never
-    gives a number.
+    What has not been computed yet is NaN and its `outcome` is `not_computed`. It may be
+    called while the sweep is running, and sees what was finished then. Every chunk has
+    a checksum: one that was damaged since raises where it is read, and never gives a
+    number.
 
-    A store may come from anywhere: opening it runs no code from the folder. Variables
+    A store may come from anywhere: opening one runs nothing that is in it. Variables
     that were added to it are read as well, if they are Zarr 3 arrays with codecs of
-    Zarr itself; other ones are left out, with a warning.
+    Zarr's own; of others it warns, and does not read them.
 
-    **Arguments:** `store`: the folder that was `sweep`'s argument `store`.
+    **Arguments:** `store`: what `sweep` was given as such, a folder.
 
-    **Returns:** an `xarray.Dataset`, its arrays still on the disk. Beside those of the
-    sweep it has the attributes `points` and `points_done`, `blocks` and
+    **Returns:** an `xarray.Dataset`, its arrays still on the disk. Beside what the
+    sweep wrote, its attributes hold `points` and `points_done`, `blocks` and
     `blocks_done`.
 
     **Raises:** `ValueError` if the folder is no sweep's store, or a coordinate is
@@ -838,7 +837,7 @@ def _describes_none(path: Path) -> ValueError:
 
 
 class _Shown(Files):
-    """The store as Zarr sees it: settled metadata, and chunks on request."""
+    """What Zarr is shown: settled metadata, and chunks as they are asked for."""
 
     chunk: Callable[[str], bytes]  # in the file of this key; `KeyError` if none is
 
