@@ -67,12 +67,12 @@ TYPES = {
 
 @dataclass(frozen=True)
 class Store:
-    """Where a sweep keeps its results.
+    """A folder into which a sweep writes its results.
 
-    **Arguments:** `path`: a folder, e.g. `"map.zarr"`; `overwrite`: whether the sweep
-    that is in it is replaced, with all that lies in the folder.
+    **Arguments:** `path`: the folder, e.g. `"map.zarr"`; `overwrite`: whether to
+    replace the sweep in it, with all other files of the folder.
 
-    **Raises:** `ValueError` for what breaks a rule.
+    **Raises:** `ValueError` for an argument that breaks a rule.
     """
 
     path: str | os.PathLike
@@ -169,7 +169,7 @@ def sync_folder(path: Path) -> None:
 
 
 def bytes_of(path: Path) -> bytes | None:
-    """What is in a file; None if there is none, or what would be waited for."""
+    """The bytes of a file; None if there is none, or if reading would wait."""
     try:
         return path.read_bytes() if path.is_file() else None
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
@@ -183,7 +183,7 @@ def write_record(path: Path, record: Mapping[str, object], parts: Path) -> None:
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """What `write_record` wrote; None if it is damaged or not there."""
+    """The record that `write_record` wrote; None if it is damaged or not there."""
     try:
         record = json.loads(bytes_of(path) or b"")
         return record if record.pop("sha256") == _digest(record) else None
@@ -253,7 +253,7 @@ def locked_store(path: Path) -> int:
 def record_of(
     template: xr.Dataset, grid: Grid, identity: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What a new store says of its sweep."""
+    """The record of a sweep in a new store."""
     others = (name for name in template.coords if name not in identity["axes"])
     return {
         "layout": LAYOUT,
@@ -281,7 +281,7 @@ def check_store(path: Path) -> None:
 
 
 def recorded(path: Path) -> dict[str, Any]:
-    """What a store says of its sweep.
+    """The record of a store's sweep.
 
     **Raises:** `ValueError` if the folder is no store, of another version, or neither
     copy can be read.
@@ -526,7 +526,7 @@ class SweepStore:
             raise
 
     def _lay_out(self) -> None:
-        """What follows from the record.
+        """Set the attributes that follow from the record.
 
         **Raises:** `ValueError` if it describes no sweep's dataset.
         """
@@ -547,7 +547,7 @@ class SweepStore:
         self.metadata = {key: text.to_bytes() for key, text in self.files.items()}
 
     def __enter__(self) -> SweepStore:
-        """Nothing to do: a finished store need not be claimed."""
+        """Return the store: a finished one need not be claimed."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -583,7 +583,7 @@ class SweepStore:
             raise
 
     def damaged(self) -> list[str]:
-        """What is damaged beside blocks, and can be mended without computing."""
+        """The damaged files beside blocks, which are mended without computing."""
         records = [(name, read_record(self.folder / name)) for name in RECORDS]
         bad = [n for n, r in records if r is None or r.get("run") != self.run]
         return [*bad, *self._mended_metadata(), *self.damaged_coordinates()]
@@ -765,21 +765,21 @@ class SweepStore:
 
 
 def open_sweep(store: str | os.PathLike) -> xr.Dataset:
-    """The Dataset of a sweep's store, finished or not, read where it is looked at.
+    """The dataset of a sweep's store, finished or not, read as far as it is used.
 
-    What has not been computed yet is NaN and its `outcome` is `not_computed`. It may be
-    called while the sweep is running, and sees what was finished then. Every chunk has
-    a checksum: one that was damaged since raises where it is read, and never gives a
-    number.
+    Points that are not computed yet are NaN, with the `outcome` `not_computed`. The
+    sweep may still be running: the dataset has the blocks that are finished by then.
+    Every chunk has a checksum: a damaged one raises an error when it is read, and never
+    gives a number.
 
-    A store may come from anywhere: opening one runs nothing that is in it. Variables
+    A store may come from anywhere: opening it runs no code from the folder. Variables
     that were added to it are read as well, if they are Zarr 3 arrays with codecs of
-    Zarr's own; of others it warns, and does not read them.
+    Zarr itself; other ones are left out, with a warning.
 
-    **Arguments:** `store`: what `sweep` was given as such, a folder.
+    **Arguments:** `store`: the folder that was `sweep`'s argument `store`.
 
-    **Returns:** an `xarray.Dataset`, its arrays still on the disk. Beside what the
-    sweep wrote, its attributes hold `points` and `points_done`, `blocks` and
+    **Returns:** an `xarray.Dataset`, its arrays still on the disk. Beside those of the
+    sweep it has the attributes `points` and `points_done`, `blocks` and
     `blocks_done`.
 
     **Raises:** `ValueError` if the folder is no sweep's store, or a coordinate is
@@ -837,7 +837,7 @@ def _describes_none(path: Path) -> ValueError:
 
 
 class _Shown(Files):
-    """What Zarr is shown: settled metadata, and chunks as they are asked for."""
+    """The store as Zarr sees it: settled metadata, and chunks on request."""
 
     chunk: Callable[[str], bytes]  # in the file of this key; `KeyError` if none is
 
