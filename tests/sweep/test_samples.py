@@ -107,3 +107,46 @@ def test_an_axis_without_a_dimension_of_its_own_is_not_paired_with_another():
         zj.sweep(lambda q: {"q": q}, q=xr.DataArray([1.0], dims=(None,)))
     with pytest.raises(ValueError, match=r"`q` must have each value once"):
         zj.sweep(lambda q: {"v": q}, q=xr.DataArray([1.0, 1.0]))
+
+
+def test_a_number_is_what_all_points_have(tmp_path):
+    ds = sweep()
+    with_mu = zj.sweep(point, q=Q, mu=2.0, c=C, progress=False)
+    one = zj.sweep(point, q=Q, mu=[2.0], c=C, progress=False)
+    assert with_mu["sum"].dims == ("sample", "c") and with_mu.mu.ndim == 0
+    assert with_mu.mu == 2.0 and with_mu.attrs["scene_axes"] == "q, mu, c"
+    bits = one["sum"].isel(mu=0).values.tobytes()
+    assert with_mu["sum"].values.tobytes() == bits
+    assert with_mu.attrs["scene_digest"] == ds.attrs["scene_digest"]
+    given = xr.DataArray(2.0, attrs={"units": "N"})  # whatever its form
+    assert zj.sweep(point, q=Q, mu=given, c=C, progress=False).mu.attrs["units"] == "N"
+
+
+def test_a_store_has_its_number_to_the_last_bit_and_mends_it(tmp_path):
+    folder, third = tmp_path / "map.zarr", 1 / 3
+
+    def stored(mu):
+        return zj.sweep(point, q=Q, mu=mu, c=C, store=folder, progress=False)
+
+    whole = stored(third).load()
+    assert float(zj.open_sweep(folder).mu) == float(whole.mu) == third
+    assert float(xr.open_zarr(folder, consolidated=False).mu) == third
+    with pytest.raises(ValueError, match="axis `mu` of the number 0.333.*, and this"):
+        stored(np.nextafter(third, 1))
+    with pytest.raises(ValueError, match="has dimensions"):
+        stored([third])
+    (folder / "mu" / "c").write_bytes(b"damaged")
+    with pytest.raises(ValueError, match="damaged"):
+        zj.open_sweep(folder)
+    assert stored(third).load().identical(whole)
+    assert float(zj.open_sweep(folder).mu) == third
+
+
+def test_sweeps_of_one_number_are_merged_and_of_two_are_not():
+    parts = [
+        zj.sweep(point, q=[1.0, 2.0], mu=mu, c=[c], progress=False)
+        for mu, c in ((0.1, 1.0), (0.1, 2.0), (0.2, 2.0))
+    ]
+    assert zj.merge(*parts[:2])["sum"].shape == (2, 2)
+    with pytest.raises(ValueError, match="its `mu` is '0.2'"):
+        zj.merge(*parts[1:])

@@ -62,6 +62,12 @@ def axes_of(
         raise ValueError("A sweep must have at least one axis, but has none.")
     check_signature(point, [*given], "point", options)
     axes = {name: _axis(name, values) for name, values in given.items()}
+    if not any(axis.ndim for axis in axes.values()):
+        name, number = next(iter(axes.items()))
+        raise ValueError(
+            f"A sweep must have at least one axis, but `{name}` is the number "
+            f"{number:g}: write `{name}=[{number:g}]`."
+        )
     _check_dimensions(axes)
     unnamed = [name for name, axis in axes.items() if axis.dims == (UNNAMED,)]
     if len(unnamed) == 1:  # xarray's name of a dimension that the user named not
@@ -81,7 +87,7 @@ def _axis(name: str, values: ArrayLike) -> xr.DataArray:
         about = dict(zip(AXIS_LABELS, AXES[name], strict=True))
     numbers = _numbers(name, values)
     if not isinstance(values, xr.DataArray):
-        return xr.DataArray(numbers, dims=name, attrs=about)
+        return xr.DataArray(numbers, dims=[name] * numbers.ndim, attrs=about)
     for key in AXIS_LABELS:
         text = values.attrs.get(key, "-")
         if not isinstance(text, str) or not text:
@@ -89,9 +95,8 @@ def _axis(name: str, values: ArrayLike) -> xr.DataArray:
                 f"Attribute `{key}` of axis `{name}` must be a text, but is {text!r}."
             )
     own = {key: values.attrs[key] for key in AXIS_LABELS if key in values.attrs}
-    (dim,) = values.dims
     # what else it says of itself is no matter of the sweep, nor of how it is stored
-    places = {dim: values.indexes[dim]} if dim in values.indexes else {}
+    places = {dim: values.indexes[dim] for dim in values.dims if dim in values.indexes}
     return xr.DataArray(numbers, places, values.dims, attrs=about | own)
 
 
@@ -100,7 +105,7 @@ def _check_dimensions(axes: Mapping[str, xr.DataArray]) -> None:
 
     **Raises:** `ValueError`.
     """
-    dims = {name: str(axis.dims[0]) for name, axis in axes.items()}
+    dims = {name: str(axis.dims[0]) for name, axis in axes.items() if axis.ndim}
     for name, dim in dims.items():
         if dims.get(dim, dim) != dim:
             raise ValueError(
@@ -108,7 +113,7 @@ def _check_dimensions(axes: Mapping[str, xr.DataArray]) -> None:
                 f"an axis along `{dims[dim]}`: rename the dimension."
             )
         check_name("Dimension", axes[name].dims[0])
-    for first, name in combinations(axes, 2):
+    for first, name in combinations(dims, 2):
         if dims[first] != dims[name]:
             continue
         try:
@@ -138,7 +143,7 @@ def _check_unlike(axes: Mapping[str, xr.DataArray]) -> None:
 
     **Raises:** `ValueError`.
     """
-    dims = {str(axis.dims[0]) for axis in axes.values()}
+    dims = {str(dim) for axis in axes.values() for dim in axis.dims}
     for name in axes.keys() & dims:
         unlike, counts = np.unique(axes[name], return_counts=True)
         if unlike.size < axes[name].size:
@@ -176,21 +181,18 @@ def _numbers(name: str, values: ArrayLike) -> np.ndarray:
         raise ValueError(
             f"Axis `{name}` must be real numbers, but is {values!r}."
         ) from None
-    if numbers.ndim == 0:
+    if numbers.ndim > 1:
         raise ValueError(
-            f"Axis `{name}` must have one dimension, but is the number {numbers:g}: "
-            f"write `{name}=[{numbers:g}]`."
-        )
-    if numbers.ndim != 1:
-        raise ValueError(
-            f"Axis `{name}` must have one dimension, but has shape {numbers.shape}."
+            f"Axis `{name}` must have one dimension, or be a number, but has shape "
+            f"{numbers.shape}."
         )
     if numbers.size == 0:
         raise ValueError(f"Axis `{name}` must have values, but is empty.")
     bad = np.flatnonzero(~np.isfinite(numbers))
     if bad.size:
+        place = f" at index {bad[0]}" if numbers.ndim else ""
         raise ValueError(
-            f"Axis `{name}` must be finite, but is {numbers[bad[0]]} at index {bad[0]}."
+            f"Axis `{name}` must be finite, but is {numbers.flat[bad[0]]}{place}."
         )
     return numbers
 
@@ -235,7 +237,10 @@ def check_signature(
 
 
 class Box(NamedTuple):
-    """A box of points: each parameter's values, and along which axis they lie."""
+    """A box of points: each parameter's values, and along which axis they lie.
+
+    A parameter that is a number has it everywhere along the first one.
+    """
 
     shape: tuple[int, ...]
     columns: dict[str, tuple[int, np.ndarray]]
@@ -314,10 +319,17 @@ class Grid:
         **Raises:** `ValueError` if `where` breaks its rules or leaves no point.
         """
         self.axes, self.where = axes, where
-        along = {str(name): str(axis.dims[0]) for name, axis in axes.coords.items()}
-        self.dims = tuple(dict.fromkeys(along.values()))
+        self.dims = tuple(
+            dict.fromkeys(
+                str(dim) for axis in axes.coords.values() for dim in axis.dims
+            )
+        )
         shape = tuple(axes.sizes[dim] for dim in self.dims)
-        columns = {n: (self.dims.index(d), axes[n].values) for n, d in along.items()}
+        columns = {}
+        for name, axis in axes.coords.items():
+            along = self.dims.index(str(axis.dims[0])) if axis.ndim else 0
+            values = axis.values if axis.ndim else np.full(shape[0], axis.values)
+            columns[str(name)] = along, values
         self.box = Box(shape, columns)
         part = max(math.prod(shape) // PARTS, FEWEST)
         points = points_a_block or min(part, POINTS_A_BLOCK)

@@ -39,13 +39,13 @@ def identity(scene: Scene, grid: Grid) -> dict[str, Any]:
     Each by the words with which `difference` tells it: "the store has ...".
     """
     versions = {f"numbers by {name}": metadata.version(name) for name in _PACKAGES}
-    columns = grid.box.columns.items()
+    axes = {str(name): axis.values for name, axis in grid.axes.coords.items()}
     return {
         **versions,
         **scene.attributes,  # in front: one that is named like an entry hides none
         "axes": list(grid.names),
         "dimensions": list(grid.dims),
-        **{f"axis `{name}` of": _known_by(values) for name, (_, values) in columns},
+        **{f"axis `{name}` of": _known_by(values) for name, values in axes.items()},
         "other points (`where`)": grid.digest,
         "blocks of": list(grid.chunk),
         "batch_size": scene.batch_size,
@@ -61,6 +61,8 @@ def identity(scene: Scene, grid: Grid) -> dict[str, Any]:
 
 def _known_by(values: np.ndarray) -> str:
     """An axis in words, and to the last bit."""
+    if not values.ndim:
+        return f"the number {values:.17g}"
     digest = hashlib.sha256(np.ascontiguousarray(values, "<f8").tobytes()).hexdigest()
     ends = f"{values[0]:.17g} to {values[-1]:.17g}"
     return f"{values.size} values from {ends}, with those between sha256 {digest}"

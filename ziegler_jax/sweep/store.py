@@ -540,8 +540,8 @@ class SweepStore:
             self.names = sorted(about, key=lambda n: "flag_values" in about[n]["attrs"])
             shape, chunk = about[self.names[0]]["shape"], self.record["chunk"]
             self.counts = (*(-(-s // c) for s, c in zip(shape, chunk, strict=False)),)
-            others = (name for name in self.arrays if name not in about)
-            self.coordinates = [f"{name}/c/0" for name in others]
+            others = {n: x for n, x in self.arrays.items() if n not in about}
+            self.coordinates = [f"{n}/c{'/0' * x.ndim}" for n, x in others.items()]
         except Exception as error:  # NumPy's and Zarr's, of many kinds
             raise _describes_none(self.path) from error
         self.metadata = {key: text.to_bytes() for key, text in self.files.items()}

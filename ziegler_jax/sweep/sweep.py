@@ -103,7 +103,9 @@ def sweep(
         finished block, an object of JSON: its place, points, seconds, steps and
         outcomes.
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
-        them alike. An axis that is named like an option goes into `axes`. Names are of
+        them alike; or one number, which all points have: it becomes a coordinate
+        without a dimension. An axis that is named like an option goes into `axes`.
+        Names are of
         letters, digits and underscores, as those of results are. Parameters that are
         `xarray.DataArray`s of one dimension vary together along it, as in xarray:
         samples, or a path through the parameters (see the second example). A dimension
