@@ -92,9 +92,7 @@ def judged(sample: str, key: str, law: str = "smoothed") -> Any:
 
     Of `a5_certificates.py`.
     """
-    dry = [r for r in rows("a5_certificates", sample=sample) if "steps_by_windows" in r]
-    kept = [r for r in rows("a5_certificates", sample=sample) if r not in dry]
-    numbers = [r[key] for r in (dry if law == "dry" else kept)]
+    numbers = [r[key] for r in rows("a5_certificates", sample=sample, law=law)]
     return max(numbers) if key.startswith("amplitude") else sum(numbers)
 
 
@@ -104,12 +102,28 @@ def usual_error() -> float:
     return next(p["median"] for p in points if p["tolerance"] == 1e-6)
 
 
+def again(law: str) -> tuple:
+    """Of a map whose cells beside another end were followed again.
+
+    Cells; ends that change at 1e-10, and those of them that are marked; cells that are
+    called the same, and those of them that another code finds elsewhere; the time of
+    following again, in % of that of the map; ends that change and are called the same.
+    """
+    r = one("a5_certificates", sample="again", law=law)
+    changed, same = r["changed_at_1e-10"], r["marks"]["same"]
+    marked = sum(changed[name] for name in ("other_end", "other_time", "late"))
+    share = 100 * r["seconds_again"] / r["seconds_of_the_map"]
+    wrong = r["elsewhere_by_another_code"]["same"]
+    ends = sum(changed.values()), marked, same, wrong
+    return r["points"], *ends, share, changed["same"]
+
+
 def dry_cells() -> tuple:
     """Of cells with set-valued friction, in %: undecided, unsettled by windows; steps.
 
     The steps are over those by windows: as they are, one with tangents counted as four.
     """
-    (r,) = [r for r in rows("a5_certificates") if "steps_by_windows" in r]
+    r = one("a5_certificates", sample="map", law="dry")
     shares = sum(r["undecided"].values()), r["unsettled_by_windows"]
     steps = r["steps"], r["steps_with_tangents"]
     over = [x / r["steps_by_windows"] for x in steps]
@@ -332,6 +346,38 @@ def _(error):
 )
 def _(median, largest):
     return median < 1e-6 and largest < 0.2
+
+
+@claim(
+    TRUST,
+    "Of a fresh map of {0:,d} cells under smoothed friction {1:d} ends change at a "
+    "tolerance of 1e-10. {2:d} of these lie beside another end, and all of them are "
+    "marked. {3:d} cells are called the same, and another code, from the kick, finds "
+    "{4:d} of them elsewhere.",
+    "again('smoothed')",
+)
+def _(cells, changed, marked, same, wrong, share, missed):
+    return same > 2000 and wrong == missed == 0 and marked > 0.8 * changed
+
+
+@claim(
+    TRUST,
+    "Of the same map under dry friction {1:d} ends change, {2:d} of them are marked, "
+    "and {3:d} are called the same, {4:d} of them elsewhere by the other code",
+    "again('dry')",
+)
+def _(cells, changed, marked, same, wrong, share, missed):
+    return same > 1500 and wrong == missed == 0 and marked > 0.7 * changed
+
+
+@claim(
+    TRUST,
+    "Following again takes {0:.0f} % of the time of the map, under dry friction "
+    "{1:.0f} %.",
+    "again('smoothed')[5], again('dry')[5]",
+)
+def _(smoothed, dry):
+    return smoothed < 8 and dry < 3
 
 
 def main():

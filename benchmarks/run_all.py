@@ -20,8 +20,7 @@ CALLS = {
     "a5_certificates": [
         ["--seed", "13"],
         ["--seed", "14", "--cells", "14000", "--beside", "1500", "--again", "0"],
-        ["--law", "dry", "--cells", "6600", "--seed", "29", "--beside", "0"]
-        + ["--again", "0", "--again-beside", "0"],
+        ["--law", "dry", "--cells", "6600", "--seed", "29", "--beside", "0"],
     ],
     "a13_certified_truth": [
         ["share", "onsets"],

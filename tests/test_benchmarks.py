@@ -19,7 +19,7 @@ SMALL = {
     "a15_chains": "--rods 3 --cells 6",
     "a1_linear": "--columns 500",
     "a3_friction": "cycles --lanes 16 --repeats 1",
-    "a5_certificates": "--cells 32 --beside 4 --again 16 --again-beside 0",
+    "a5_certificates": "--cells 32 --beside 4 --again 200",
     "a9_least_kick": "--groups rates --cases 1 --random 16",
     "b0_work_precision": "--scenes stiff_1e-3 --stiff-lanes 8 --repeats 1",
     "b1_lanes": "--lanes 64 --threaded 64 --rounds 1",

@@ -398,6 +398,7 @@ CONSTANT = {
     "compare": "of datasets",
     "configure_cache": "an action",
     "configure_cpu": "an action",
+    "follow_again": "of datasets",
     "is_stiff": "yes or no",
     "label_cycles": "of datasets",
     "merge": "of datasets",

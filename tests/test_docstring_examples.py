@@ -214,6 +214,11 @@ def of_a_boundary(names):
     assert ds.attrs["refine_complete"] and ds.sizes["vertex"] > 20
 
 
+def of_marks(names):
+    unsure, again = names["unsure"], names["ds"].again
+    assert 0 < unsure.sum() < (again > 0).sum() < 0.5 * again.size
+
+
 CASES = {
     "sweep/sweep.py 0": ({}, of_a_sweep),
     "sweep/sweep.py 1": ({"xr": xr}, of_samples),
@@ -223,6 +228,7 @@ CASES = {
     ),
     "maps/merge.py 0": ({}, of_a_union),
     "maps/refine.py 0": ({}, of_a_boundary),
+    "maps/follow_again.py 0": ({}, of_marks),
     "results.py 0": ({}, of_a_variable),
     "units/si.py 0": ({"ts": np.linspace(0, 3, 7)}, of_units),
     "plot/maps.py 0": ({"ds": small_map}, None),

@@ -1,7 +1,6 @@
 """`python -m ziegler_jax` writes a map that can be read, or says why not."""
 
 import contextlib
-import functools
 import io
 import os
 import re
@@ -82,25 +81,41 @@ def test_a_picture_is_written(written):
     assert picture.startswith(PNG) and len(picture) > 20_000
 
 
-def test_late_ends_are_followed_again(written):
-    run = functools.partial(
-        subprocess.run, capture_output=True, text=True, timeout=600, check=True
-    )
-    command = [*COMMAND, "--out", str(written[0]), "--points", "200", "--sensitive"]
-    name = written[0] / job.SENSITIVE_STORE
-    said = run(command).stdout
-    ds, marks = zj.open_sweep(written[0] / job.STORE), zj.open_sweep(name)
-    ends = ds["outcome"].isin([zj.CODE.cycle, zj.CODE.stuck])
-    late = (ends & (ds["time"] > 120)).values
-    assert 0 < late.sum() < (ds["outcome"] > 0).sum()
-    np.testing.assert_array_equal((marks["outcome"] > 0).values, late)
-    np.testing.assert_array_equal(
-        marks["outcome"].values[late], ds["outcome"].values[late]
-    )
-    assert (marks["growth"].values[late] >= 1).all()
-    count = int((marks["sensitive"] == 1).sum())
-    assert f"settled after t = 120: {late.sum()} (" in said
-    assert f"may end otherwise: {count}.\n" in said and str(name) in said
+def test_cells_beside_another_end_are_followed_again_and_the_map_says_so(written):
+    folder, said = written
+    ds = zj.open_sweep(folder / job.STORE)
+    assert ds.rtol == 1e-6 and ds.again.attrs["rtol"] == 1e-8
+    ends = (zj.CODE.cycle, zj.CODE.stuck, zj.CODE.escaped)
+    settled, again = ds.outcome.isin(ends), ds.again.values
+    other = xr.zeros_like(settled)
+    for dim in settled.dims:
+        for way in (1, -1):
+            beside = ds.outcome.shift({dim: way}, fill_value=0)
+            other |= settled & beside.isin(ends) & (beside != ds.outcome)
+    assert other.sum() > 20 and (again[other.values] > 0).all()
+    assert (settled.values[again > 0]).all()
+    assert ((again == 4) <= (ds.time > job.LATE)).all()
+    followed = np.isin(again, (1, 2, 3))
+    np.testing.assert_array_equal(ds.outcome_again.values > 0, followed)
+    alike = ds.outcome_again.values == ds.outcome.values
+    assert alike[np.isin(again, (1, 3))].all()
+    words = ds.again.attrs["flag_meanings"].split()
+    assert words == ["inside", "same", "other_end", "other_time", "late"]
+    assert f"Beside another end lie {(again > 0).sum()}." in said
+    for code, word in enumerate(words[1:], 1):
+        assert f"{(again == code).sum()} {word}: " in said
+
+
+def test_marks_that_were_not_written_yet_are_made_good(written, tmp_path):
+    shutil.copytree(written[0] / job.STORE, tmp_path / job.STORE)
+    shutil.rmtree(tmp_path / job.STORE / "again")  # it is written last
+    command = [*COMMAND, "--points", "200", "--out", str(tmp_path)]
+    subprocess.run(command, check=True, capture_output=True, timeout=400)
+    whole, ds = (zj.open_sweep(f / job.STORE) for f in (written[0], tmp_path))
+    assert ds.again.equals(whole.again) and ds.again.attrs == whole.again.attrs
+    before = (tmp_path / job.STORE / "again").stat().st_mtime_ns
+    subprocess.run(command, check=True, capture_output=True, timeout=400)
+    assert (tmp_path / job.STORE / "again").stat().st_mtime_ns == before
 
 
 def test_the_summary_counts_every_outcome_that_there_is(written):
@@ -248,27 +263,6 @@ def test_a_closed_stdout_is_named_and_the_map_is_written(written, tmp_path, clos
     assert (tmp_path / job.PICTURE).read_bytes().startswith(PNG)
 
 
-def test_marks_of_another_map_are_refused_and_stay(
-    drawn_anew, tmp_path, capsys, monkeypatch
-):
-    """Whatever breaks a rule, too: nothing is replaced without `--overwrite`."""
-    marks = tmp_path / job.SENSITIVE_STORE
-
-    def of_this_map(_, store, overwrite, law="", by=2.0):
-        return zj.sweep(
-            lambda q: by * q, q=[1.0, 3.0], store=zj.Store(store, overwrite)
-        )
-
-    of_this_map(None, marks, False, by=1.0)
-    monkeypatch.setattr(job, "sensitive", of_this_map)
-    with pytest.raises(SystemExit) as ended:
-        job.main(["--out", str(tmp_path), "--sensitive"])
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert ended.value.code == 2
-    assert "`store`" in said and str(marks) in said and "--overwrite" in said
-    assert zj.open_sweep(marks).value.values.tolist() == [1.0, 3.0]
-
-
 def test_letters_that_stdout_lacks_are_written_as_their_codes(
     drawn_anew, tmp_path, monkeypatch
 ):
@@ -370,34 +364,6 @@ def test_dry_friction_alone_goes_on_with_its_store_and_draws_it(
     assert {path.name for path in tmp_path.iterdir()} == {
         store, "bifurcation_map_dry.png"
     }  # fmt: skip
-
-
-def test_late_ends_of_both_laws_are_followed_into_a_store_each(
-    tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setattr(zj, "configure_cpu", lambda: "set")
-    asked = []
-
-    def sweep(point, store, **_):
-        asked.append((point.func, point.keywords, store.path.name))
-        return xr.Dataset({"sensitive": ("q", [1])}, attrs={"points": 1})
-
-    maps = dict(
-        zip(("smoothed", "dry"), small_maps(["sC"] * 2, ["CC"] * 2), strict=True)
-    )
-    late = {name: ds.assign(time=ds.outcome * 0 + 200.0) for name, ds in maps.items()}
-    monkeypatch.setattr(job, "compute", lambda *arguments: late[arguments[-1]])
-    monkeypatch.setattr(job, "summary", lambda _: "")
-    monkeypatch.setattr(zj, "sweep", sweep)
-    command = ["--law", "both", "--sensitive", "--out", str(tmp_path)]
-    assert job.main(command) == 0
-    names = ("bifurcation_map_sensitive.zarr", "bifurcation_map_dry_sensitive.zarr")
-    assert asked == [
-        (job._with_growth, {"law": law}, name)
-        for law, name in zip(maps, names, strict=True)
-    ]
-    last = capsys.readouterr().out.splitlines()[-1]
-    assert all(name in last for name in names)
 
 
 def test_a_store_of_one_law_is_refused_for_another(

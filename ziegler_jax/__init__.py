@@ -35,6 +35,7 @@ from .linear.spectrum import (
     tangent_column,
 )
 from .linear.stabilise import stabilise
+from .maps.follow_again import follow_again
 from .maps.merge import merge
 from .maps.refine import refine
 from .maps.which_cycle import label_cycles
@@ -175,6 +176,7 @@ __all__ = [
     "critical_load",
     "energy",
     "flutter_onset",
+    "follow_again",
     "is_stiff",
     "label_cycles",
     "least_kick",

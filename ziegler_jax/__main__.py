@@ -4,12 +4,15 @@
 mu_k) with mu_k <= mu_s and follows it until its motion has settled. The map is the
 store of a sweep: the same command goes on with one that was stopped. `--law` says
 which friction: smoothed, dry (set-valued), or both and where their outcomes differ.
+Cells beside another end are followed once more at a finer tolerance: the map's `again`
+says which of them may end otherwise with other steps.
 """
 
 import argparse
 import contextlib
 import functools
 import os
+import shutil
 import signal
 import sys
 import tempfile
@@ -19,10 +22,10 @@ from typing import NoReturn
 
 import numpy as np
 import xarray as xr
+from zarr.codecs import Crc32cCodec, ZstdCodec
 
 import ziegler_jax as zj
 from ziegler_jax._main_both import (
-    SETTLED,
     counted,
     ends_of_both,
     shares_over_ratio,
@@ -47,12 +50,12 @@ SECTIONS = (
     (2.0, r"$\mu_k \approx \mu_s / 2$"),
 )
 CLOSE = 1 / 8  # of mu_s / ratio, for the grid's closest mu_k to stand for it
-# A quarter of the map settles later than this, and with it all but one of the eleven
-# points of both laws whose end changed with the tolerance (`a5_certificates.py`).
-LATE = 120.0
+# Beside another end cells that settle later than this would take half of the time that
+# following them again takes, and 42 % of them would be marked (`a5_certificates.py`).
+RTOL, FINER, LATE = 1e-6, 1e-8, 200.0
 ONSET_AT = (0.05, 0.1, 0.12, 0.4)  # values of mu_s, printed where the grid has them
+MARKS = "outcome_again", "again"  # in the store, in the order in which they come
 STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"
-SENSITIVE_STORE = "bifurcation_map_sensitive.zarr"
 # what `--law` takes, by how a heading names the friction
 LAWS = {
     "smoothed": "tanh friction",
@@ -61,7 +64,7 @@ LAWS = {
 }
 
 
-def point(q, mu_s, mu_k, law="smoothed", **options):
+def point(q, mu_s, mu_k, rtol=RTOL, law="smoothed", **options):
     """Settle one column: N = q, and of the smoothed law v_smooth = tau_s / 5."""
     if law == "dry":
         friction = zj.SetValuedCoulomb(mu_s, mu_k, pin_radius=PIN_RADIUS)
@@ -74,11 +77,8 @@ def point(q, mu_s, mu_k, law="smoothed", **options):
             v_smooth=mu_s * PIN_RADIUS * q / DAMPING_AT_REST,
         )
     column = zj.uniform_rods(q=q, friction=friction)
-    return zj.settle(column, zj.State(omega=KICK), **{**SETTLE, **options})
-
-
-def _with_growth(q, mu_s, mu_k, law="smoothed"):
-    return point(q, mu_s, mu_k, law, observers=(*SETTLE["observers"], zj.Growth()))
+    options = {**SETTLE, "method": zj.Method(rtol=rtol), **options}
+    return zj.settle(column, zj.State(omega=KICK), **options)
 
 
 def file_of(name: str, law: str) -> str:
@@ -107,31 +107,34 @@ def grid(points: int) -> tuple[np.ndarray, np.ndarray]:
 def compute(
     points: int, store: Path, overwrite: bool = False, law: str = "smoothed"
 ) -> xr.Dataset:
-    """The map as a dataset over (q, mu_s, mu_k): what its store lacks is computed."""
+    """The map as a dataset over (q, mu_s, mu_k): what its store lacks is computed.
+
+    That is first its cells, then what `follow_again` says of those beside another end.
+    """
     q, mu = grid(points)
-    return zj.sweep(
-        functools.partial(point, law=law), where=lambda mu_s, mu_k, q: mu_k <= mu_s,
-        q=q, mu_s=mu, mu_k=mu, store=zj.Store(store, overwrite),
+    names = "q", "mu_s", "mu_k", "rtol"
+    program = zj.Program(functools.partial(point, law=law), names=names)
+    ds = zj.sweep(
+        program, where=lambda mu_s, mu_k, **_: mu_k <= mu_s,
+        q=q, mu_s=mu, mu_k=mu, rtol=RTOL, store=zj.Store(store, overwrite),
     )  # fmt: skip
+    if MARKS[-1] in ds:
+        return ds
+    ds = zj.follow_again(program, ds, rtol=FINER, late=LATE)
+    _add(ds[[*MARKS]], store)
+    return ds
 
 
-def sensitive(
-    ds: xr.Dataset, store: Path, overwrite: bool = False, law: str = "smoothed"
-) -> xr.Dataset:
-    """What settled late once more, with the growth of the kick's tangent."""
-    ds = ds.transpose("q", "mu_s", "mu_k", ...)
-    late = (ds["outcome"].isin(SETTLED) & (ds["time"] > LATE)).values
-
-    def where(q, mu_s, mu_k):
-        return late[  # by values: a store asks for blocks
-            np.searchsorted(ds["q"], q),
-            np.searchsorted(ds["mu_s"], mu_s),
-            np.searchsorted(ds["mu_k"], mu_k),
-        ]
-
-    axes = {name: ds[name].values for name in ("q", "mu_s", "mu_k")}
-    followed = functools.partial(_with_growth, law=law)
-    return zj.sweep(followed, where=where, store=zj.Store(store, overwrite), axes=axes)
+def _add(marks: xr.Dataset, store: Path) -> None:
+    """Add variables to a store: each is there as a whole or not at all."""
+    codecs = {"compressors": (ZstdCodec(), Crc32cCodec())}
+    with tempfile.TemporaryDirectory(dir=store) as folder:
+        new = Path(folder) / "new"
+        how = {"zarr_format": 3, "consolidated": False}
+        marks.to_zarr(new, encoding={name: codecs for name in marks}, **how)
+        for name in MARKS:
+            shutil.rmtree(store / name, ignore_errors=True)  # the rest of a killed run
+            os.rename(new / name, store / name)
 
 
 def section(ds: xr.Dataset, ratio: float) -> xr.Dataset:
@@ -205,6 +208,7 @@ def summary(ds: xr.Dataset) -> str:
     if undecided.size:
         lines.append("What the unsettled ones may be:")
         lines += _shares(undecided, ends.size, "  ")
+    lines += _marked(ds)
     begins = [line for ratio, _ in SECTIONS for line in _onsets(section(ds, ratio))]
     if begins:
         lines.append("Flutter begins between the last stuck q and the first cycle's:")
@@ -245,16 +249,18 @@ def _onsets(plane: xr.Dataset) -> list[str]:
     return lines
 
 
-def sensitive_summary(ds: xr.Dataset) -> str:
-    """How many points settled late, and how many of these other steps may change."""
-    a, marks = ds.attrs, int((ds["sensitive"].values == 1).sum())
-    text = (
-        f"Followed again, as they settled after t = {LATE:.0f}: {counted(a['points'])}"
-    )
-    if "run_seconds" in a:
-        text += f" (the last run took {a['run_seconds']:.1f} s after "
-        text += f"{a['compile_seconds']:.1f} s of compilation)"
-    return f"{text}; other tolerances may end otherwise: {counted(marks)}."
+def _marked(ds: xr.Dataset) -> list[str]:
+    """How many cells lie beside another end, and what became of them."""
+    about = ds["again"].attrs
+    _, *marks = about["flag_meanings"].split()
+    _, *sentences = (text.split(": ", 1)[1] for text in about["comment"].split("; "))
+    counts = [int((ds["again"].values == i).sum()) for i in range(1, len(marks) + 1)]
+    lines = [
+        f"Beside another end lie {counted(sum(counts))}. Of these were followed again "
+        f"at a tolerance of {about['rtol']:g} what settled by t = {about['late']:g}:"
+    ]
+    rows = zip(counts, marks, sentences, strict=True)
+    return lines + [f"  {counted(n):>10s} {mark}: {text}" for n, mark, text in rows]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -308,11 +314,6 @@ def _run(
         draw_both(ends, picture)
     else:
         draw(maps[options.law], picture, options.law)
-    for law in laws if options.sensitive else ():
-        store = into(SENSITIVE_STORE, law)
-        with _ended_by_ctrl_c(stopped), _refused_by(parser, options.law, law):
-            followed = sensitive(maps[law], store, options.overwrite, law)
-        printed &= _say(sensitive_summary(followed))
     return printed, written
 
 
@@ -334,7 +335,7 @@ def _say(text: str) -> bool:
 
 @contextlib.contextmanager
 def _refused_by(parser: argparse.ArgumentParser, laws: str, law: str):
-    """What is there is not this map, or not its marks: nothing is replaced unasked."""
+    """What is there is not this map: nothing is replaced unasked."""
     replaces = "--overwrite" if laws == law else f"--law {law} --overwrite"
     try:
         yield
@@ -398,12 +399,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     anew = "begin anew, in place of the map that is there"
     parser.add_argument("--overwrite", action="store_true", help=anew)
-    parser.add_argument(
-        "--sensitive",
-        action="store_true",
-        help="follow what settled late once more, and mark what may end elsewhere at "
-        f"another tolerance in {SENSITIVE_STORE} (`_dry` for dry friction)",
-    )
     return parser
 
 

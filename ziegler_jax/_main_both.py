@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from .maps.follow_again import ENDED
 from .results import CODE
 
 # the outcomes of which each pair has a colour of its own
@@ -45,10 +46,6 @@ def ends_of_both(smoothed: xr.Dataset, dry: xr.Dataset) -> xr.Dataset:
         "differ": (dims, computed & (one != other)),
     }
     return xr.Dataset(numbers, {name: smoothed[name] for name in dims})
-
-
-SETTLED = (CODE.cycle, CODE.repeats, CODE.stuck, CODE.rest)
-ENDED = (*SETTLED, CODE.escaped)
 
 
 class Shares(NamedTuple):

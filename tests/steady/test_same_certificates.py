@@ -4,13 +4,14 @@ In a file of its own: the programs are those that a user's sweep compiles. Besid
 unstable cycle the last bit decides where a motion goes, and the judge followed these.
 """
 
+import functools
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import ziegler_jax as zj
-from ziegler_jax.__main__ import LATE, point
-from ziegler_jax.__main__ import _with_growth as with_growth
+from ziegler_jax.__main__ import SETTLE, point
 from ziegler_jax.sweep import grid, store
 
 pytestmark = pytest.mark.usefixtures("optimised")  # bits, as users get them
@@ -97,7 +98,9 @@ def test_a_fate_that_hangs_on_the_steps_is_sensitive_and_an_ordinary_one_is_not(
         found = zj.sweep(lambda i: scene(*at[i.astype(int)]), i=[0.0, 1.0])
         return found.sel(joint=2)
 
-    plain, followed = of(point), of(with_growth)
+    observers = *SETTLE["observers"], zj.Growth()
+    plain = of(point)
+    followed = of(functools.partial(point, observers=observers))
     assert (followed.outcome == zj.CODE.cycle).all()
     assert followed.sensitive.values.tolist() == [1, 0]
     assert followed.growth[0] > 1e4 > 100 > followed.growth[1] > 1
@@ -106,4 +109,4 @@ def test_a_fate_that_hangs_on_the_steps_is_sensitive_and_an_ordinary_one_is_not(
     np.testing.assert_allclose(
         followed.joint_amplitude, plain.joint_amplitude, rtol=5e-7
     )
-    assert (plain.time > LATE).values.tolist() == [True, False]
+    assert (plain.time > 120).values.tolist() == [True, False]

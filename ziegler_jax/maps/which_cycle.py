@@ -75,7 +75,7 @@ def label_cycles(
     jump = float(number("jump", jump, "positive"))
     reach = whole_number("reach", reach)
     dims = tuple(str(name) for name in dataset.outcome.dims)
-    positions = [_positions(dataset, name) for name in dims]
+    places_of = [positions(dataset, name) for name in dims]
     cycles = np.asarray(dataset.outcome.values == CODE.cycle)
     period = dataset.period.transpose(*dims).values
     amplitude = dataset.joint_amplitude.transpose(*dims, "joint").values
@@ -83,7 +83,7 @@ def label_cycles(
     cycles &= np.all(np.isfinite(numbers), axis=-1)
     places = np.arange(cycles.size).reshape(cycles.shape)
     pairs = [np.empty((2, 0), int)]
-    for axis, x in enumerate(positions):
+    for axis, x in enumerate(places_of):
         lines = (np.moveaxis(a, axis, 0) for a in (numbers, cycles, places))
         values, there, mine = (
             a.reshape(x.size, -1, *a.shape[cycles.ndim :]) for a in lines
@@ -102,7 +102,7 @@ def label_cycles(
     return dataset.assign(cycle_label=xr.DataArray(label, dims=dims, attrs=about))
 
 
-def _positions(dataset: xr.Dataset, name: str) -> np.ndarray:
+def positions(dataset: xr.Dataset, name: str) -> np.ndarray:
     """The places of cells along an axis.
 
     **Raises:** `ValueError` where it has no order.
@@ -114,7 +114,7 @@ def _positions(dataset: xr.Dataset, name: str) -> np.ndarray:
             return x.astype(float)
     raise ValueError(
         f"Argument `dataset` must have axes of numbers that rise or fall, but `{name}` "
-        "is none: cells without neighbours have no label."
+        "is none: its cells have no neighbours."
     )
 
 
