@@ -5,9 +5,10 @@ windows, with `StickFraction`; the same with no observer, and with another one; 
 span, and a forward derivative of its end by the load; `settle` with certificates;
 `settle` by windows, then `periodic_orbit` from where it ended, certified or not, stuck
 lanes included; `lyapunov_exponents`; `settle` with the exponents of what has not
-settled. For each: seconds to trace and compile, seconds of the runs, taken in turns,
-over those of windows, steps (one with three tangents counts as four), the share of
-useful steps, and the endings. Prints one JSON line a question; some four minutes.
+settled; certificates under dry friction, and where its outcomes differ. For each:
+seconds to trace and compile, seconds of the runs, taken in turns, over those of
+windows, steps (one with three tangents counts as four), the share of useful steps, and
+the endings. Prints one JSON line a question; some four minutes.
 
     python benchmarks/b3_questions.py [--cells 8192] [--seed 17] [--repeats 3]
         [--only windows certified]
@@ -84,6 +85,7 @@ def questions(table):
         "span": lambda cell: {"phi_2": span(cell)},
         "derivative": derivative,
         "certified": lambda cell: job.point(*numbers(cell)),
+        "dry": lambda cell: job.point(*numbers(cell), law="dry"),
         "windows and periodic_orbit": closed,
         "lyapunov_exponents": lambda cell: zj.lyapunov_exponents(column(cell), start),
         "kind": lambda cell: zj.settle(column(cell), start, exponents=2),
@@ -117,6 +119,30 @@ def about(name, runs, first):
     return result
 
 
+def laws_differ(table, smoothed, dry):
+    """Where outcomes differ: shares of cells, by the ratio of the coefficients."""
+    _, mu_s, mu_k = table
+    one, two = smoothed.outcome.values, dry.outcome.values
+    differ, ratio = one != two, mu_k / mu_s
+    parts = {
+        "all": ratio > 0,
+        "equal": mu_k == mu_s,
+        "at least 0.8": ratio >= 0.8,
+        "0.45 to 0.55": (ratio > 0.45) & (ratio < 0.55),
+        "below 0.1": ratio < 0.1,
+    }
+    left = dry.undecided.values[two == zj.CODE.unsettled]
+    near = np.isin(left, (zj.CODE.unstable_near, zj.CODE.growing))
+    alone = (one == zj.CODE.stuck)[differ]
+    return {
+        "cells": differ.size,
+        "differ": {k: float(differ[x].mean()) for k, x in parts.items() if x.any()},
+        "of_these_stuck_under_the_smoothed_law": float(alone.mean()),
+        "unsettled": [float((x == zj.CODE.unsettled).mean()) for x in (one, two)],
+        "of_dry_unsettled_near_or_growing": float(near.mean()),
+    }
+
+
 def main():
     options = arguments(__doc__, cells=8192, seed=17, repeats=3, only=("",))
     zj.configure_cpu()
@@ -135,6 +161,9 @@ def main():
     first = [ds.attrs["run_seconds"] for ds in runs["windows"]]
     for name in asked:
         report("b3_questions", question=name, **about(name, runs[name], first))
+    if {"certified", "dry"} <= asked.keys():
+        pair = runs["certified"][-1], runs["dry"][-1]
+        report("b3_questions", question="both laws", **laws_differ(table, *pair))
 
 
 if __name__ == "__main__":

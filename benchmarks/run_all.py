@@ -28,7 +28,10 @@ CALLS = {
         ["kinds", "--seed", "2911"],
     ],
     "b0_work_precision": [["--scenes", *SCENES]],
-    "b3_questions": [[], ["--cells", "0", "--only", "certified"]],
+    "b3_questions": [
+        [],
+        ["--cells", "0", "--repeats", "2", "--only", "certified", "dry"],
+    ],
 }
 
 

@@ -216,7 +216,7 @@ def of_a_boundary(names):
 
 def of_marks(names):
     unsure, again = names["unsure"], names["ds"].again
-    assert 0 < unsure.sum() < (again > 0).sum() < 0.5 * again.size
+    assert 0 < unsure.sum() < (again > 1).sum() < 0.5 * again.size
 
 
 CASES = {

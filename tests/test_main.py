@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections import Counter
 
 import numpy as np
@@ -19,7 +20,9 @@ from eyes import EYES, lab
 import ziegler_jax as zj
 from ziegler_jax import __main__ as job
 from ziegler_jax._main_both import ends_of_both, shares_over_ratio, summary_of_both
+from ziegler_jax.maps.added import add_variables
 from ziegler_jax.results import OUTCOMES
+from ziegler_jax.sweep.store import SweepStore
 
 pytestmark = pytest.mark.usefixtures("optimised")  # the main job itself runs here
 
@@ -87,35 +90,90 @@ def test_cells_beside_another_end_are_followed_again_and_the_map_says_so(written
     assert ds.rtol == 1e-6 and ds.again.attrs["rtol"] == 1e-8
     ends = (zj.CODE.cycle, zj.CODE.stuck, zj.CODE.escaped)
     settled, again = ds.outcome.isin(ends), ds.again.values
+    words = ds.again.attrs["flag_meanings"].split()
+    assert words == "not_asked inside same other_end other_time late".split()
     other = xr.zeros_like(settled)
     for dim in settled.dims:
         for way in (1, -1):
             beside = ds.outcome.shift({dim: way}, fill_value=0)
             other |= settled & beside.isin(ends) & (beside != ds.outcome)
-    assert other.sum() > 20 and (again[other.values] > 0).all()
-    assert (settled.values[again > 0]).all()
-    assert ((again == 4) <= (ds.time > job.LATE)).all()
-    followed = np.isin(again, (1, 2, 3))
+    assert other.sum() > 20 and (again[other.values] > 1).all()
+    np.testing.assert_array_equal(settled, again > 0)
+    late = (ds.time > job.LATE).values & (again > 1)
+    assert late.sum() > 5
+    np.testing.assert_array_equal(again == 5, late)
+    followed = np.isin(again, (2, 3, 4))
     np.testing.assert_array_equal(ds.outcome_again.values > 0, followed)
     alike = ds.outcome_again.values == ds.outcome.values
-    assert alike[np.isin(again, (1, 3))].all()
-    words = ds.again.attrs["flag_meanings"].split()
-    assert words == ["inside", "same", "other_end", "other_time", "late"]
-    assert f"Beside another end lie {(again > 0).sum()}." in said
-    for code, word in enumerate(words[1:], 1):
-        assert f"{(again == code).sum()} {word}: " in said
+    assert alike[np.isin(again, (2, 4))].all()
+    assert f"{(again > 1).sum()} cells lie beside another end." in said
+    lines = said.split("followed again at 1e-08:\n")[1].splitlines()[:4]
+    counts = [(again == code).sum() for code in (2, 3, 4, 5)]
+    assert [int(line.split()[0]) for line in lines] == counts
 
 
-def test_marks_that_were_not_written_yet_are_made_good(written, tmp_path):
-    shutil.copytree(written[0] / job.STORE, tmp_path / job.STORE)
-    shutil.rmtree(tmp_path / job.STORE / "again")  # it is written last
-    command = [*COMMAND, "--points", "200", "--out", str(tmp_path)]
-    subprocess.run(command, check=True, capture_output=True, timeout=400)
-    whole, ds = (zj.open_sweep(f / job.STORE) for f in (written[0], tmp_path))
-    assert ds.again.equals(whole.again) and ds.again.attrs == whole.again.attrs
-    before = (tmp_path / job.STORE / "again").stat().st_mtime_ns
-    subprocess.run(command, check=True, capture_output=True, timeout=400)
-    assert (tmp_path / job.STORE / "again").stat().st_mtime_ns == before
+def killed(store):
+    """After the first of two variables, while a file was being written."""
+    shutil.rmtree(store / "again")
+    (store / "sweep-record" / "parts" / "added" / "again").mkdir(parents=True)
+
+
+def without_its_chunk(store):
+    """It would read as 0."""
+    (chunk,) = (path for path in (store / "again" / "c").rglob("*") if path.is_file())
+    chunk.unlink()
+
+
+def damaged(store):
+    (chunk,) = (path for path in (store / "again" / "c").rglob("*") if path.is_file())
+    chunk.write_bytes(b"damaged")
+
+
+def of_another_tolerance(store):
+    about = store / "again" / "zarr.json"
+    about.write_text(about.read_text().replace('"rtol": 1e-08', '"rtol": 1e-09'))
+
+
+@pytest.mark.parametrize(
+    "harm", [killed, without_its_chunk, damaged, of_another_tolerance, None]
+)
+def test_marks_that_are_not_whole_are_made_anew(written, tmp_path, monkeypatch, harm):
+    store = tmp_path / job.STORE
+    shutil.copytree(written[0] / job.STORE, store)
+    whole = zj.open_sweep(written[0] / job.STORE).load()
+    if harm:
+        harm(store)
+    asked = []
+
+    def follow_again(program, ds, rtol, late):
+        asked.append((rtol, late))
+        marks = whole[["again", "outcome_again"]]
+        return ds.drop_vars(marks, errors="ignore").assign(marks)
+
+    monkeypatch.setattr(zj, "Program", lambda *_, **__: None)
+    monkeypatch.setattr(zj, "sweep", lambda *_, store, **__: zj.open_sweep(store.path))
+    monkeypatch.setattr(zj, "follow_again", follow_again)
+    job.compute(200, store)
+    assert asked == ([(job.FINER, job.LATE)] if harm else [])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # a folder that is no part of the store
+        xr.open_zarr(store, consolidated=False)
+    ds = zj.open_sweep(store)
+    for name in ("again", "outcome_again"):
+        assert ds[name].identical(whole[name]), name
+
+
+def test_marks_are_not_written_into_a_store_that_another_one_writes_to(
+    written, tmp_path
+):
+    store = tmp_path / job.STORE
+    shutil.copytree(written[0] / job.STORE, store)
+    marks = zj.open_sweep(store)[["again"]].load()
+    with SweepStore(store) as other:
+        other.claim()
+        with pytest.raises(ValueError, match="another"):
+            add_variables(store, marks)
+    add_variables(store, marks)
 
 
 def test_the_summary_counts_every_outcome_that_there_is(written):

@@ -12,7 +12,6 @@ import argparse
 import contextlib
 import functools
 import os
-import shutil
 import signal
 import sys
 import tempfile
@@ -22,7 +21,6 @@ from typing import NoReturn
 
 import numpy as np
 import xarray as xr
-from zarr.codecs import Crc32cCodec, ZstdCodec
 
 import ziegler_jax as zj
 from ziegler_jax._main_both import (
@@ -31,6 +29,8 @@ from ziegler_jax._main_both import (
     shares_over_ratio,
     summary_of_both,
 )
+from ziegler_jax.maps.added import add_variables
+from ziegler_jax.maps.follow_again import ENDED, FOLLOWED, INSIDE
 
 # ---- the scene and how it is settled: everything that the map depends on
 PIN_RADIUS, KICK, V_STRIBECK = 0.05, (0.0, 0.3), 0.1
@@ -54,7 +54,6 @@ CLOSE = 1 / 8  # of mu_s / ratio, for the grid's closest mu_k to stand for it
 # following them again takes, and 42 % of them would be marked (`a5_certificates.py`).
 RTOL, FINER, LATE = 1e-6, 1e-8, 200.0
 ONSET_AT = (0.05, 0.1, 0.12, 0.4)  # values of mu_s, printed where the grid has them
-MARKS = "outcome_again", "again"  # in the store, in the order in which they come
 STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"
 # what `--law` takes, by how a heading names the friction
 LAWS = {
@@ -118,23 +117,25 @@ def compute(
         program, where=lambda mu_s, mu_k, **_: mu_k <= mu_s,
         q=q, mu_s=mu, mu_k=mu, rtol=RTOL, store=zj.Store(store, overwrite),
     )  # fmt: skip
-    if MARKS[-1] in ds:
-        return ds
-    ds = zj.follow_again(program, ds, rtol=FINER, late=LATE)
-    _add(ds[[*MARKS]], store)
+    if not _is_marked(ds):
+        ds = zj.follow_again(program, ds, rtol=FINER, late=LATE)
+        add_variables(store, ds[["outcome_again", "again"]])
     return ds
 
 
-def _add(marks: xr.Dataset, store: Path) -> None:
-    """Add variables to a store: each is there as a whole or not at all."""
-    codecs = {"compressors": (ZstdCodec(), Crc32cCodec())}
-    with tempfile.TemporaryDirectory(dir=store) as folder:
-        new = Path(folder) / "new"
-        how = {"zarr_format": 3, "consolidated": False}
-        marks.to_zarr(new, encoding={name: codecs for name in marks}, **how)
-        for name in MARKS:
-            shutil.rmtree(store / name, ignore_errors=True)  # the rest of a killed run
-            os.rename(new / name, store / name)
+def _is_marked(ds: xr.Dataset) -> bool:
+    """Whether a store's map has its marks, whole and of these tolerances."""
+    if not {"outcome_again", "again"} <= {*ds}:
+        return False
+    about = ds["again"].attrs
+    if (about.get("rtol"), about.get("late")) != (FINER, LATE):
+        return False
+    try:
+        asked = ds["again"].values > 0, ds["outcome"].isin(ENDED).values
+        ends = ds["outcome_again"].values > 0, ds["again"].isin(FOLLOWED).values
+    except Exception:  # zarr's, of a damaged chunk, of many kinds
+        return False
+    return bool(np.all(asked[0] == asked[1]) and np.all(ends[0] == ends[1]))
 
 
 def section(ds: xr.Dataset, ratio: float) -> xr.Dataset:
@@ -252,15 +253,14 @@ def _onsets(plane: xr.Dataset) -> list[str]:
 def _marked(ds: xr.Dataset) -> list[str]:
     """How many cells lie beside another end, and what became of them."""
     about = ds["again"].attrs
-    _, *marks = about["flag_meanings"].split()
-    _, *sentences = (text.split(": ", 1)[1] for text in about["comment"].split("; "))
-    counts = [int((ds["again"].values == i).sum()) for i in range(1, len(marks) + 1)]
-    lines = [
-        f"Beside another end lie {counted(sum(counts))}. Of these were followed again "
-        f"at a tolerance of {about['rtol']:g} what settled by t = {about['late']:g}:"
+    sentences = about["comment"].split("; ")
+    counts = [int((ds["again"].values == i).sum()) for i in range(len(sentences))]
+    rows = [*zip(counts, sentences, strict=True)][INSIDE + 1 :]
+    return [
+        f"{counted(sum(n for n, _ in rows))} cells lie beside another end. Those that "
+        f"ended by t = {about['late']:g} were followed again at {about['rtol']:g}:",
+        *(f"  {counted(n):>10s} {text}" for n, text in rows),
     ]
-    rows = zip(counts, marks, sentences, strict=True)
-    return lines + [f"  {counted(n):>10s} {mark}: {text}" for n, mark, text in rows]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,9 +6,10 @@ import pytest
 import xarray as xr
 
 import ziegler_jax as zj
+from ziegler_jax.__main__ import point as job_point
 
 Q, MU = [1.9, 1.99, 2.01, 2.1, 2.9, 3.1], [1.0, 2.0, 3.0]
-SAME, OTHER_END, OTHER_TIME, LATE = 1, 2, 3, 4
+INSIDE, SAME, OTHER_END, OTHER_TIME, LATE = 1, 2, 3, 4, 5
 
 
 def made_up(q, mu, rtol):
@@ -47,8 +48,8 @@ def test_each_mark_is_what_its_cell_does_at_the_finer_tolerance(program):
     # beside another end lie those at q = 2 and, by the amplitude, at q = 3; what is
     # late is not followed, else what ends otherwise is marked so, whatever its time
     assert ds.again.values.tolist() == [
-        [0, 0, 0],
-        [0, 0, 0],
+        [INSIDE, INSIDE, INSIDE],
+        [INSIDE, INSIDE, INSIDE],
         [OTHER_END, OTHER_END, LATE],
         [SAME, OTHER_TIME, LATE],
         [SAME, OTHER_TIME, LATE],
@@ -75,12 +76,38 @@ def test_what_was_left_out_or_has_not_settled_is_neither_followed_nor_a_neighbou
 ):
     ds = swept(program, where=lambda q, mu, rtol: (q != 2.01) & (mu < 1.5))
     marks = zj.follow_again(program, ds).again
-    assert marks.values[:, 0].tolist() == [0, 0, 0, 0, SAME, SAME]
+    assert marks.values[:, 0].tolist() == [1, 1, 0, 1, SAME, SAME]
     assert (marks.values[:, 1:] == 0).all()
     undecided = swept(program)
     undecided["outcome"] = undecided.outcome.where(undecided.q != 2.1, 20)
     marks = zj.follow_again(program, undecided).again
-    assert marks.values[:, 0].tolist() == [0, 0, 0, 0, SAME, SAME]
+    assert marks.values[:, 0].tolist() == [1, 1, 1, 0, SAME, SAME]
+
+
+def test_a_number_that_is_none_is_not_the_same(program):
+    ds = swept(program)
+    ds["time"] = ds.time.where(ds.q != 2.1)
+    marks = zj.follow_again(program, ds, late=200.0).again
+    assert marks.sel(q=2.1).values.tolist() == [OTHER_TIME] * 3
+
+
+def test_an_end_that_a_motion_did_not_reach_is_marked():
+    """The motion ends on another cycle at a tolerance of 1e-8."""
+    q = np.array([1.5882352941176472 - 0.1, 1.5882352941176472])
+
+    def point(q, rtol):
+        return job_point(q, 0.37666666666666665, 0.12, rtol)
+
+    program = zj.Program(point)
+    ds = zj.sweep(program, q=q, rtol=1e-6, progress=False)
+    fine = zj.sweep(program, q=q, rtol=1e-8, progress=False)
+    apart = np.abs(ds.joint_amplitude - fine.joint_amplitude).max("joint")
+    assert (ds.outcome == zj.CODE.cycle).all() and apart[1] > 0.05
+    # as if another end lay beside it, of which here there is none
+    ds["outcome"] = ds.outcome.where(ds.q != q[0], int(zj.CODE.stuck))
+    marks = zj.follow_again(program, ds)
+    assert marks.again[1] == OTHER_END
+    np.testing.assert_array_equal(marks.outcome_again, fine.outcome)
 
 
 @pytest.mark.parametrize(
@@ -91,6 +118,13 @@ def test_what_was_left_out_or_has_not_settled_is_neither_followed_nor_a_neighbou
         (lambda ds: ds, {"rtol": np.nan}, ("`rtol`", "nan")),
         (lambda ds: ds, {"late": 0.0}, ("`late`", "positive")),
         (lambda ds: ds, {"late": np.nan}, ("`late`", "positive", "nan")),
+        (lambda ds: ds, {"late": "x"}, ("`late`", "number", "'x'")),
+        (lambda ds: ds, {"late": np.ones(2)}, ("`late`", "single number")),
+        (lambda ds: ds.isel(q=0, mu=0), {}, ("`dataset`", "over axes")),
+        (lambda ds: ds.isel(joint=0), {}, ("`dataset`", "`joint`", "q, mu")),
+        (lambda ds: ds.isel(mu=0, drop=True), {}, ("`dataset`", "parameters", "q")),
+        (lambda ds: ds.assign_coords(rtol=np.nan), {}, ("`dataset.rtol`", "nan")),
+        (lambda ds: ds.assign_coords(rtol="a"), {}, ("`dataset.rtol`", "number")),
         (lambda ds: 3.0, {}, ("`dataset`", "sweep of `settle`")),
         (lambda ds: ds.drop_vars("rtol"), {}, ("`dataset`", "no `rtol`")),
         (lambda ds: ds.drop_vars("time"), {}, ("`dataset`", "no `time`")),
@@ -108,6 +142,24 @@ def test_what_cannot_be_followed_again_is_refused(program, change, options, part
         zj.follow_again(program, change(swept(program)), **options)
     for part in parts:
         assert part in str(refusal.value)
+
+
+def test_a_point_that_takes_no_tolerance_is_refused(program):
+    def of_its_own(q, mu):
+        return made_up(q, mu, 1e-6)
+
+    ds = zj.sweep(of_its_own, q=Q, mu=MU, progress=False).assign_coords(rtol=1e-6)
+    with pytest.raises(ValueError, match="`rtol` among them, but these are q, mu"):
+        zj.follow_again(of_its_own, ds)
+    with pytest.raises(ValueError, match="`point` must be a function"):
+        zj.follow_again(None, swept(program))  # pyright: ignore[reportArgumentType]
+
+
+def test_a_sweep_with_a_number_is_refined(program):
+    ds = zj.refine(program, swept(program), levels=1, audit=10, width=1e-3)
+    assert ds.boundary_q.size and abs(ds.boundary_q - 2.02).max() < 2.1 * 1e-3
+    again = zj.refine(made_up, swept(program), levels=1, audit=10, width=1e-3)
+    assert again.boundary_q.equals(ds.boundary_q)
 
 
 def test_a_sweep_of_samples_is_refused(program):

@@ -41,6 +41,10 @@ quiet = functools.partial(zj.sweep, square, progress=False)
         (lambda: quiet(x=np.ones((2, 2))), ("`x`", "(2, 2)", "one dimension")),
         (lambda: quiet(x=1.0), ("at least one axis", "`x`", "number 1", "`x=[1]`")),
         (lambda: quiet(x=np.nan), ("`x`", "finite", "is nan.")),
+        (
+            lambda: zj.sweep(of_two, q=xr.DataArray([1.0, 2.0], dims="mu"), mu=3.0),
+            ("`q`", "along `mu`", "number", "rename"),
+        ),
         (lambda: quiet(x=["a"]), ("`x`", "'a'", "numbers")),
         (lambda: quiet(x=[1.0, 2.0, 1.0]), ("`x`", "once", "1 2 times", "unique")),
         (

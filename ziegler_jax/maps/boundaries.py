@@ -41,6 +41,13 @@ def share_below(hits: int, points: int) -> float:
     return float(stats.beta.ppf(CERTAINTY, hits + 1, points - hits))
 
 
+def numbers_of(dataset: xr.Dataset) -> dict[str, float]:
+    """The parameters of a sweep that are numbers, which all points have."""
+    names = str(dataset.attrs.get("scene_axes", "")).split(", ")
+    there = [name for name in names if name in dataset.coords]
+    return {name: float(dataset[name]) for name in there if not dataset[name].ndim}
+
+
 class BoundarySearch:
     """A map, its cells, and all points that were computed.
 
@@ -60,6 +67,7 @@ class BoundarySearch:
         """Take the labels of the coarse map."""
         self.coarse, self.axes, self.names = coarse, axes, names
         self.program, self.max_points = program, max_points
+        self.numbers = numbers_of(coarse)
         self.codes: dict[tuple[int, ...], int] = {}  # of labels, as they came
         self.on_batch: Callable[[int, float], object] = lambda *_: None
         self.computed: list[dict[str, np.ndarray]] = []
@@ -105,7 +113,8 @@ class BoundarySearch:
     def _compute(self, places: np.ndarray) -> np.ndarray:
         """The labels at places."""
         values = self.values(places)
-        results = self.program.at(values, self.on_batch)
+        given = {n: np.full(len(places), x) for n, x in self.numbers.items()}
+        results = self.program.at({**values, **given}, self.on_batch)
         self.computed.append({**values, **results})
         return self._coded({n: whole(n, results[n]) for n in self.names})
 

@@ -28,15 +28,17 @@ JUMP, OFF = 0.2, 0.01
 CYCLES = CODE.cycle, CODE.repeats
 SETTLED = *CYCLES, CODE.stuck, CODE.rest
 ENDED = *SETTLED, CODE.escaped
-# What `again` can be; 0 is that no other end lies beside the cell.
-SAME, OTHER_END, OTHER_TIME, LATE = 1, 2, 3, 4
-MEANINGS = "inside", "same", "other_end", "other_time", "late"
+# What `again` can be.
+INSIDE, SAME, OTHER_END, OTHER_TIME, LATE = range(1, 6)
+FOLLOWED = SAME, OTHER_END, OTHER_TIME
+MEANINGS = "not_asked", "inside", "same", "other_end", "other_time", "late"
 SENTENCES = (
+    "it was not computed, or has not settled",
     "no other end beside it",
     "followed again it ended alike, and at the same time",
-    "followed again it ended otherwise",
-    "followed again it ended alike, but at another time: other steps may change it",
-    "beside another end, but later than what was followed again",
+    "followed again it ended otherwise, or did not settle",
+    "followed again it ended alike, but at another time",
+    "beside another end, but it ended too late to be followed again",
 )
 
 
@@ -45,7 +47,7 @@ def follow_again(
     dataset: xr.Dataset,
     *,
     rtol: float = 1e-8,
-    late: float = math.inf,
+    late: float | None = None,
     progress: bool | None = None,
 ) -> xr.Dataset:
     r"""Follow cells beside another end at a finer tolerance, and mark what is unsure.
@@ -60,13 +62,14 @@ def follow_again(
     program = zj.Program(point)
     axes = {"q": np.linspace(1, 4, 33), "mu": np.linspace(0.02, 0.4, 17)}
     ds = zj.follow_again(program, zj.sweep(program, rtol=1e-6, **axes))
-    unsure = ds.again > 1
+    unsure = ds.again > 2  # other_end, other_time, late
     ```
 
-    A cell lies beside another end if a neighbour along an axis has settled otherwise,
-    or on a cycle whose amplitude differs by more than a fifth of the larger one. It
-    counts as the same where the outcome is, and amplitudes and the time at which it
-    settled differ by at most 1 %. `benchmarks/a5_certificates.py` counts how many ends
+    A cell lies beside another end if its next neighbour along an axis has ended
+    otherwise, or on a cycle whose amplitude differs by more than a fifth of the larger
+    one. Cells that have not settled are no ends, and are not asked. A cell counts as
+    the same where its outcome is, the amplitudes of a cycle, and the time at which it
+    ended, to 1 %. `benchmarks/a5_certificates.py` counts how many ends
     of a map change at a still finer tolerance, and what was said of these: the page
     *Exact and measured* of the documentation has the numbers.
 
@@ -74,14 +77,16 @@ def follow_again(
 
     - `point`: the point of the sweep, or its `Program`, which is not compiled again.
         One of its parameters is `rtol`, the tolerance of its motions.
-    - `dataset`: its sweep over one tolerance, `rtol=1e-6`; in memory, or of a store.
-    - `rtol`: the finer tolerance. A hundredth of the sweep's takes 1.7 times its steps.
-    - `late`: cells that settled later are not followed, which would take longest, but
-        marked.
+    - `dataset`: its sweep over axes at one tolerance, `rtol=1e-6`; in memory, or of a
+        store.
+    - `rtol`: the finer tolerance. A hundredth of the sweep's takes about twice its
+        steps.
+    - `late`: cells that ended later are not followed, which would take longest, but
+        marked; a time of the dataset. None follows all.
     - `progress`: a bar of points; None shows it on a terminal only.
 
-    **Returns:** the dataset with `again`, a flag variable (`inside`, where no other end
-    lies beside the cell, `same`, `other_end`, `other_time`, `late`), and
+    **Returns:** the dataset with `again`, a flag variable (`not_asked`, `inside`, where
+    no other end lies beside the cell, `same`, `other_end`, `other_time`, `late`), and
     `outcome_again`, how followed cells ended. All other numbers are those of before.
 
     **Raises:** `ValueError` for a dataset of another point, without a tolerance of its
@@ -89,21 +94,19 @@ def follow_again(
     """
     own = _tolerance(dataset)
     rtol = float(number("rtol", rtol, "positive"))
-    if rtol >= own:
+    last = math.inf if late is None else float(number("late", late, "positive"))
+    if not rtol < own:
         raise ValueError(
             f"Argument `rtol` must be finer than the dataset's, {own:g}, but is "
             f"{rtol:g}."
         )
-    if not late > 0:
-        raise ValueError(f"Argument `late` must be positive, but is {late!r}.")
     program = _program(point, dataset)
     dims = tuple(str(name) for name in dataset["outcome"].dims)
-    for name in dims:
-        positions(dataset, name)
     before = {n: dataset[n].transpose(*dims, ...).values for n in NEEDED}
     beside = _beside_another_end(before)
-    again = np.where(beside & (before["time"] > late), LATE, 0).astype(np.int8)
-    chosen = np.flatnonzero(beside & (again == 0))
+    again = np.isin(before["outcome"], ENDED).astype(np.int8)  # `INSIDE`, or none
+    again[beside] = LATE
+    chosen = np.flatnonzero(beside & ~(before["time"] > last))
     # the longest first: the last batches end together
     chosen = chosen[np.argsort(-before["steps"].flat[chosen], kind="stable")]
     places = dict(zip(dims, np.unravel_index(chosen, again.shape), strict=True))
@@ -126,8 +129,9 @@ def follow_again(
         "flag_meanings": " ".join(MEANINGS),
         "comment": "; ".join(map(": ".join, zip(MEANINGS, SENTENCES, strict=True))),
         "rtol": rtol,
-        "late": float(late),
     }
+    if late is not None:
+        about["late"] = last
     ends = dataset["outcome"].attrs | {"long_name": f"outcome at {rtol:g}"}
     return dataset.assign(
         again=(dims, again, about), outcome_again=(dims, outcome, ends)
@@ -135,24 +139,32 @@ def follow_again(
 
 
 def _tolerance(dataset: xr.Dataset) -> float:
-    """The one tolerance of a sweep of motions that settle.
+    """The one tolerance of a sweep of motions that settle, over axes.
 
     **Raises:** `ValueError`.
     """
-    missing = [
-        n for n in (*NEEDED, "rtol") if n not in getattr(dataset, "variables", ())
-    ]
+    there = getattr(dataset, "variables", ())
+    missing = [name for name in (*NEEDED, "rtol") if name not in there]
     if missing:
         raise ValueError(
-            "Argument `dataset` must be a sweep of `settle` at one tolerance, with "
-            f"`rtol=1e-6` beside its axes, but has no `{missing[0]}`."
+            "Argument `dataset` must be a sweep of `settle` whose point takes `rtol`, "
+            f"with `rtol=1e-6` beside its axes, but has no `{missing[0]}`."
         )
+    dims = dataset["outcome"].dims
+    if not dims or {*dataset["joint_amplitude"].dims} != {*dims, "joint"}:
+        raise ValueError(
+            "Argument `dataset` must be over axes and have the amplitudes of all "
+            "joints along `joint`, but `joint_amplitude` has the dimensions "
+            f"{', '.join(map(str, dataset['joint_amplitude'].dims)) or 'none'}."
+        )
+    for name in dims:
+        positions(dataset, str(name))
     if dataset["rtol"].ndim:
         raise ValueError(
             "Argument `dataset` must have one tolerance, a number, but its `rtol` has "
             f"values along `{dataset['rtol'].dims[0]}`."
         )
-    return float(dataset["rtol"])
+    return float(number("dataset.rtol", dataset["rtol"].values, "positive"))
 
 
 def _program(point: Callable[..., Returned] | Program, dataset: xr.Dataset) -> Program:
@@ -160,8 +172,15 @@ def _program(point: Callable[..., Returned] | Program, dataset: xr.Dataset) -> P
 
     **Raises:** `ValueError` where it is another.
     """
-    names = str(dataset.attrs.get("scene_axes", "")).split(", ")
+    names = str(dataset.attrs.get("scene_axes", "rtol")).split(", ")
     program = point if isinstance(point, Program) else Program(point, names=names)
+    missing = [n for n in program.names if n not in dataset.coords]
+    if "rtol" not in program.names or missing:
+        raise ValueError(
+            "Argument `dataset` must be a sweep of this `point` over its parameters, "
+            f"`rtol` among them, but these are {', '.join(program.names)}, and the "
+            f"dataset has {', '.join(map(str, dataset.coords))}."
+        )
     if dataset.attrs.get("scene_digest") != program.digest:
         raise ValueError(
             "Argument `dataset` must be a sweep of this `point`, but its "
@@ -172,7 +191,7 @@ def _program(point: Callable[..., Returned] | Program, dataset: xr.Dataset) -> P
 
 
 def _beside_another_end(numbers: dict[str, np.ndarray]) -> np.ndarray:
-    """Which cells have settled beside one that has settled otherwise."""
+    """Which cells have ended beside one that has ended otherwise."""
     outcome, amplitude = numbers["outcome"], numbers["joint_amplitude"]
     ended, beside = np.isin(outcome, ENDED), np.zeros(outcome.shape, bool)
     moves = np.isin(outcome, CYCLES)
@@ -190,8 +209,8 @@ def _beside_another_end(numbers: dict[str, np.ndarray]) -> np.ndarray:
 
 def _apart(one: np.ndarray, other: np.ndarray, by: float) -> np.ndarray:
     """Whether amplitudes differ by more than this share of the largest joint's."""
-    largest = np.maximum(one, other).max(axis=-1, initial=0.0)
-    return np.abs(one - other).max(axis=-1, initial=0.0) > by * largest
+    largest = np.maximum(one, other).max(axis=-1)
+    return ~(np.abs(one - other).max(axis=-1) <= by * largest)  # NaN does
 
 
 def _compared(
@@ -201,8 +220,8 @@ def _compared(
     end = before["outcome"] != after["outcome"]
     moves = np.isin(after["outcome"], CYCLES)  # what creeps to rest hardly does
     end |= moves & _apart(before["joint_amplitude"], after["joint_amplitude"], OFF)
-    time = np.abs(before["time"] - after["time"]) > OFF * before["time"]
-    return np.select([end, time], [OTHER_END, OTHER_TIME], SAME)
+    alike = np.abs(before["time"] - after["time"]) <= OFF * before["time"]
+    return np.select([end, ~alike], [OTHER_END, OTHER_TIME], SAME)
 
 
 def _at(parameter: xr.DataArray, places: dict[str, np.ndarray]) -> np.ndarray:

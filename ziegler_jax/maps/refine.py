@@ -14,7 +14,7 @@ from ..sweep.once import Program
 from ..sweep.pool import Lanes
 from ..sweep.progress import shown, stream
 from ..sweep.returned import Returned
-from .boundaries import Audit, BoundarySearch
+from .boundaries import Audit, BoundarySearch, numbers_of
 from .cells import MOST_LEVELS, exponent, labels_of_pair
 from .lines import Lines
 
@@ -105,8 +105,9 @@ def refine(
         )
     names = _labels(coarse, label)
     axes = _axes(coarse, names)
-    program = point if isinstance(point, Program) else Program(point, names=[*axes])
-    program.check(axes, Lanes())
+    parameters = [*axes, *numbers_of(coarse)]
+    program = point if isinstance(point, Program) else Program(point, names=parameters)
+    program.check(parameters, Lanes())
     search = BoundarySearch(
         coarse, axes, names, program, levels=levels, max_points=max_points
     )

@@ -112,6 +112,11 @@ def _check_dimensions(axes: Mapping[str, xr.DataArray]) -> None:
                 f"Axis `{name}` must not lie along `{dim}`, which is also the name of "
                 f"an axis along `{dims[dim]}`: rename the dimension."
             )
+        if dim in axes and not axes[dim].ndim:
+            raise ValueError(
+                f"Axis `{name}` must not lie along `{dim}`, which is also the name of "
+                "a number: rename the dimension."
+            )
         check_name("Dimension", axes[name].dims[0])
     for first, name in combinations(dims, 2):
         if dims[first] != dims[name]:
@@ -239,7 +244,7 @@ def check_signature(
 class Box(NamedTuple):
     """A box of points: each parameter's values, and along which axis they lie.
 
-    A parameter that is a number has it everywhere along the first one.
+    Those of a parameter that is one number are all alike, along the first axis.
     """
 
     shape: tuple[int, ...]

@@ -51,6 +51,8 @@ class Program:
     ):
         """Trace the point."""
         instance("lanes", lanes, Lanes)
+        if not callable(point):
+            raise ValueError(f"Argument `point` must be a function, but is {point!r}.")
         if names is None:
             names = _without_default(point)
         check_signature(point, [*names], "point")
@@ -171,8 +173,6 @@ def _without_default(point: Callable[..., object]) -> list[str]:
 
     **Raises:** `ValueError` where it has none.
     """
-    if not callable(point):
-        raise ValueError(f"Argument `point` must be a function, but is {point!r}.")
     try:
         parameters = inspect.signature(point).parameters.values()
     except (TypeError, ValueError):

@@ -87,7 +87,7 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
             "is of a point that has the host compute something (`pure_callback`, "
             "`io_callback`), which cannot be resumed; `open_sweep` reads what is there"
         )
-    for what in {**here, **there}:
+    for what in ("axes", *here, *there):
         old, new = there.get(what), here.get(what)
         if old == new:
             continue

@@ -79,8 +79,9 @@ def sweep(
         from start to end in one batch; inside `jit` or `checkpoint` they run in chunks
         as well, unless these have random keys or call the host.
     - `where`: a function of the same names that says which points to compute. It gets
-        the axes as NumPy arrays that broadcast against each other, with `store` of a
-        block at a time: so it must judge each point by its own values.
+        the axes as NumPy arrays that broadcast against each other, a number as an array
+        as well, with `store` of a block at a time: so it must judge each point by its
+        own values.
     - `lanes`: batches and threads, see `Lanes`.
     - `store`: a folder, e.g. `"map.zarr"`, to which every block is written as soon as
         it is finished; only unfinished blocks are in memory. A block is a sixteenth
