@@ -12,9 +12,10 @@ from options import options_of
 import ziegler_jax as zj
 from ziegler_jax import CODE
 
-# Largest |phi2 - phi1| at q = 2.6, tau = 0.026 against v_smooth, by another code.
-KNOWN = [(0.3, 0.64249), (0.1, 0.63443), (0.03, 0.63214), (0.01, 0.63133)]
-KNOWN += [(0.003, 0.63112)]
+# Largest |phi2 - phi1| and |phi1| at q = 2.6, tau = 0.026 against v_smooth, by another
+# code.
+KNOWN = [(0.3, 0.64249, 0.6631), (0.1, 0.63443, 0.6664), (0.03, 0.63214, 0.6728)]
+KNOWN += [(0.01, 0.63133, 0.6760), (0.003, 0.63112, 0.6782)]
 
 
 def test_the_cycles_amplitudes_are_the_known_ones():
@@ -32,11 +33,12 @@ def test_the_cycles_amplitudes_are_the_known_ones():
             certify=False,
         )
 
-    v_smooth, expected = np.array(KNOWN).T
+    v_smooth, knee, rod = np.array(KNOWN).T
     found = point(v_smooth)
     assert (np.asarray(found.outcome) == CODE.repeats).all()
-    # the known ones have five digits; measured 3.4e-6
-    assert np.abs(found.joint_amplitude[:, 1] - expected).max() < 1e-5
+    # the known ones have five digits, and four; measured 3.4e-6
+    assert np.abs(found.joint_amplitude[:, 1] - knee).max() < 1e-5
+    assert np.abs(found.rod_amplitude[:, 0] - rod).max() < 1e-4
 
 
 # Every outcome ------------------------------------------------------------------------
