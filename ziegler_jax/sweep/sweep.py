@@ -106,8 +106,8 @@ def sweep(
     - `named_axes`, `axes`: each a one-dimensional array of finite numbers, no two of
         them alike; or one number, which all points have: it becomes a coordinate
         without a dimension. An axis that is named like an option goes into `axes`.
-        Names are of
-        letters, digits and underscores, as those of results are. Parameters that are
+        Names are of letters, digits and underscores, as those of results are.
+        Parameters that are
         `xarray.DataArray`s of one dimension vary together along it, as in xarray:
         samples, or a path through the parameters (see the second example). A dimension
         without a name (xarray's `dim_0`) that no other shares gets the axis' name.
