@@ -217,7 +217,6 @@ SLOW = {
         "test_main.py::test_a_closed_stdout_is_named_and_the_map_is_written",
         "test_main.py::test_ctrl_c_gets_one_line_and_exit_code_130",
         "test_main.py::test_a_killed_map_goes_on_where_it_was_and_ends_in_the_same",
-        "test_main.py::test_late_ends_are_followed_again",
         "test_notebook.py::test_a_notebook_shows_bar_repr_and_picture",
         "test_readme.py::test_the_first_command_writes_the_map_where_it_stands",
         "test_structure.py::test_every_entry_of_the_second_tier_is_a_test_and_no_mark",

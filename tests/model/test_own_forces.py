@@ -451,9 +451,10 @@ AT_ALL_TIMES = {
 }
 # of a column in time, or of none
 OTHERS = {
-    "beck", "compare", "configure_cache", "configure_cpu", "energy", "label_cycles",
-    "leipholz", "merge", "open_sweep", "pflueger", "point_masses", "power", "reactions",
-    "refine", "sweep", "trajectory", "uniform_rods", "vector_field", "tableaus",
+    "beck", "compare", "configure_cache", "configure_cpu", "energy", "follow_again",
+    "label_cycles", "leipholz", "merge", "open_sweep", "pflueger", "point_masses",
+    "power", "reactions", "refine", "sweep", "tableaus", "trajectory", "uniform_rods",
+    "vector_field",
 }  # fmt: skip
 
 
