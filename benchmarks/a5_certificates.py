@@ -20,8 +20,6 @@ import numpy as np
 from follow_on import (
     OFF,
     PERIODS,
-    SLOW,
-    SLOW_SPAN,
     SPAN,
     certificates,
     swept,
@@ -33,7 +31,7 @@ from peers.judge import follow
 import ziegler_jax as zj
 from ziegler_jax import __main__ as job
 
-TOLERANCE, FINEST = 1e-9, 1e-10
+TOLERANCE, FINEST, LONGEST = 1e-9, 1e-10, 1e4
 
 
 def settled(cells, law, **options):
@@ -95,16 +93,19 @@ def truth(cells, law):
 def elsewhere(cells, ds, law):
     """Which cells another code follows elsewhere, each from its kick, at 1e-10.
 
-    That is for 400 time units after ours has settled, 1500 where a multiplier is above
-    0.95, and 20 periods at least. A cycle ends otherwise where an amplitude over its
-    last two periods is off by more than 1 % of the largest, rest where a rod still
-    moves faster than 1e-3, or has moved by 0.02 in the last 20 time units: wherever it
-    rests.
+    That is for 400 time units after ours has settled, for 20 periods at least, and for
+    as long as the largest multiplier takes to shrink what is left to 1e-4, at most for
+    1e4: a slow cycle is reached late from a kick. A cycle ends otherwise where an
+    amplitude over its last two periods is off by more than 1 % of the largest, rest
+    where a rod still moves faster than 1e-3, or has moved by 0.02 in the last 20 time
+    units: wherever it rests.
     """
     closed = ds.outcome.values == zj.CODE.cycle
     period = np.where(closed, ds.period.values, 10.0)
-    slow = closed & (ds.largest_multiplier.values > SLOW)
-    spans = np.maximum(np.where(slow, SLOW_SPAN, SPAN), PERIODS * period)
+    multiplier = np.where(closed, ds.largest_multiplier.values, 0.0)
+    periods = np.log(1e-4) / np.log(np.clip(multiplier, 0.1, 0.9999))
+    spans = np.maximum(SPAN, np.maximum(PERIODS, periods) * period)
+    spans = np.minimum(spans, np.maximum(LONGEST, PERIODS * period))
     start = np.tile([0.0, 0.0, *job.KICK], (len(cells), 1))
     amplitudes, states = follow(
         columns_of(cells, law), start, spans + ds.time.values, 2 * period, FINEST

@@ -50,8 +50,9 @@ SECTIONS = (
     (2.0, r"$\mu_k \approx \mu_s / 2$"),
 )
 CLOSE = 1 / 8  # of mu_s / ratio, for the grid's closest mu_k to stand for it
-# Beside another end cells that settle later than this would take half of the time that
-# following them again takes, and 42 % of them would be marked (`a5_certificates.py`).
+# Cells beside another end that settle later than this would take 62 % of the time that
+# following all of them again takes, 84 % under dry friction, and 40 and 24 % of them
+# would be marked.
 RTOL, FINER, LATE = 1e-6, 1e-8, 200.0
 ONSET_AT = (0.05, 0.1, 0.12, 0.4)  # values of mu_s, printed where the grid has them
 STORE, PICTURE = "bifurcation_map.zarr", "bifurcation_map.png"

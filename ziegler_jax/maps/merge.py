@@ -56,8 +56,9 @@ def merge(*sweeps: xr.Dataset, versions: Literal["same", "any"] = "same") -> xr.
     **Arguments:**
 
     - `sweeps`: of the same point and options, over axes of the same names, with any
-        values. (Samples have no axis: join them by `xr.concat` along
-        their dimension.)
+        values. (Samples have no axis: join them by `xr.concat` along their dimension.
+        What `follow_again` marked hangs on the cells beside: merge first, mark then, or
+        leave out `again` and `outcome_again` by `drop_vars`.)
     - `versions`: `"any"` consents to sweeps of several versions of this package, JAX,
         jaxlib or diffrax. A digest changes with these: you vouch that the point is the
         same. Two sweeps of the same versions must still have the same digest, and

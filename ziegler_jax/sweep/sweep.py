@@ -107,12 +107,11 @@ def sweep(
         them alike; or one number, which all points have: it becomes a coordinate
         without a dimension. An axis that is named like an option goes into `axes`.
         Names are of letters, digits and underscores, as those of results are.
-        Parameters that are
-        `xarray.DataArray`s of one dimension vary together along it, as in xarray:
-        samples, or a path through the parameters (see the second example). A dimension
-        without a name (xarray's `dim_0`) that no other shares gets the axis' name.
-        Their attributes `long_name`, `units` and `symbol` go into the dataset and
-        pictures: `xr.DataArray(F, attrs={"units": "N"})`.
+        Parameters that are `xarray.DataArray`s of one dimension vary together along it,
+        as in xarray: samples, or a path through the parameters (see the second
+        example). A dimension without a name (xarray's `dim_0`) that no other shares
+        gets the axis' name. Their attributes `long_name`, `units` and `symbol` go into
+        the dataset and pictures: `xr.DataArray(F, attrs={"units": "N"})`.
 
     **Returns:** an `xarray.Dataset` over the axes, in their order. Points that failed
     or were left out are NaN; `outcome`, a CF flag variable, says why. One warning at
