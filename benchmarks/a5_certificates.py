@@ -94,7 +94,7 @@ def elsewhere(cells, ds, law):
     """Which cells another code follows elsewhere, each from its kick, at 1e-10.
 
     That is for 400 time units after ours has settled, for 20 periods at least, and for
-    as long as the largest multiplier takes to shrink what is left to 1e-4, at most for
+    as long as the largest multiplier takes to shrink what is left to 1e-8, at most for
     1e4: a slow cycle is reached late from a kick. A cycle ends otherwise where an
     amplitude over its last two periods is off by more than 1 % of the largest, rest
     where a rod still moves faster than 1e-3, or has moved by 0.02 in the last 20 time
@@ -103,7 +103,7 @@ def elsewhere(cells, ds, law):
     closed = ds.outcome.values == zj.CODE.cycle
     period = np.where(closed, ds.period.values, 10.0)
     multiplier = np.where(closed, ds.largest_multiplier.values, 0.0)
-    periods = np.log(1e-4) / np.log(np.clip(multiplier, 0.1, 0.9999))
+    periods = np.log(1e-8) / np.log(np.clip(multiplier, 0.1, 0.9999))
     spans = np.maximum(SPAN, np.maximum(PERIODS, periods) * period)
     spans = np.minimum(spans, np.maximum(LONGEST, PERIODS * period))
     start = np.tile([0.0, 0.0, *job.KICK], (len(cells), 1))

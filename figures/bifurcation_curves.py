@@ -52,7 +52,7 @@ def main():
     axes[1].plot(points.second, points.first, "k:", lw=2, label="joint 2 grazes")
     axes[0].plot([], [], "ko", ls="none", label="an end where modes change")
     axes[0].set(ylabel="follower load $q = F l/k$")
-    axes[0].set_title("Folds of cycles, set-valued friction")
+    axes[0].set_title("Folds of cycles: uniform rods, dry friction")
     axes[1].set(xlim=(0, 0.1), ylim=(1.25, 1.75), title="the same at small torques")
     figure.legend(loc="outside lower center", ncols=3)
     style.save(figure, __file__)

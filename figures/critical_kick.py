@@ -36,7 +36,7 @@ def main():
     left.legend(loc="lower right", frameon=True, markerscale=4)
     left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ ($k$)")
-    left.set_title("Smallest kick that starts flutter", loc="left")
+    left.set_title("Smallest kick that starts flutter:\nuniform rods", loc="left")
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.9, 5))
     for tau, colour in zip(taus[[0, 16, 32, 48, 63]], shades, strict=True):
         one = ds.sel(tau=tau)
@@ -45,7 +45,8 @@ def main():
     right.set_yticks([4, 6, 10, 20, 40], ["4", "6", "10", "20", "40"], minor=False)
     right.minorticks_off()
     right.set_ylabel(rf"kick over torque $\dot\varphi_2(0) / \tau$ ({RATE}$/k$)")
-    right.set_title("The same over the torque of dry friction", loc="left")
+    right.set_title("The same over the\ntorque of dry friction", loc="left")
+    figure.get_layout_engine().set(wspace=0.08)
     right.legend(title=r"torque $\tau$ ($k$)", labelspacing=0.3)
     right.spines[["top", "right"]].set_visible(False)
     style.save(figure, __file__)

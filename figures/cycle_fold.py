@@ -45,7 +45,7 @@ def main():
     left.text(0.84, 0.062, "no cycle", fontsize=11)
     left.text(1.56, 0.062, "rest\nand flutter", fontsize=11)
     left.set(xlim=(0.8, 3), ylim=(0, tau.max()), ylabel=r"friction torque $\tau$ ($k$)")
-    left.set_title("dry friction in both joints", loc="left")
+    left.set_title("uniform rods, dry friction", loc="left")
     points = branch(0.1).points
     q, stable = np.asarray(points.parameter), np.asarray(points.stable)
     moduli = np.abs(np.asarray(points.multipliers))

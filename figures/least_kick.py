@@ -40,7 +40,7 @@ def main():
     left.legend(loc="lower right", frameon=True)
     left.set_xlabel("load $q = Fl/k$")
     left.set_ylabel(r"friction torque $\tau$ ($k$)")
-    left.set_title("Least energy that starts flutter", loc="left")
+    left.set_title("Least energy that starts flutter:\nuniform rods", loc="left")
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.9, 4))
     for q, colour in zip((1.8, 2.0, 2.3, 2.6), shades, strict=True):
         one = scaled.sel(q=q, method="nearest")
@@ -49,7 +49,7 @@ def main():
     right.loglog(apart.tau, 5 * apart.tau**2, "k--", lw=1, label=r"$5\,\tau^2$")
     right.set_xlabel(r"friction torque $\tau$ ($k$)")
     right.set_ylabel(r"departure of $E^*/\tau^2$ from its limit")
-    right.set_title("Its limit of small dry friction", loc="left")
+    right.set_title("Its limit of\nsmall dry friction", loc="left")
     right.legend(title="load $q$")
     right.spines[["top", "right"]].set_visible(False)
     style.save(figure, __file__)

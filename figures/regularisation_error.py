@@ -57,6 +57,7 @@ def main():
     right.set_title(r"median and quartiles over $q \geq 2$", loc="left")
     right.set_xlabel(r"$v_{smooth}$ ($\sqrt{k/(ml^2)}$)")
     right.axhline(1.0, color="0.6", lw=1)
+    figure.get_layout_engine().set(wspace=0.08)
     figure.suptitle(
         r"tanh law against set-valued friction, both joints "
         rf"$\tau_s = \tau_k = {TAU}\,k$; kick $\dot\varphi_2(0)$ = "

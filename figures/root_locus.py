@@ -50,6 +50,7 @@ def main():
         ha="right",
         va="top",
     )
+    figure.suptitle("Uniform rods without damping", x=0.02, ha="left", size=13)
     figure.tight_layout()
     style.save(figure, __file__)
 

@@ -65,7 +65,7 @@ def main():
         Patch(facecolor="#7C7B78", label="critical load of damped uniform rods"),
         Line2D([], [], **POINTS, label="where max Re $s$ of the spectrum changes sign"),
     ]
-    figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.9))
+    figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.93))
     print(f"both differ by at most {worst:.0e}")
     style.save(figure, __file__, pad_inches=0.3)  # the 3D label sticks out
 

@@ -113,12 +113,14 @@ def main(arguments=None):
     missing = int(np.isnan(steep).any(axis=1).sum())
     squares = np.nansum(steep**2, axis=0) / max(len(steep) - missing, 1)
     sampled, exact = viscous_variance(4096)
+    left = max(ds.unsettled.sum(), 1e-9)
     result = {
         "lanes": ds.outcome.size,
         "map_cpu_s": middle - start,
         "map_run_s": ds.attrs["run_seconds"],
         "map_compile_s": ds.attrs["compile_seconds"],
         "unsettled_share": float(ds.unsettled.mean()),
+        "of_these_below_1.5": float(ds.unsettled.sel(q=slice(1.5)).sum() / left),
         "onsets": loads.onset_load.size,
         "onsets_cpu_s": end - middle,
         "rows_without_a_value": rows - len(values),

@@ -102,6 +102,7 @@ def main(arguments=None):
     result = {
         "histories": count,
         "fits_cpu_s": seconds,
+        "changes_of_modes": int(run.events.count) - 1,  # the first is the start
         "true": TOGETHER,
         "bound_over_true": bound / TOGETHER,
         "spread_over_bound": found.std(axis=0, ddof=1) / bound,

@@ -28,7 +28,8 @@ def of_distribution(ds, loads, values, shares):
     look = {"density": True, "color": SKY, "label": "sampled"}
     middle.hist(values.ravel(), bins=30, **look)
     middle.plot(q, norm.pdf(q, at, width), "k", label="by derivatives")
-    middle.set(xlabel="onset load", ylabel="density")
+    top = 1.3 * middle.get_ylim()[1]  # the legend is above
+    middle.set(xlabel="onset load", ylabel="density", ylim=(0, top))
     middle.set_title(r"Where the kick starts flutter, $\bar\mu_k = 0.2$", loc="left")
     middle.legend(loc="upper left", fontsize=11, borderaxespad=0)
     place, look = np.arange(3), {"width": 0.27, "capsize": 3}
