@@ -95,6 +95,7 @@ SLOW = {
         "analysis/test_least_kicks.py::test_scipy_agrees_on_the_least_angles",
         "analysis/test_section_planes.py",
         "analysis/test_thresholds.py::test_a_threshold_moves_as_its_derivative_says",
+        "analysis/test_thresholds.py::test_by_a_cycle_that_hardly_repels_a_derivative",
         "analysis/test_thresholds.py::test_any_line_crosses_the_border_where_the_lin",
         "analysis/test_thresholds.py::test_where_a_line_begins_changes_no_derivative",
         "analysis/test_thresholds.py::test_an_interval_is_too_wide_for_a_derivative",

@@ -32,7 +32,7 @@ EXCESS, SPREAD_OF_EXCESS = 0.2, 0.4  # median of mu_s / mu_k - 1, and of its log
 PIN_RADIUS, KICK = 0.05, zj.State(omega=(0, 0.3))
 WINDOWS = zj.Windows(max_windows=100)  # to t = 4100
 MEAN, BRACKET, Z = 0.2, (0.4, 3.0), ("z1", "z2", "z3")  # of the onset load
-FINE = {"search": zj.Search(scan=13, halvings=7)}
+FINE = {"search": zj.Search(scan=13, halvings=11)}
 COARSE = {"search": zj.Search(scan=2, halvings=3), "method": zj.Method(rtol=1e-5)}
 
 
