@@ -163,7 +163,8 @@ def threshold(
     relative derivative, 2e-2 where what changes along the line (the load, the kick)
     changes over the `width` by 1.5e-3 of itself, 3e-3 at 4e-4, 2e-3 at 5e-5, 4e-5 at
     3e-6, or the steps' error if that is larger. They are NaN where it changes by more,
-    and where tangents disagree. And they are NaN unless the outcome is `found`: where
+    and where tangents disagree, as by an unstable cycle that hardly repels: a finer
+    `search` helps. And they are NaN unless the outcome is `found`: where
     the verdict changes more than once (`repeated`), as along a fractal boundary, or
     gives out (`undecided`), as in chaos, choose a narrower bracket.
 
