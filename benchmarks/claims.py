@@ -314,7 +314,7 @@ def _(error, ratio):
 
 @claim(
     "README.md",
-    "| the same, without friction: faster | {0:.2f} |",
+    "| heyoka without friction, at that error: faster | {0:.2f} |",
     "against('frictionless', '1e-07')[0]",
 )
 def _(ratio):
@@ -489,7 +489,8 @@ def _(*numbers):
     "again('smoothed')",
 )
 def _(cells, changed, marked, same, wrong, inside, wrong_inside, share, missed):
-    return same > 2000 and wrong == missed == 0 and marked > 0.8 * changed
+    few = wrong == missed == 0 and wrong_inside <= 2
+    return few and same > 2000 and marked > 0.8 * changed
 
 
 @claim(
@@ -584,7 +585,8 @@ def _(mean, deviation, s1, s2, s3, i1, i2, i3, error, linear):
 
 @claim(
     STUDIES,
-    "the mean squares of the slopes over the variance ({0:.2f}, {1:.2f}) lie below the "
+    "the mean squares of the slopes (which one in eight of the samples lacks) over the "
+    "variance ({0:.2f}, {1:.2f}) lie below the "
     "total indices ({2:.2f}, {3:.2f}).",
     "[study('friction_distribution')[key][i] for key in "
     "('mean_square_slopes_over_variance', 'ST') for i in (0, 1)]",
@@ -607,7 +609,7 @@ def _(left, low):
 @claim(
     STUDIES,
     "through {0:d} changes of modes. From a guess 20 to 30 % off, {1:d} fits spread "
-    "{2:.2f} to {3:.2f} of Cramer and Rao's bound, their bias is at most {4:.3f} of "
+    "{2:.2f} to {3:.2f} of Cramer and Rao's bound, their bias is at most {4:.4f} of "
     "it, and {5:.1f} to {6:.1f} % of the intervals of two standard errors (1.96) hold "
     "the truth. The bound is {7:.2f} % of tau_s, {8:.1f} % of tau_k, {9:.0f} % of c1 "
     "and c2.",

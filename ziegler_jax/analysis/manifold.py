@@ -12,9 +12,9 @@ $$\frac{dx^*}{dp} = -\frac ba = -\lim \frac{\partial_x y \cdot \partial_p y}
 and the ratio is followed until the ends of the search's last interval have parted. By a
 cycle the largest part that does not grow is that along the motion itself, of its phase,
 which shifts for as long: there both tangents are taken across the flow. By an
-equilibrium the motion leaves along v, and its speed grows as the tangents do; by a
-cycle it does not. What else does not grow is a share $c / |
-\partial_x y|$ of the ratio, and goes out with a look ten times earlier,
+equilibrium the motion leaves along v, and little of the tangents lies across: they are
+taken as they are, unless the looks across agree better. What else does not grow is a
+share $c / |\partial_x y|$ of the ratio, and goes out with a look ten times earlier,
 
 $$r = \frac{L_2 r_2 - L_1 r_1}{L_2 - L_1}, \qquad L = |\partial_x y|.$$
 
@@ -53,7 +53,7 @@ CERTAIN = 0.05  # of the largest relative derivative: the looks may differ by so
 WIDE = 1.5e-3
 FAR = 0.1  # and by so much the phase may shift the ratio
 ACROSS = 0.1  # of a tangent lies across the flow: it does not leave along that
-FASTER = 0.5  # of the tangent's growth, as a power, is the least of the speed's there
+CLEARLY = 0.1  # of the change across: with less the tangents themselves are sure
 
 
 class Ratio(NamedTuple):
@@ -68,7 +68,6 @@ class Look(NamedTuple):
 
     whole: Ratio
     across: Ratio
-    speed: Float[Array, ""]  # of the state
 
     @property
     def length(self) -> Float[Array, ""]:
@@ -131,7 +130,7 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
         varied = self.inner.init(system, t0, y0)
         zero = jnp.asarray(0.0 * y0[0])
         blank = Ratio(jnp.zeros_like(self.along), zero)
-        look = Look(blank, blank, zero)
+        look = Look(blank, blank)
         runs = jnp.asarray(CODE.not_computed, jnp.int32)
         start = Middle(
             jnp.asarray(False), jnp.stack(y0), jnp.ones(system.joints) + zero
@@ -144,12 +143,11 @@ class ManifoldSlope(AbstractFold[ManifoldSlopeState]):
         """Look at the ratio; at an end where it has grown enough, or grows no more."""
         varied, *_ = self.inner.step(system, state.varied, step)
         flow, moved = jnp.stack(step.f1), jnp.stack(varied.y)
-        square = flow @ flow
-        part = (flow @ moved) / jnp.where(square > 0, square, 1.0)
+        speed = flow @ flow
+        part = (flow @ moved) / jnp.where(speed > 0, speed, 1.0)
         now = Look(
             _ratio(moved, self.along),
             _ratio(moved - flow[:, None] * part[None], self.along),
-            jnp.sqrt(square),
         )
         # where an event ends a step the flow is another one behind it
         quiet = step.event[0] == 0 if step.event else True
@@ -250,20 +248,26 @@ def _certain_row(
     def largest(row):
         return jnp.max(jnp.abs(row) * sizes)
 
-    growth = best.length / jnp.where(before.length > 0, before.length, 1.0)
-    by_cycle = best.across.length > ACROSS * best.length
-    by_cycle |= best.speed < before.speed * growth**FASTER
-    late = tree_where(by_cycle, best.across, best.whole)
-    early = tree_where(by_cycle, before.across, before.whole)
-    share = early.length / jnp.where(late.length > 0, late.length, 1.0)
-    change = (late.row - early.row) * share / jnp.where(share < 1, 1 - share, 1.0)
-    row = late.row + change
+    change = _left(before.whole, best.whole)
+    change_across = _left(before.across, best.across)
+    left, left_across = largest(change), largest(change_across)
+    by_cycle = best.across.length > ACROSS * best.whole.length
+    by_cycle |= left_across < left
+    change = jnp.where(by_cycle, change_across, change)
+    row = jnp.where(by_cycle, best.across.row, best.whole.row) + change
     # the phase's part, ten times what is left without it, where the cycle is near
-    phase = jnp.where(by_cycle, largest(best.whole.row - best.across.row), 0.0)
+    phase = largest(best.whole.row - best.across.row)
+    phase = jnp.where(by_cycle | (left > CLEARLY * left_across), phase, 0.0)
     certain = largest(change) < CERTAIN * largest(row)
     certain &= phase < FAR * largest(row)
     certain &= place.known & (before.length > 0)
     return jnp.where(certain, row, jnp.nan)
+
+
+def _left(early: Ratio, late: Ratio) -> Float[Array, " k"]:
+    """What is left in the later ratio of what does not grow."""
+    share = early.length / jnp.where(late.length > 0, late.length, 1.0)
+    return (late.row - early.row) * share / jnp.where(share < 1, 1 - share, 1.0)
 
 
 def manifold_at(

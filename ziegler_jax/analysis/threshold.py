@@ -162,7 +162,8 @@ def threshold(
     `analysis/manifold.py`) and are as good as that is near: measured, of the largest
     relative derivative, 2e-2 where what changes along the line (the load, the kick)
     changes over the `width` by 1.5e-3 of itself, 3e-3 at 4e-4, 2e-3 at 5e-5, 4e-5 at
-    3e-6, or the steps' error if that is larger. They are NaN where it changes by more,
+    3e-6, or the steps' error if that is larger; by a saddle of rest, whose joint 2 is
+    stiff, 6e-2 at 6e-4 and 2e-4 at 2e-4. They are NaN where it changes by more,
     and where tangents disagree, as by an unstable cycle that hardly repels: a finer
     `search` helps. And they are NaN unless the outcome is `found`: where
     the verdict changes more than once (`repeated`), as along a fractal boundary, or
