@@ -109,7 +109,7 @@ def of_a_ramp(names):
 def of_a_pulsating_load(names):
     """It grows about twice the lower frequency, the wider the more it pulsates."""
     stiffness = np.array([[1.0, 0.0], [-1.0, 1.0]])
-    lower = np.sqrt(np.linalg.eigvals(np.linalg.solve(MASS, stiffness)).min())
+    lower = np.sqrt(np.linalg.eigvals(np.linalg.solve(MASS, stiffness)).real.min())
     grows = names["grows"]
     assert bool(grows.sel(p=0.5).sel(rate=2 * lower, method="nearest"))
     width = grows.sum("rate").values
